@@ -1,0 +1,44 @@
+# Everything runs in .venv, installed at the versions that constraints.txt pins.
+
+PYTHON ?= python3
+BIN := .venv/bin
+DATA := recordings/data
+
+.PHONY: demo test benchmark lint lock clean
+
+demo: .venv/.installed  ## run the paper's example and say how to open the recording
+	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
+	@echo
+	@echo "The recording is $(CURDIR)/$(DATA)/demo.mcap. To open it:"
+	@echo "  $(BIN)/nrs info $(DATA)/demo.mcap                        what it holds"
+	@echo "  $(BIN)/nrs export $(DATA)/demo.mcap -o $(DATA)/demo      its tables as CSV"
+	@echo "  Foxglove or PlotJuggler: open the file, plot /state/1 and /sample/1"
+
+test: .venv/.tested  ## install what the tests need and pass them
+	$(BIN)/pytest $(ARGS)
+
+benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop
+	$(BIN)/python -m benchmarks.throughput
+
+lint: .venv/.tested  ## format and lint
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lock: .venv/.tested  ## write the versions of this environment into constraints.txt
+	$(BIN)/pip freeze --exclude-editable | LC_ALL=C sort -f > constraints.txt
+
+clean:
+	rm -rf .venv $(DATA)
+
+.venv/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; choose one with make PYTHON=python3.11")'
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/.installed: .venv/.created pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@touch $@
+
+.venv/.tested: .venv/.installed pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
+	@touch $@

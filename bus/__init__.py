@@ -1,0 +1,1 @@
+"""What may travel between robots, between whom, and how: messages, keys, topology, transport."""

@@ -1,0 +1,30 @@
+"""Every error is raised where it is known and shown once, by the command line.
+
+CosimError
+├── InputError            what the user gave is wrong: a file, a field, an option   (exit 2)
+│   ├── FmuError            plant_fmu: an FMU that cannot be built, found, read or used
+│   ├── ScenarioError       orchestrator: a scenario's field or shape
+│   ├── UncreatableError    recordings: no file can be made there
+│   └── UnreadableError     recordings: the file is no recording
+└── RunError              a run that had started could not go on                    (exit 1)
+    ├── BusError            a message that is missing, or that had to be refused
+    ├── DivergedError       orchestrator: an estimate or a state beyond all bounds
+    ├── StepError           plant_fmu: a plant that could not be stepped
+    └── UnwritableError     recordings: the disk refused
+"""
+
+
+class CosimError(Exception):
+    """Any error that this project raises on purpose; its text is complete for a user."""
+
+
+class InputError(CosimError):
+    """The user's input is wrong; the text names the field or file, the value and what to do."""
+
+
+class RunError(CosimError):
+    """A run failed after it had started; the text names who, when and why."""
+
+
+class BusError(RunError):
+    """A message did not arrive, or arrived where, when or as it must not."""

@@ -1,0 +1,152 @@
+"""A message is a protobuf record of fixed size, so that many are coded in one step.
+
+Both message types open with the same three fields, with explicit presence: proto3 then writes
+them even when they are zero, and a message of dimension m always has the same length and the same
+bytes between its numbers. The declaration below is the only one: the protobuf descriptor that goes
+into recordings and the NumPy dtype that codes the bytes are both derived from it.
+"""
+
+from dataclasses import dataclass
+from struct import Struct
+from typing import Any
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+from numpy.typing import NDArray
+
+from bus.errors import BusError
+
+HEADER = Struct("<xIxIxQ")
+"""Robot, k and time_ns, at the start of each message."""
+
+_FIXED64, _BYTES, _FIXED32 = 1, 2, 5
+_SCALARS = (
+    ("robot", "<u4", _FIXED32, FieldDescriptorProto.TYPE_FIXED32),
+    ("k", "<u4", _FIXED32, FieldDescriptorProto.TYPE_FIXED32),
+    ("time_ns", "<u8", _FIXED64, FieldDescriptorProto.TYPE_FIXED64),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """A protobuf message: robot, k and time_ns (ns), then vectors of m doubles each.
+
+    At most 12 vectors, so that every field number fits the one-byte tag.
+    """
+
+    name: str
+    vectors: tuple[str, ...]
+
+    def descriptor(self) -> bytes:
+        """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
+        file = FileDescriptorProto(
+            name=f"{self.name.replace('.', '/')}.proto",
+            package=self.name.rpartition(".")[0],
+            syntax="proto3",
+        )
+        message = file.message_type.add(name=self.name.rpartition(".")[2])
+        for number, (name, _, _, kind) in enumerate(_SCALARS, start=1):
+            message.oneof_decl.add(name=f"_{name}")
+            message.field.add(
+                name=name,
+                number=number,
+                type=kind,
+                label=FieldDescriptorProto.LABEL_OPTIONAL,
+                proto3_optional=True,
+                oneof_index=number - 1,
+            )
+        for number, name in enumerate(self.vectors, start=len(_SCALARS) + 1):
+            message.field.add(
+                name=name,
+                number=number,
+                type=FieldDescriptorProto.TYPE_DOUBLE,
+                label=FieldDescriptorProto.LABEL_REPEATED,
+            )
+        return FileDescriptorSet(file=[file]).SerializeToString()
+
+
+SAMPLE = MessageType("nrs.Sample", ("position", "velocity"))
+"""ε_i(t_k), υ_i(t_k) of robot i, left limits, in the target's units; robot 0 is the target."""
+
+STATE = MessageType("nrs.State", ("q", "qd", "tau", "position", "velocity"))
+"""Robot i's q, q̇, applied torque, and ε_i, υ_i at one time; k is the tick that closes it."""
+
+
+class Codec:
+    """Codes a message type for vectors of m numbers: n messages as one array of n records."""
+
+    def __init__(self, kind: MessageType, m: int) -> None:
+        self.kind = kind
+        self.m = m
+        layout: list[tuple[Any, ...]] = []
+        template: list[int | bytes] = []
+        for number, (name, dtype, wire, _) in enumerate(_SCALARS, start=1):
+            layout += [(f"tag_{name}", "u1"), (name, dtype)]
+            template += [number << 3 | wire, 0]
+        length = _varint(8 * m)
+        for number, name in enumerate(kind.vectors, start=len(_SCALARS) + 1):
+            layout += [(f"tag_{name}", "u1"), (f"len_{name}", "u1", len(length))]
+            layout += [(name, "<f8", (m,))]
+            template += [number << 3 | _BYTES, length, bytes(8 * m)]
+        self.dtype = np.dtype(layout)
+        self.size = self.dtype.itemsize
+        flat = b"".join(
+            part if isinstance(part, bytes) else part.to_bytes(self.dtype[i].itemsize, "little")
+            for i, part in enumerate(template)
+        )
+        self._template = np.frombuffer(flat, np.uint8)
+        numbers = {name for name, *_ in _SCALARS} | set(kind.vectors)
+        self._fixed = np.ones(self.size, bool)
+        for name in numbers:
+            column, offset = self.dtype.fields[name][:2]  # type: ignore[index]
+            self._fixed[offset : offset + column.itemsize] = False
+
+    def blank(self, robots: NDArray[np.integer]) -> NDArray[np.void]:
+        """Return records for the given robots (n,), all else zero, to be filled at each tick."""
+        records = np.tile(self._template, len(robots)).view(self.dtype)
+        records["robot"] = robots
+        return records
+
+    def encode(self, records: NDArray[np.void]) -> list[bytes]:
+        """Return each record's bytes, as they travel."""
+        raw, size = records.tobytes(), self.size
+        return [raw[at : at + size] for at in range(0, len(raw), size)]
+
+    def decode(self, payloads: list[bytes]) -> NDArray[np.void]:
+        """Return the messages as records (n,).
+
+        Raises `BusError` when one has another size, other fields or a non-finite number.
+        """
+        for payload in payloads:
+            if len(payload) != self.size:
+                raise BusError(
+                    f"a {self.kind.name} of {len(payload)} bytes was refused: with vectors of "
+                    f"{self.m} numbers it has {self.size}"
+                )
+        raw = np.frombuffer(b"".join(payloads), np.uint8).reshape(-1, self.size)
+        records = raw.reshape(-1).view(self.dtype)
+        if not (raw[:, self._fixed] == self._template[self._fixed]).all():
+            raise BusError(f"a message that is no {self.kind.name} was refused")
+        for name in self.kind.vectors:
+            finite = np.isfinite(records[name]).all(axis=1)
+            if not finite.all():
+                bad = records[~finite][0]
+                raise BusError(
+                    f"a {self.kind.name} was refused: {name} of robot {bad['robot']} at "
+                    f"k = {bad['k']} is {bad[name].tolist()}, not finite"
+                )
+        return records
+
+
+def _varint(value: int) -> bytes:
+    """Return the base-128 varint of a length (protobuf encoding, 'Length-delimited records')."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)

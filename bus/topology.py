@@ -1,0 +1,73 @@
+"""Who hears whom: the digraph of the paper's section 2.2, kept as a list of edges j → i.
+
+Node 0 is the target, nodes 1 … n are the robots. Edges are sorted by (i, j): a robot's sum over
+its in-neighbours is always taken in the order of their numbers, whoever computes it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Topology:
+    """The weighted digraph of n robots and the target."""
+
+    n: int
+    source: NDArray[np.intp]
+    """(E,) node j of each edge j → i, 0 … n."""
+    sink: NDArray[np.intp]
+    """(E,) robot i of each edge j → i, 1 … n, ascending."""
+    weight: NDArray[np.float64]
+    """(E,) w_ij > 0."""
+
+    @classmethod
+    def of(cls, adjacency: ArrayLike, pinning: ArrayLike) -> "Topology":
+        """Return the digraph of adjacency (n, n), w_ij, and pinning (n,), w_i0, all ≥ 0."""
+        full = np.column_stack([np.asarray(pinning, float), np.asarray(adjacency, float)])
+        sink, source = np.nonzero(full)
+        return cls(len(full), source, sink + 1, full[sink, source])
+
+    def in_neighbours(self, robot: int) -> NDArray[np.intp]:
+        """Return the nodes that a robot hears, ascending."""
+        heard: NDArray[np.intp] = self.source[self.sink == robot]
+        return heard
+
+    @property
+    def in_degree(self) -> NDArray[np.float64]:
+        """ϖ_i = Σ_{j=0..n} w_ij, shape (n,)."""
+        return np.bincount(self.sink - 1, self.weight, minlength=self.n).astype(np.float64)
+
+    @property
+    def normalised(self) -> NDArray[np.float64]:
+        """(E,) w_ij / ϖ_i, what the algorithms weigh a heard sample with."""
+        return self.weight / self.in_degree[self.sink - 1]
+
+    @property
+    def D(self) -> sparse.csr_array:  # noqa: N802, the paper's symbol
+        """D = B⁻¹ Ŵ, shape (n, n): the normalised weights between robots."""
+        among = self.source > 0
+        return sparse.csr_array(
+            (self.normalised[among], (self.sink[among] - 1, self.source[among] - 1)),
+            shape=(self.n, self.n),
+        )
+
+    def unreached(self) -> list[int]:
+        """Return the robots to which no directed path leads from the target.
+
+        Empty if and only if the digraph has a spanning tree rooted at the target (assumption A2).
+        """
+        graph = sparse.csr_array(
+            (np.ones(len(self.source)), (self.source, self.sink)), shape=(self.n + 1, self.n + 1)
+        )
+        reached = breadth_first_order(graph, 0, return_predecessors=False)
+        return [int(node) for node in np.setdiff1d(np.arange(self.n + 1), reached)]
+
+    def components(self) -> list[NDArray[np.intp]]:
+        """Return the strongly connected components of the robots, as arrays of robots − 1."""
+        count, label = connected_components(self.D, connection="strong")
+        order = np.argsort(label, kind="stable")
+        return np.split(order, np.searchsorted(label[order], np.arange(1, count)))

@@ -1,0 +1,49 @@
+"""An algorithm says how an estimate jumps at a sampling time, and when that converges.
+
+It is a pure function of what was heard, and works alike on one robot, (m,), and on many, (n, m).
+Others' packages add algorithms through the entry-point group `nrs.algorithms`.
+"""
+
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.errors import InputError
+from estimator_agents.condition import Condition
+from estimator_agents.estimate import Disagreement, Estimate
+
+GROUP = "nrs.algorithms"
+
+Spectrum = NDArray[np.complex128]
+
+
+class Algorithm(Protocol):
+    """A distributed estimator, built as `Algorithm(alpha, beta)`."""
+
+    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+        """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k."""
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
+        """Return the eigenvalues of the error's recursion, one axis of m, from those of D."""
+
+    def conditions(self, spectrum: Spectrum, h: float) -> Sequence[Condition]:
+        """Return the stability conditions for the eigenvalues s_i of D and the period h (s)."""
+
+
+def algorithm_names() -> tuple[str, ...]:
+    """Return the names of all installed algorithms."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def load_algorithm(name: str, alpha: float, beta: float) -> Algorithm:
+    """Return an installed algorithm with its gains; `InputError` if there is none of that name."""
+    found = entry_points(group=GROUP, name=name)
+    if not found:
+        raise InputError(
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {name!r}"
+        )
+    algorithm: Algorithm = next(iter(found)).load()(alpha, beta)
+    return algorithm

@@ -1,0 +1,42 @@
+"""First-order DCEA (paper, equation 3.3): position and velocity both jump.
+
+    Δε_i = α Σ_j w_ij/ϖ_i (ε_j − ε_i),   Δυ_i = β Σ_j w_ij/ϖ_i (υ_j − υ_i)
+
+Its error obeys x(t_{k+1}) = Λ x(t_k) + Δ(k), with Λ block triangular (equation 2.3).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator_agents.algorithm import Spectrum
+from estimator_agents.condition import Condition
+from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.theory import smallest_theta
+
+
+@dataclass(frozen=True, slots=True)
+class FirstOrder:
+    """The first-order algorithm with gains α on position and β on velocity."""
+
+    alpha: float
+    beta: float
+
+    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+        """Return the estimate right after t_k."""
+        return Estimate(
+            estimate.position + self.alpha * heard.position,
+            estimate.velocity + self.beta * heard.velocity,
+        )
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002, Λ's do not depend on h
+        """Return σ(Λ) for m = 1: the roots 1 − α + α s_i and 1 − β + β s_i of φ_i (appendix A)."""
+        return np.concatenate([1 - gain * (1 - spectrum) for gain in (self.alpha, self.beta)])
+
+    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:  # noqa: ARG002
+        """Return Theorem 1's bound on both gains (equation 0.8)."""
+        bound = smallest_theta(spectrum)
+        return [
+            Condition("alpha", "Theorem 1, equation 0.8", self.alpha, bound),
+            Condition("beta", "Theorem 1, equation 0.8", self.beta, bound),
+        ]

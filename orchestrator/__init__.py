@@ -1,0 +1,1 @@
+"""Time: the scenario, the lockstep of a run, and the command line."""

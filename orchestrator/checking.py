@@ -1,0 +1,71 @@
+"""Before a run: what the theory says of a scenario (paper, Theorems 1 and 3)."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from estimator_agents.algorithm import load_algorithm
+from estimator_agents.condition import Condition
+from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
+from orchestrator.scenario import Scenario
+from orchestrator.setting import topology_of
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """The theory's verdict on a scenario."""
+
+    algorithm: str
+    spectrum: list[tuple[float, float]]
+    """Eigenvalues of D, (real, imaginary), by real then imaginary part."""
+    spectral_radius: float
+    """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+    alpha_beta_bound: float
+    """min θ_i, in s⁰: what Theorem 1 bounds α and β by, and Theorem 3 β."""
+    h_bound: float | None
+    """What Theorem 3 bounds the sampling period by, s; None for an algorithm that has no such."""
+    spanning_tree: bool
+    """Assumption A2: a directed path leads from the target to every robot."""
+    conditions: tuple[Condition, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict for JSON, with each condition's margin and whether it holds."""
+        conditions = [
+            {**asdict(condition), "margin": condition.margin, "holds": condition.holds}
+            for condition in self.conditions
+        ]
+        return {**asdict(self), "conditions": conditions}
+
+    def warnings(self) -> list[str]:
+        """Return one line for each condition that does not hold, and one if the error grows."""
+        unmet = [
+            f"{c.name} = {c.left:g} is outside (0, {c.right:.6g}), the bound of {c.source}"
+            for c in self.conditions
+            if not c.holds
+        ]
+        if self.spectral_radius >= 1:
+            unmet.append(
+                f"the estimates diverge: their error grows by {self.spectral_radius:.6f} at each "
+                f"sampling time"
+            )
+        return unmet
+
+
+def check(scenario: Scenario) -> Check:
+    """Return what the theory says of a scenario."""
+    topology = topology_of(scenario)
+    choice, h = scenario.algorithm, scenario.run.sampling_period
+    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    spectrum = spectrum_of(topology)
+    conditions = tuple(algorithm.conditions(spectrum, h))
+    periods = [c.right for c in conditions if c.name == "sampling_period"]
+    return Check(
+        algorithm=choice.name,
+        spectrum=[(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)],
+        spectral_radius=spectral_radius(algorithm.modes(spectrum, h)),
+        alpha_beta_bound=smallest_theta(spectrum),
+        h_bound=min(periods, default=None),
+        spanning_tree=not topology.unreached(),
+        conditions=conditions,
+    )

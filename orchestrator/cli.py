@@ -1,0 +1,216 @@
+"""The command `nrs`: every error is shown here once, and decides the exit status.
+
+0 done; 1 the run failed, with who and when; 2 the input is bad, with the field and the value;
+130 interrupted, with the recording closed and valid.
+"""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Literal
+
+import click
+import typer
+from rich.console import Console
+
+from bus.errors import CosimError, InputError
+from orchestrator import showing
+from orchestrator.checking import check as check_scenario
+from orchestrator.clock import seconds
+from orchestrator.running import run as run_scenario
+from orchestrator.scenario import Scenario
+from orchestrator.scenario_file import read_scenario
+from orchestrator.setting import clock_of
+from orchestrator.summary import describe, lines, measure
+from plant_fmu.archive import find_archive
+from plant_fmu.building import write as write_fmu
+from plant_fmu.declaration import bundled_models, declaration
+from recordings.export import export_csv
+from recordings.reading import Reader
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+EXIT = {"completed": DONE, "failed": FAILED, "interrupted": INTERRUPTED}
+DATA = Path("recordings/data")
+
+app = typer.Typer(
+    name="nrs",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Co-simulate networked robots under sampled interaction.",
+)
+fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
+app.add_typer(fmu, name="fmu")
+
+out = Console(soft_wrap=True, highlight=False)
+err = Console(soft_wrap=True, highlight=False, stderr=True)
+
+ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
+RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.command()
+def run(
+    scenario: ScenarioPath,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
+    ] = None,
+    compression: Annotated[
+        Literal["zstd", "lz4", "none"], typer.Option(help="Of the recording's chunks.")
+    ] = "zstd",
+) -> int:
+    """Run a scenario and record all that was said."""
+    file = read_scenario(scenario)
+    for warning in check_scenario(file.scenario).warnings():
+        err.print(f"[yellow]warning:[/] {warning}")
+    path = output or DATA / f"{file.name}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path.parent}: cannot be made: {error.strerror}") from None
+    clock = clock_of(file.scenario)
+    with _signals() as stopped, showing.progress(err, clock) as show:
+
+        def watch(k: int) -> bool:
+            show(seconds(clock.t(k)))
+            return not stopped()
+
+        outcome = run_scenario(file, path, compression=compression, watch=watch)
+    with Reader(path) as reader:
+        showing.summary(out, lines(describe(reader), measure(reader)))
+    if outcome.status == "failed":
+        err.print(f"[red]failed:[/] {outcome.reason}", markup=True)
+    return EXIT[outcome.status]
+
+
+@app.command()
+def info(recording: RecordingPath, as_json: AsJson = False) -> int:
+    """Say what a recording holds; also of one that was cut or never closed."""
+    with Reader(recording) as reader:
+        told = describe(reader)
+        if as_json:
+            _print_json(told)
+        else:
+            showing.summary(out, lines(told, measure(reader)))
+            for damage in reader.damage:
+                err.print(f"[yellow]damage:[/] {damage}")
+    return DONE
+
+
+@app.command()
+def export(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
+    ],
+) -> int:
+    """Write a recording's samples and states as CSV tables."""
+    with Reader(recording) as reader:
+        for path in export_csv(reader, output):
+            out.print(str(path), markup=False)
+        for damage in reader.damage:
+            err.print(f"[yellow]damage:[/] {damage}")
+    return DONE
+
+
+@app.command()
+def check(scenario: ScenarioPath, as_json: AsJson = False) -> int:
+    """Say what the theory promises for a scenario."""
+    checked = check_scenario(read_scenario(scenario).scenario)
+    if as_json:
+        _print_json(checked.as_json())
+    else:
+        showing.check(out, checked)
+    return DONE
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON schema of scenario files, for editors."""
+    _print_json(Scenario.model_json_schema())
+    return DONE
+
+
+@fmu.command("list")
+def fmu_list() -> int:
+    """List the bundled models."""
+    for name in bundled_models():
+        out.print(f"{name:<16}{declaration(name).description}", markup=False)
+    return DONE
+
+
+@fmu.command("info")
+def fmu_info(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
+    as_json: AsJson = False,
+) -> int:
+    """Say what an FMU offers."""
+    told = find_archive(name, Path()).told()
+    if as_json:
+        _print_json(told)
+    else:
+        showing.archive(out, told)
+    return DONE
+
+
+@fmu.command("build")
+def fmu_build(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+) -> int:
+    """Write a bundled model as an FMU."""
+    write_fmu(name, fmi, output)
+    out.print(str(output), markup=False)
+    return DONE
+
+
+def main() -> None:
+    """Run the command line and exit with its status."""
+    try:
+        status = app(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        status = error.exit_code
+    except CosimError as error:
+        err.print("[red]error:[/] ", end="")
+        err.print(str(error), markup=False)
+        status = BAD_INPUT if isinstance(error, InputError) else FAILED
+    except (KeyboardInterrupt, click.Abort):
+        status = INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = DONE
+    sys.exit(status)
+
+
+@contextmanager
+def _signals() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all."""
+    stopped = False
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        stopped = True
+        signal.signal(number, signal.default_int_handler)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _print_json(value: Any) -> None:
+    out.print(json.dumps(value, indent=2, ensure_ascii=False), markup=False)

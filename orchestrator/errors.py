@@ -1,0 +1,11 @@
+"""What the orchestrator itself finds wrong; the whole tree is drawn in `bus.errors`."""
+
+from bus.errors import InputError, RunError
+
+
+class ScenarioError(InputError):
+    """A scenario file is missing, malformed, or has a wrong field; one line for each."""
+
+
+class DivergedError(RunError):
+    """An estimate or a robot's state went beyond the scenario's divergence limit."""

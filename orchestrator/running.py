@@ -1,0 +1,131 @@
+"""A run: a scenario in, a closed recording out, whatever happens in between."""
+
+import json
+import platform
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from bus.errors import RunError
+from bus.zenoh_bus import ZenohBus
+from estimator_agents.agents import Agents
+from estimator_agents.algorithm import load_algorithm
+from orchestrator.clock import Clock, seconds
+from orchestrator.host import Host
+from orchestrator.lockstep import TargetNode, run_ticks
+from orchestrator.plants import Group, group_by_archive, open_fleet
+from orchestrator.scenario_file import ScenarioFile
+from orchestrator.setting import bodies, clock_of, initial_estimates, target_of, topology_of
+from recordings.container import Closing, Compression
+from recordings.recorder import Recorder, channels, schemas
+from recordings.tables import RUN
+from recordings.writing import Writer
+
+SCENARIO = "scenario.toml"
+"""The attachment that holds the scenario's text."""
+
+_PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended, and where its recording is."""
+
+    status: Closing
+    reason: str
+    path: Path
+    ticks: int
+    messages: int
+
+
+def run(
+    file: ScenarioFile,
+    output: Path,
+    *,
+    compression: Compression = "zstd",
+    watch: Callable[[int], bool] = lambda _k: True,
+) -> Outcome:
+    """Run a scenario into a recording.
+
+    `watch` is told of each tick that was recorded, and ends the run by returning False. A failure
+    before the first tick is raised and leaves no file; a failure after it is the outcome's.
+    """
+    scenario = file.scenario
+    clock, topology, target = clock_of(scenario), topology_of(scenario), target_of(scenario)
+    algorithm = load_algorithm(
+        scenario.algorithm.name, scenario.algorithm.alpha, scenario.algorithm.beta
+    )
+    estimates, robots = initial_estimates(scenario), bodies(scenario)
+    groups = group_by_archive(robots, file.folder)
+    with ExitStack() as stack:
+        fleet = open_fleet(stack, groups, robots, estimates)
+        bus = ZenohBus(file.name)
+        stack.callback(bus.close)
+        agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, estimates)
+        host = Host(bus, clock, agents, fleet, scenario.run.divergence_limit)
+        node = TargetNode(bus, clock, target, scenario.m)
+        writer = stack.enter_context(
+            Writer(
+                output,
+                version=version("nrs-cosim"),
+                channels=channels(scenario.n),
+                schemas=schemas(),
+                metadata={
+                    RUN: _about_run(file, clock, groups),
+                    "nrs.versions": _versions(),
+                },
+                attachments={SCENARIO: ("application/toml", file.text.encode())},
+                compression=compression,
+            )
+        )
+        recorder = Recorder(bus, writer, scenario.n)
+        status: Closing = "completed"
+        reason, done = "", 0
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                for done in run_ticks(clock, node, host, recorder):
+                    if not watch(done):
+                        at = seconds(clock.t(done))
+                        status, reason = "interrupted", f"stopped by the user at t = {at:g} s"
+                        break
+        except RunError as error:
+            status, reason = "failed", str(error)
+        writer.finish(status, reason)
+    return Outcome(status, reason, output, done, recorder.messages)
+
+
+def _about_run(file: ScenarioFile, clock: Clock, groups: list[Group]) -> dict[str, str]:
+    """Return the run's metadata record; its numbers are decimal, its times in ns."""
+    plants = [
+        {
+            "fmu": group.archive.label,
+            "name": group.archive.name,
+            "fmi_version": group.archive.fmi_version,
+            "kind": "CoSimulation",
+            "sha256": group.archive.sha256,
+            "robots": [row + 1 for row in group.rows],
+        }
+        for group in groups
+    ]
+    return {
+        "name": file.name,
+        "seed": str(file.scenario.run.seed),
+        "robots": str(file.scenario.n),
+        "joints": str(file.scenario.m),
+        "ticks": str(clock.ticks),
+        "sampling_period_ns": str(clock.period_ns),
+        "output_step_ns": str(clock.output_ns),
+        "plants": json.dumps(plants),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        **{part: version(part) for part in _PARTS},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }

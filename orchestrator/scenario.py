@@ -1,0 +1,180 @@
+"""A scenario is data: a TOML file, parsed once into frozen values of known types and shapes.
+
+Each class below is a table of the file, and its fields are the keys that the table may have.
+n is the number of robots and m the number of the target's axes.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Weight = Annotated[Number, Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+Vector = tuple[Number, ...]
+Matrix = tuple[Vector, ...]
+
+
+class Table(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def _form(value: Any) -> str:
+    """Return which form of a value was written, so that its errors speak of that form alone."""
+    if isinstance(value, dict | Uniform):
+        return "draw"
+    if not isinstance(value, list | tuple):
+        return "number"
+    return "matrix" if any(isinstance(row, list | tuple) for row in value) else "vector"
+
+
+class Uniform(Table):
+    """A seeded draw of every component."""
+
+    uniform: tuple[Number, Number] = Field(description="[low, high)")
+
+
+Gain = Annotated[
+    Annotated[Number, Tag("number")]
+    | Annotated[Vector, Tag("vector")]
+    | Annotated[Matrix, Tag("matrix")],
+    Discriminator(_form),
+]
+InitialRows = Annotated[
+    Annotated[Uniform, Tag("draw")] | Annotated[Matrix, Tag("matrix")], Discriminator(_form)
+]
+InitialRow = Annotated[
+    Annotated[Uniform, Tag("draw")] | Annotated[Vector, Tag("vector")], Discriminator(_form)
+]
+FORMS = frozenset({"number", "vector", "matrix", "draw"})
+
+
+class Run(Table):
+    """How long, how often, and from which seed."""
+
+    duration: Positive = Field(description="s; a whole number of sampling periods")
+    sampling_period: Positive = Field(description="s; h of the paper, whole nanoseconds")
+    output_step: Positive | None = Field(
+        None, description="s; divides sampling_period, which it is by default"
+    )
+    seed: Count = Field(0, description="of all that is drawn")
+    divergence_limit: Positive = Field(
+        1e5, description="rad, rad/s; the run fails when an estimate or a state is beyond it"
+    )
+
+
+class AlgorithmChoice(Table):
+    """The estimator and its gains."""
+
+    name: str = Field(description="dcea1, dcea2, or the name of an installed plug-in")
+    alpha: Positive = Field(description="gain on the positions")
+    beta: Positive = Field(description="gain on the velocities")
+
+
+class Controller(Table):
+    """tau = kp (position_i − q) + kd (velocity_i − qd)."""
+
+    kp: Gain = Field(description="N m/rad: a number, m numbers, or m x m")
+    kd: Gain = Field(description="N m s/rad: a number, m numbers, or m x m")
+
+
+class Network(Table):
+    """Who hears whom."""
+
+    adjacency: tuple[tuple[Weight, ...], ...] = Field(
+        min_length=1, description="n x n; [i][j] > 0: robot i+1 hears robot j+1"
+    )
+    pinning: tuple[Weight, ...] = Field(description="n; [i] > 0: robot i+1 hears the target")
+
+
+class Wave(Table):
+    """amplitude · sin or cos (frequency t + phase)."""
+
+    amplitude: Number
+    frequency: Number = Field(description="rad/s")
+    phase: Number = Field(0.0, description="rad")
+
+
+class Axis(Table):
+    """offset + rate t + Σ sines + Σ cosines."""
+
+    offset: Number = 0.0
+    rate: Number = Field(0.0, description="per second")
+    sines: tuple[Wave, ...] = ()
+    cosines: tuple[Wave, ...] = ()
+
+
+class TargetMotion(Table):
+    """How the target moves."""
+
+    kind: Literal["harmonic"] = "harmonic"
+    axes: tuple[Axis, ...] = Field(min_length=1, description="one for each of the m joints")
+
+
+class Plant(Table):
+    """A robot's dynamics."""
+
+    fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
+    parameters: dict[str, Gain] = Field({}, description="of the FMU, by name")
+    variables: dict[str, str] = Field({}, description="the FMU's names where they differ from ours")
+
+
+class Disturbance(Table):
+    """tau_d, N m."""
+
+    axes: tuple[Axis, ...] = Field((), description="one for each of the m joints, or none")
+
+
+class Initial(Table):
+    """Estimates and states of all robots at t_0."""
+
+    position: InitialRows = Field(description="eps_i(t_0): {uniform = [low, high]} or n x m")
+    velocity: InitialRows = Field(description="ups_i(t_0): {uniform = [low, high]} or n x m")
+    q: InitialRows = Field(description="rad: {uniform = [low, high]} or n x m")
+    qd: InitialRows = Field(description="rad/s: {uniform = [low, high]} or n x m")
+
+
+class RobotInitial(Table):
+    """Estimates and states of one robot at t_0; what is not given stays as for all."""
+
+    position: InitialRow | None = None
+    velocity: InitialRow | None = None
+    q: InitialRow | None = None
+    qd: InitialRow | None = None
+
+
+class Robot(Table):
+    """What one robot has of its own."""
+
+    id: int = Field(strict=True, ge=1, description="1 to n")
+    plant: Plant | None = None
+    controller: Controller | None = None
+    disturbance: Disturbance | None = None
+    initial: RobotInitial = RobotInitial()
+
+
+class Scenario(Table):
+    """A run, whole."""
+
+    run: Run
+    algorithm: AlgorithmChoice
+    controller: Controller
+    network: Network
+    target: TargetMotion
+    plant: Plant
+    disturbance: Disturbance = Disturbance()
+    initial: Initial
+    robots: tuple[Robot, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """The number of robots."""
+        return len(self.network.adjacency)
+
+    @property
+    def m(self) -> int:
+        """The number of joints of each robot: the target's axes."""
+        return len(self.target.axes)

@@ -1,0 +1,1 @@
+"""The robots' dynamics as FMUs: bundled models, building, reading, stepping."""

@@ -1,0 +1,11 @@
+"""What can go wrong with a plant; the whole tree is drawn in `bus.errors`."""
+
+from bus.errors import InputError, RunError
+
+
+class FmuError(InputError):
+    """An FMU cannot be found, built, read or used as it is."""
+
+
+class StepError(RunError):
+    """An FMU failed while it was stepped."""

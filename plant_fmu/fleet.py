@@ -1,0 +1,34 @@
+"""Plants of several archives advance as one: each archive's robots are a group of rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_fmu.plants import Array, Plants
+
+
+class Fleet:
+    """All plants of a host; see `plant_fmu.plants.Plants`."""
+
+    def __init__(self, groups: Sequence[tuple[NDArray[np.intp], Plants]], m: int) -> None:
+        """Join groups, each with the rows (ascending) that its plants have in the fleet."""
+        rows = sum(len(rows) for rows, _ in groups)
+        self._groups = groups
+        self.q, self.qd, self.tau = (np.empty((rows, m)) for _ in range(3))
+        self._gather()
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Take new references (rows, m) from now on."""
+        for rows, plants in self._groups:
+            plants.hold(position[rows], velocity[rows])
+
+    def advance(self, start: float, step: float) -> None:
+        """Advance from a time by a step, in s."""
+        for _, plants in self._groups:
+            plants.advance(start, step)
+        self._gather()
+
+    def _gather(self) -> None:
+        for rows, plants in self._groups:
+            self.q[rows], self.qd[rows], self.tau[rows] = plants.q, plants.qd, plants.tau

@@ -1,0 +1,100 @@
+/* One simulated instance, for any FMI version and any model.
+ *
+ * State holds all that a simulation changes, and no pointer: an FMU state is a copy of
+ * it. Each function returns whether it did what was asked; when it did not, it has
+ * told the importer why, and an instance that is not stepping is left as it was. */
+
+#ifndef CORE_H
+#define CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "dormand_prince.h"
+#include "variables.h"
+
+typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
+
+/* FMI 2.0.4 sections 3.2.3 and 4.2.4, FMI 3.0.2 section 2.3: disjoint bits, so that
+ * a set of modes is their sum. */
+typedef enum {
+    INSTANTIATED = 1,
+    INITIALIZATION = 2,
+    EVENT = 4,
+    CONTINUOUS_TIME = 8,
+    STEP = 16,
+    TERMINATED = 32
+} Mode;
+
+enum {
+    NEVER = 0,
+    BEFORE_START = INSTANTIATED | INITIALIZATION,
+    INITIALIZED = EVENT | CONTINUOUS_TIME | STEP,
+    UNTIL_THE_END = BEFORE_START | INITIALIZED,
+    ANY_MODE = UNTIL_THE_END | TERMINATED
+};
+
+/* What the importer may do with the number of Values at the same index. */
+typedef struct {
+    const char *name;
+    size_t size; /* of the variable that begins here; 0 inside of one */
+    int settable_in;
+    bool is_derivative;
+} Variable;
+
+extern const Variable variables[VALUES];
+extern const double start_values[VALUES];
+
+typedef struct {
+    char token[sizeof INSTANTIATION_TOKEN]; /* whose state these bytes are */
+    Kind kind;
+    Mode mode;
+    bool derivatives_are_current;
+    double internal_step; /* s: of dormand_prince */
+    Values values;
+} State;
+
+typedef struct Instance {
+    State state;
+    bool whole_variables; /* a value reference names an array (FMI 3) or one number (FMI 2) */
+    void (*log_error)(const struct Instance *self, const char *message); /* no % in it */
+} Instance;
+
+/* Before anything else, on an instance whose two last members are set. */
+bool core_instantiate(Instance *self, Kind kind, const char *token);
+
+/* Tells the importer why a call fails; returns false. */
+bool core_refuse(const Instance *self, const char *format, ...);
+
+/* Whether the instance is in one of the modes; otherwise refuses `what`. */
+bool core_expect(const Instance *self, int modes, const char *what);
+
+bool core_reset(Instance *self);
+bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, double time);
+bool core_enter_initialization(Instance *self);
+bool core_exit_initialization(Instance *self);
+bool core_change_mode(Instance *self, int from, Mode to, const char *what);
+
+bool core_get(Instance *self, const unsigned references[], size_t n_references,
+              double values[], size_t n_values);
+bool core_set(Instance *self, const unsigned references[], size_t n_references,
+              const double values[], size_t n_values);
+
+/* Model exchange. */
+bool core_set_time(Instance *self, double time);
+bool core_set_states(Instance *self, const double x[], size_t n);
+bool core_get_states(Instance *self, double x[], size_t n);
+bool core_get_derivatives(Instance *self, double dx[], size_t n);
+bool core_get_nominals(Instance *self, double nominals[], size_t n);
+
+/* Co-simulation: on failure time and states are those of the last accepted internal step. */
+bool core_step(Instance *self, double time, double step);
+
+/* FMU states are blocks of malloc; *state is reused when it is not NULL. */
+bool core_get_state(Instance *self, void **state);
+bool core_set_state(Instance *self, const void *state);
+bool core_free_state(void **state);
+bool core_serialize(Instance *self, const void *state, void *bytes, size_t size);
+bool core_deserialize(Instance *self, const void *bytes, size_t size, void **state);
+
+#endif

@@ -1,0 +1,1 @@
+"""What was said: writing and reading it, and what follows from it."""

@@ -1,0 +1,270 @@
+"""Reading a recording: whole, never closed, cut or damaged.
+
+The law: what cannot be vouched for is not shown, and what is not shown is named. The head must
+carry its own seal, for it gives the messages their topics. A file whose checksums agree is taken
+as it stands, which costs one pass over its bytes. In any other file each chunk is judged by
+itself, and `damage` says what is missing. So all is known when a recording is open. No more than
+a chunk at a time is in memory.
+"""
+
+from collections.abc import Collection, Iterable, Iterator
+from hashlib import sha256
+from itertools import chain
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Self, cast
+
+from mcap import records as mcap
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC as MAGIC
+
+from recordings.chunk import opened, unpacked
+from recordings.container import (
+    BEGIN,
+    PROFILE,
+    Channel,
+    DamageError,
+    Schema,
+    Status,
+    begin_record,
+    demand,
+    end_record,
+)
+from recordings.digest import Digest, Message
+from recordings.errors import UnreadableError
+from recordings.layout import RecordFile, Span, find, parsed
+
+_UNFINISHED = "never closed: its writer was killed, or is still at work"
+
+
+class Reader:
+    """The recording at `path`, checked as it opens; a context manager.
+
+    With `verify` the digest of an intact file is computed again from its messages, and a
+    difference from the recorded one is a damage.
+
+    Raises UnreadableError when there is no such file, when it is not a recording, or when its head
+    is cut or damaged.
+    """
+
+    path: str | PathLike[str]
+    library: str
+    """What wrote it: "nrs-cosim" and a version."""
+    schemas: tuple[Schema, ...]
+    channels: tuple[Channel, ...]
+    metadata: dict[str, dict[str, str]]
+    attachments: dict[str, tuple[str, bytes]]
+    """Name to media type and content."""
+    end: dict[str, str]
+    """All that was said at the end, with the `extra` of `Writer.finish`; empty when unfinished."""
+    status: Status
+    reason: str
+    digest: str
+    """As recorded at the end; of an unfinished file, that of the messages in it."""
+    ticks: int
+    """The highest sequence among the messages, which are here by whole ticks."""
+    message_count: int
+    damage: list[str]
+    """What is missing or wrong, in words; empty when nothing is."""
+
+    def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
+        self.path = path
+        self.damage = []
+        try:
+            self._file = Path(path).open("rb")  # noqa: SIM115 (closed by close)
+        except OSError as error:
+            raise UnreadableError(f"{path}: cannot be read: {error.strerror}") from error
+        try:
+            self._records = RecordFile(self._file)
+            self._read_rest(self._read_head(), verify)
+        except BaseException as error:
+            self.close()
+            if isinstance(error, OSError):
+                raise UnreadableError(f"{path}: cannot be read: {error.strerror}") from error
+            raise
+
+    def batches(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[list[Message]]:
+        """The messages in total order, a chunk at a time: on all topics or only `topics`, with
+        start_ns <= log_time < end_ns.
+
+        Raises UnreadableError when a chunk is no longer what it was at opening.
+        """
+        asked = {*(self._topics.values() if topics is None else topics)}
+        wanted = {n: topic if topic in asked else None for n, topic in self._topics.items()}
+        start = 0 if start_ns is None else start_ns
+        end = 2**64 if end_ns is None else end_ns
+        for span in self._chunks:
+            if span.end < start or span.start >= end:
+                continue
+            try:
+                messages = unpacked(self._chunk(span), wanted)
+            except (DamageError, OSError) as error:
+                raise UnreadableError(
+                    f"{self.path}: chunk at byte {span.offset}: since it was opened, {error}"
+                ) from error
+            if span.start < start or span.end >= end:
+                messages = [message for message in messages if start <= message[0] < end]
+            if messages:
+                yield messages
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Message]:
+        """The same messages, one at a time."""
+        return chain.from_iterable(self.batches(topics, start_ns, end_ns))
+
+    @property
+    def start_ns(self) -> int | None:
+        """The log time of the first message, None if there is none."""
+        return self._chunks[0].start if self._chunks else None
+
+    @property
+    def end_ns(self) -> int | None:
+        """The log time of the last message, None if there is none."""
+        return self._chunks[-1].end if self._chunks else None
+
+    def close(self) -> None:
+        """Close the file; what is known of it stays."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _read_head(self) -> int:
+        """Read all that stands before the first chunk; the offset (bytes) of that."""
+        magic = self._records.read(0, len(MAGIC))
+        if magic != MAGIC:
+            found = f"begins with {magic!r}" if magic else "is empty"
+            raise UnreadableError(
+                f"{self.path}: {found}, so it is no MCAP file; give a recording of a run"
+            )
+        seal = sha256(magic)
+        records: list[tuple[int, bytes]] = []
+        try:
+            for kind, span in self._records.walk(len(MAGIC), self._records.size):
+                record = self._records.read(span.offset, span.length)
+                if not records:
+                    self._read_header(kind, record)
+                elif kind == Opcode.METADATA and record[13:].startswith(BEGIN.encode()):
+                    demand(record == begin_record(seal.hexdigest()), "it is not as written")
+                    self._sort_head(records)
+                    return span.offset + span.length
+                demand(kind != Opcode.CHUNK, "its seal is missing")
+                seal.update(record)
+                records.append((kind, record))
+            raise DamageError("its seal is missing")  # noqa: TRY301
+        except (DamageError, KeyError) as damage:
+            raise UnreadableError(
+                f"{self.path}: the head is cut or damaged: {damage}; without it no message can be "
+                "trusted. Use another copy, or run the scenario again"
+            ) from damage
+
+    def _read_header(self, kind: int, record: bytes) -> None:
+        demand(kind == Opcode.HEADER, "there is no header")
+        header = parsed(mcap.Header.read, record)
+        if header.profile != PROFILE:
+            raise UnreadableError(
+                f"{self.path}: is an MCAP file of profile {header.profile!r}, written by "
+                f"{header.library!r}; give a recording of a run, which has profile {PROFILE!r}"
+            )
+        self.library = header.library
+
+    def _sort_head(self, records: Iterable[tuple[int, bytes]]) -> None:
+        self.metadata, self.attachments = {}, {}
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        for kind, record in records:
+            if kind == Opcode.SCHEMA:
+                schema = parsed(mcap.Schema.read, record)
+                schemas[schema.id] = Schema(schema.name, schema.data)
+            elif kind == Opcode.CHANNEL:
+                channel = parsed(mcap.Channel.read, record)
+                counted = channel.metadata["counted"] == "true"
+                name = schemas[channel.schema_id].name
+                channels[channel.id] = Channel(channel.topic, name, counted)
+            elif kind == Opcode.METADATA:
+                metadata = parsed(mcap.Metadata.read, record)
+                self.metadata[metadata.name] = metadata.metadata
+            elif kind == Opcode.ATTACHMENT:
+                attachment = parsed(mcap.Attachment.read, record)
+                self.attachments[attachment.name] = (attachment.media_type, attachment.data)
+        self.schemas, self.channels = tuple(schemas.values()), tuple(channels.values())
+        self._topics = {number: channel.topic for number, channel in channels.items()}
+
+    def _read_rest(self, after_head: int, verify: bool) -> None:
+        """Read the end, and judge the chunks unless the checksums vouch for them."""
+        layout = find(self._records, after_head)
+        self.damage += layout.damage
+        self._chunks = layout.chunks
+        self.end = self._read_end(layout.end) if layout.end else {}
+        if layout.intact and self.end and not verify:
+            self.message_count, self.ticks = int(self.end["messages"]), int(self.end["ticks"])
+            computed = self.end["digest"]
+        else:
+            computed = self._judge()
+        self.digest = self.end.get("digest", computed)
+        self.status = cast(Status, self.end.get("status", "unfinished"))
+        self.reason = self.end.get("reason", _UNFINISHED)
+        if not self.end:
+            return
+        if self.message_count != int(self.end["messages"]):
+            self.damage.append(f"{self.message_count} of {self.end['messages']} messages are here")
+        elif computed != self.digest:
+            self.damage.append(f"the messages have the digest {computed}, not {self.digest}")
+        elif not layout.intact:
+            self.damage.append("a checksum differs or is missing, yet every message is as written")
+
+    def _read_end(self, span: Span) -> dict[str, str]:
+        """What "nrs.end" says, nothing if it is not as written."""
+        try:
+            record = self._records.read(span.offset, span.length)
+            fields = dict(parsed(mcap.Metadata.read, record).metadata)
+            fields.pop("sha256", None)
+            demand(record == end_record(fields), "it is not as written")
+        except DamageError as damage:
+            self.damage.append(f"what the run said at its end is damaged: {damage}")
+            return {}
+        return fields
+
+    def _judge(self) -> str:
+        """Keep the chunks that are whole and in order, count what they hold; its digest."""
+        digest = Digest(channel.topic for channel in self.channels if channel.counted)
+        chunks, self._chunks = self._chunks, []
+        self.message_count = self.ticks = 0
+        last = (-1, "")
+        for span in chunks:
+            try:
+                messages = unpacked(self._chunk(span), self._topics)
+                ordered = messages and last < messages[0][:2] and messages == sorted(messages)
+                demand(bool(ordered), "its messages are out of order")
+            except DamageError as damage:
+                self.damage.append(
+                    f"chunk at byte {span.offset}: {damage}; {span.length} bytes skipped"
+                )
+                continue
+            digest.update(messages)
+            self.message_count += len(messages)
+            self.ticks = max([self.ticks, *(sequence for _, _, sequence, _ in messages)])
+            last = messages[-1][:2]
+            self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
+        return digest.hexdigest()
+
+    def _chunk(self, span: Span) -> bytes:
+        return opened(self._records.read(span.offset, span.length))

@@ -1,0 +1,90 @@
+"""The bytes of our codec against protobuf's own runtime, built from the descriptor we publish."""
+
+import struct
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+from bus.errors import BusError
+from bus.messages import HEADER, SAMPLE, STATE, Codec, MessageType
+
+RNG = np.random.default_rng(7)
+
+
+def protobuf_class(kind: MessageType):
+    """Return the message class that protobuf itself makes of our descriptor."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(kind.descriptor())
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(kind.name))
+
+
+def filled(kind: MessageType, m: int, robots: list[int]) -> tuple[Codec, np.ndarray]:
+    codec = Codec(kind, m)
+    records = codec.blank(np.array(robots))
+    records["k"], records["time_ns"] = 12, 1_200_000_000
+    for name in kind.vectors:
+        records[name] = RNG.normal(size=(len(robots), m))
+    return codec, records
+
+
+@pytest.mark.parametrize("kind", [SAMPLE, STATE], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("m", [1, 2, 15, 16, 300])
+def test_bytes_are_those_of_protobuf(kind, m):
+    codec, records = filled(kind, m, [0, 1, 70_000])
+    records[kind.vectors[0]][1] = 0.0
+    records[kind.vectors[1]][2] = -0.0
+    message_class = protobuf_class(kind)
+    for record, payload in zip(records, codec.encode(records), strict=True):
+        theirs = message_class(
+            robot=int(record["robot"]),
+            k=12,
+            time_ns=1_200_000_000,
+            **{name: record[name].tolist() for name in kind.vectors},
+        )
+        assert payload == theirs.SerializeToString(deterministic=True)
+        read = message_class.FromString(payload)
+        assert struct.pack(f"{m}d", *getattr(read, kind.vectors[1])) == (
+            record[kind.vectors[1]].tobytes()
+        )
+
+
+def test_zero_header_is_written_too():
+    codec = Codec(SAMPLE, 2)
+    (payload,) = codec.encode(codec.blank(np.array([0])))
+    assert HEADER.unpack_from(payload) == (0, 0, 0)
+    assert payload == protobuf_class(SAMPLE)(
+        robot=0, k=0, time_ns=0, position=[0, 0], velocity=[0, 0]
+    ).SerializeToString(deterministic=True)
+
+
+def test_decode_gives_back_every_bit():
+    codec, records = filled(STATE, 3, [4, 2])
+    decoded = codec.decode(codec.encode(records))
+    assert decoded.tobytes() == records.tobytes()
+    assert decoded["robot"].tolist() == [4, 2]
+
+
+def test_wrong_size_is_refused():
+    codec, records = filled(SAMPLE, 2, [1])
+    (payload,) = codec.encode(records)
+    with pytest.raises(BusError, match=r"nrs\.Sample of 54 bytes was refused.*it has 55"):
+        codec.decode([payload, payload[:-1]])
+
+
+def test_other_message_of_the_same_size_is_refused():
+    codec, records = filled(SAMPLE, 2, [1])
+    payload = bytearray(codec.encode(records)[0])
+    payload[0] ^= 0x80
+    with pytest.raises(BusError, match=r"no nrs\.Sample was refused"):
+        codec.decode([bytes(payload)])
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_non_finite_number_is_refused_and_named(number):
+    codec, records = filled(SAMPLE, 2, [1, 5])
+    records["velocity"][1, 0] = number
+    with pytest.raises(BusError, match=r"velocity of robot 5 at k = 12 is .*not finite"):
+        codec.decode(codec.encode(records))

@@ -1,0 +1,126 @@
+"""The agents against the paper's matrix recursion, and against scalar sums written by hand."""
+
+import numpy as np
+import pytest
+
+from bus.topology import Topology
+from estimator_agents.agents import Agents
+from estimator_agents.algorithm import algorithm_names, load_algorithm
+from estimator_agents.dcea1 import FirstOrder
+from estimator_agents.dcea2 import SecondOrder
+from estimator_agents.estimate import Estimate
+from tests.bus.test_topology import PAPER
+from tests.estimator_agents.paper import first_order, recursion, second_order, target
+
+TICKS = 300
+
+
+def initial(seed: int) -> Estimate:
+    rng = np.random.default_rng(seed)
+    return Estimate(rng.uniform(-25, 25, (6, 2)), rng.uniform(-25, 25, (6, 2)))
+
+
+def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
+    """Return the left limits at t_1 … of agents that hear one another and the target."""
+    story = []
+    for k in range(1, ticks + 1):
+        left = agents.estimate.after(h)
+        story.append(left)
+        position, velocity = target(k * h)
+        agents.hear(k, np.array([0]), position[None], velocity[None])
+        agents.hear(k, agents.robots, left.position, left.velocity)
+        assert agents.missing(k) == []
+        agents.jump(left)
+    return story
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "matrix", "h"),
+    [
+        (FirstOrder(0.9, 1.1), first_order, 0.1),
+        (FirstOrder(0.9, 1.1), first_order, 0.5),
+        (SecondOrder(1.1, 0.9), second_order, 0.1),
+        (SecondOrder(1.1, 0.9), second_order, 0.45),
+    ],
+    ids=["first 0.1", "first 0.5", "second 0.1", "second 0.45"],
+)
+def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
+    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), algorithm, initial(3))
+    story = estimates(agents, h, TICKS)
+    x1 = np.concatenate([story[0].position - target(h)[0], story[0].velocity - target(h)[1]])
+    oracle = recursion(matrix(algorithm.alpha, algorithm.beta, h), x1, h, TICKS)
+    for k, (left, x) in enumerate(zip(story, oracle, strict=True), start=1):
+        position, velocity = target(k * h)
+        expected = np.concatenate([x[:6] + position, x[6:] + velocity])
+        ours = np.concatenate([left.position, left.velocity])
+        np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+def test_robots_apart_jump_to_the_same_bits_as_together():
+    topology, algorithm, start = Topology.of(*PAPER), FirstOrder(0.9, 1.1), initial(5)
+    together = Agents(np.arange(1, 7), topology, algorithm, start)
+    left = start.after(0.1)
+    position, velocity = target(0.1)
+    parts = []
+    for robots in (np.array([1, 5]), np.array([2, 3, 4]), np.array([6])):
+        rows = robots - 1
+        part = Agents(robots, topology, algorithm, start)
+        for agents in (part, together):
+            agents.hear(1, np.array([0]), position[None], velocity[None])
+            agents.hear(1, np.arange(1, 7), left.position, left.velocity)
+        part.jump(Estimate(left.position[rows], left.velocity[rows]))
+        parts.append((rows, part.estimate))
+    together.jump(left)
+    for rows, estimate in parts:
+        assert estimate.position.tobytes() == together.estimate.position[rows].tobytes()
+        assert estimate.velocity.tobytes() == together.estimate.velocity[rows].tobytes()
+
+
+def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
+    topology, start = Topology.of(*PAPER), initial(5)
+    left = start.after(0.1)
+    heard_by = {}
+    for loud in range(7):
+        agents = Agents(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
+        position = np.vstack([target(0.1)[0], left.position])
+        velocity = np.vstack([target(0.1)[1], left.velocity])
+        position[loud] += 1e3
+        agents.hear(1, np.arange(7), position, velocity)
+        agents.jump(left)
+        heard_by[loud] = agents.estimate.position
+    quiet = Agents(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
+    quiet.hear(
+        1,
+        np.arange(7),
+        np.vstack([target(0.1)[0], left.position]),
+        np.vstack([target(0.1)[1], left.velocity]),
+    )
+    quiet.jump(left)
+    moved = {
+        loud: (np.flatnonzero((position != quiet.estimate.position).any(axis=1)) + 1).tolist()
+        for loud, position in heard_by.items()
+    }
+    assert moved == {0: [3], 1: [2, 4], 2: [1, 5], 3: [1, 4, 5, 6], 4: [5], 5: [], 6: []}
+
+
+def test_missing_names_the_silent_until_they_speak():
+    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), FirstOrder(0.9, 1.1), initial(1))
+    assert agents.missing(1) == [0, 1, 2, 3, 4]
+    agents.hear(1, np.array([0, 2, 3]), np.zeros((3, 2)), np.zeros((3, 2)))
+    assert agents.missing(1) == [1, 4]
+    assert agents.missing(2) == [0, 1, 2, 3, 4]
+
+
+def test_second_order_positions_are_continuous():
+    start = initial(2)
+    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), SecondOrder(1.1, 0.9), start)
+    left = start.after(0.1)
+    agents.hear(1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
+    agents.jump(left)
+    assert agents.estimate.position is left.position
+    assert not np.array_equal(agents.estimate.velocity, left.velocity)
+
+
+def test_algorithms_are_found_by_name():
+    assert {"dcea1", "dcea2"} <= set(algorithm_names())
+    assert load_algorithm("dcea2", 1.1, 0.9) == SecondOrder(1.1, 0.9)

@@ -1,0 +1,611 @@
+"""The bundled models against equations of motion written once more, in numpy, and DOP853."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy import fmi2, fmi3
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from plant_fmu.building import build
+from plant_fmu.declaration import bundled_models, declaration
+
+Array = NDArray[np.float64]
+MODELS = ("planar_robot", "two_link_arm")
+VERSIONS = (2, 3)
+H = 0.1
+each_model = pytest.mark.parametrize("model", MODELS)
+each_version = pytest.mark.parametrize("fmi", VERSIONS)
+
+
+# The equations again
+
+
+def arm_acceleration(q: Array, qd: Array, force: Array) -> Array:
+    m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.8
+    M11 = (m1 + m2) * r1**2 + m2 * r2**2 + 2 * m2 * r1 * r2 * np.cos(q[1]) + J1
+    M12 = m2 * r2**2 + m2 * r1 * r2 * np.cos(q[1])
+    M = np.array([[M11, M12], [M12, m2 * r2**2 + J2]])
+    b = m2 * r1 * r2 * np.sin(q[1])
+    C = np.array([[-b * qd[1], -b * (qd[0] + qd[1])], [b * qd[0], 0.0]])
+    G2 = m2 * g * r2 * np.cos(q[0] + q[1])
+    G = np.array([(m1 + m2) * g * r1 * np.cos(q[0]) + G2, G2])
+    return np.linalg.solve(M, force - C @ qd - G)
+
+
+def point_acceleration(_q: Array, qd: Array, force: Array) -> Array:
+    return (force - 0.5 * qd) / 2.0
+
+
+ACCELERATION: dict[str, Callable[[Array, Array, Array], Array]] = {
+    "two_link_arm": arm_acceleration,
+    "planar_robot": point_acceleration,
+}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """All that acts on a robot at a time t; the reference has position `eps` at `since`."""
+
+    eps: Array = field(default_factory=lambda: np.zeros(2))
+    ups: Array = field(default_factory=lambda: np.zeros(2))
+    since: float = 0.0
+    tau: Array = field(default_factory=lambda: np.zeros(2))
+    kp: Array = field(default_factory=lambda: np.array([[200.0, 7.0], [-3.0, 150.0]]))
+    kd: Array = field(default_factory=lambda: np.array([[300.0, 5.0], [2.0, 250.0]]))
+
+    def reference(self, t: float) -> Array:
+        return self.eps + (t - self.since) * self.ups
+
+    def applied(self, t: float, q: Array, qd: Array) -> Array:
+        return self.tau + self.kp @ (self.reference(t) - q) + self.kd @ (self.ups - qd)
+
+    def disturbance(self, t: float) -> Array:
+        return np.array([0.3 + 2 * np.sin(t), -0.2 * t + 2 * np.cos(2 * t) + np.sin(3 * t - 1)])
+
+    def rates(self, model: str, t: float, x: Array) -> Array:
+        q, qd = x[:2], x[2:]
+        force = self.applied(t, q, qd) + self.disturbance(t)
+        return np.concatenate([qd, ACCELERATION[model](q, qd, force)])
+
+
+Q0, QD0 = np.array([0.4, -1.1]), np.array([2.0, -0.7])
+SETTINGS = {
+    "kp": Drive().kp,
+    "kd": Drive().kd,
+    "disturbance_offset": [0.3, 0.0],
+    "disturbance_rate": [0.0, -0.2],
+    "disturbance_amplitude": [[2, 0, 0, 0, 0, 0, 0, 0], [0, 2, 0, 1, 0, 0, 0, 0]],
+    "disturbance_frequency": [[1, 0, 0, 0, 0, 0, 0, 0], [0, 2, 0, 3, 0, 0, 0, 0]],
+    "disturbance_phase": [[0, 0, 0, 0, 0, 0, 0, 0], [0, np.pi / 2, 0, -1, 0, 0, 0, 0]],
+    "q": Q0,
+    "qd": QD0,
+}
+# What is set before step k, that is at t = k H, as (variable, value) in this order.
+STORY: dict[int, tuple[tuple[str, Array], ...]] = {
+    0: (("position_ref", np.array([1.0, -0.5])), ("velocity_ref", np.array([0.5, 2.0]))),
+    5: (("velocity_ref", np.array([-1.0, 0.3])), ("position_ref", np.array([0.7, 0.6]))),
+    9: (("tau", np.array([12.0, -30.0])),),
+    12: (("velocity_ref", np.array([2.0, 2.0])),),
+    16: (("position_ref", np.array([-1.0, 1.0])),),
+}
+STEPS = 20
+
+
+@cache
+def expected(model: str) -> Array:
+    """(q, qd, tau_applied, position_ref) at k H before what is set there, by DOP853."""
+    drive, x, rows = Drive(), np.concatenate([Q0, QD0]), []
+    for k in range(STEPS + 1):
+        t = k * H
+        rows.append(np.concatenate([x, drive.applied(t, x[:2], x[2:]), drive.reference(t)]))
+        for name, value in STORY.get(k, ()):
+            if name == "tau":
+                drive = replace(drive, tau=value)
+            elif name == "velocity_ref":
+                drive = replace(drive, eps=drive.reference(t), ups=value, since=t)
+            else:
+                drive = replace(drive, eps=value, since=t)
+        rates = solve_ivp(
+            lambda t, x, drive=drive: drive.rates(model, t, x),
+            (t, (k + 1) * H), x, "DOP853", rtol=1e-13, atol=1e-13,
+        )  # fmt: skip
+        x = rates.y[:, -1]
+    return np.array(rows)
+
+
+def tolerances(measured: Array, wanted: Array) -> Array:
+    """The error in units of what the integrator allows per step."""
+    return np.abs(measured - wanted) / (1e-9 * (1.0 + np.abs(wanted)))
+
+
+# FMPy, one surface for both versions
+
+
+class Robot:
+    """An instance of a bundled model, its variables by name and as arrays."""
+
+    def __init__(self, model: str, fmi: int, folder: Path, kind: str, token: str = "") -> None:
+        self.declaration = declaration(model)
+        self.fmi = fmi
+        self.said: list[str] = []
+        description = fmpy.read_model_description(folder)
+        arguments: dict[str, Any] = {
+            "guid": token or description.guid or description.instantiationToken,
+            "unzipDirectory": str(folder),
+            "modelIdentifier": model,
+            "instanceName": "robot",
+        }
+        if fmi == 2:
+            self.fmu = getattr(fmi2, f"FMU2{kind}")(**arguments)
+            callbacks = fmi2.fmi2CallbackFunctions()
+            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *a: self._hear(a[4]))
+            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+            log: dict[str, Any] = {"callbacks": callbacks}
+        else:
+            self.fmu = getattr(fmi3, f"FMU3{kind}")(**arguments)
+            log = {"logMessage": lambda *a: self._hear(a[3])}
+        try:
+            self.fmu.instantiate(**log)
+        except Exception:
+            self.fmu.freeLibrary()
+            raise
+
+    def _hear(self, message: bytes) -> None:
+        self.said.append(message.decode())
+
+    def references(self, name: str) -> list[int]:
+        v = self.declaration.variable(name)
+        return [v.value_reference + i for i in range(v.size if self.fmi == 2 else 1)]
+
+    def set(self, name: str, value: Any) -> None:
+        setter = self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64
+        setter(self.references(name), np.ravel(value).tolist())
+
+    def get(self, name: str) -> Array:
+        v = self.declaration.variable(name)
+        if self.fmi == 2:
+            values = self.fmu.getReal(self.references(name))
+        else:
+            values = self.fmu.getFloat64(self.references(name), nValues=v.size)
+        return np.array(values).reshape(v.shape)
+
+    def initialize(self, start: float = 0.0, **settings: Any) -> None:
+        for name, value in settings.items():
+            self.set(name, value)
+        if self.fmi == 2:
+            self.fmu.setupExperiment(startTime=start)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=start)
+        self.fmu.exitInitializationMode()
+
+    def play(self, first: int, last: int, parts: int = 1) -> Array:
+        """Steps `first` to `last` of the story; (q, qd, tau_applied, position_ref) before each."""
+        rows = []
+        for k in range(first, last):
+            rows.append(self.outputs())
+            for name, value in STORY.get(k, ()):
+                self.set(name, value)
+            for i in range(parts):
+                self.fmu.doStep(k * H + i * H / parts, H / parts)
+        rows.append(self.outputs())
+        return np.array(rows)
+
+    def outputs(self) -> Array:
+        return np.concatenate(
+            [self.get(name) for name in ("q", "qd", "tau_applied", "position_ref")]
+        )
+
+    def refuses(self, call: Callable[[], Any]) -> str:
+        """The message with which an FMI call fails."""
+        with pytest.raises(FMICallException, match=r"\(error\)"):
+            call()
+        return self.said[-1]
+
+
+@pytest.fixture(scope="session")
+def unpacked() -> Iterator[Callable[[str, int], Path]]:
+    with TemporaryDirectory() as folder:
+
+        def path(model: str, fmi: int) -> Path:
+            target = Path(folder) / f"{model}{fmi}"
+            if not target.exists():
+                fmpy.extract(build(model, fmi), unzipdir=target)
+            return target
+
+        yield path
+
+
+Open = Callable[..., Any]
+
+
+@pytest.fixture
+def robot(unpacked: Callable[[str, int], Path]) -> Open:
+    @contextmanager
+    def opened(model: str, fmi: int, kind: str = "Slave") -> Iterator[Robot]:
+        robot = Robot(model, fmi, unpacked(model, fmi), kind)
+        try:
+            yield robot
+        finally:
+            robot.fmu.freeInstance()
+
+    return opened
+
+
+# The archive
+
+
+def test_the_models_are_those_tested_here() -> None:
+    assert bundled_models() == MODELS
+
+
+@each_version
+@each_model
+def test_fmpy_finds_no_fault(model: str, fmi: int) -> None:
+    assert validate_fmu(str(build(model, fmi))) == []
+
+
+@each_model
+def test_both_versions_declare_the_same_numbers(model: str) -> None:
+    two, three = (fmpy.read_model_description(build(model, fmi)) for fmi in VERSIONS)
+    scalars = {v.valueReference: v for v in two.modelVariables}
+    for v in three.modelVariables:
+        first = scalars[v.valueReference]
+        assert first.name.replace("[1,1]", "").replace("[1]", "") == v.name
+        assert (first.unit, first.causality, first.variability, first.initial) == (
+            v.unit, v.causality, v.variability, v.initial,
+        )  # fmt: skip
+    assert len(scalars) == sum(int(np.prod(v.shape)) for v in three.modelVariables)
+
+
+def test_units_follow_the_model() -> None:
+    assert declaration("planar_robot").variable("kd").unit == "N.s/m"
+    assert declaration("two_link_arm").variable("kd").unit == "N.m.s/rad"
+    description = fmpy.read_model_description(build("two_link_arm"))
+    base = {u.name: u.baseUnit for u in description.unitDefinitions}["N.m.s/rad"]
+    assert (base.kg, base.m, base.s, base.rad) == (1, 2, -1, -1)
+
+
+# Co-simulation
+
+
+@each_version
+@each_model
+def test_co_simulation_follows_the_equations(robot: Open, model: str, fmi: int) -> None:
+    with robot(model, fmi) as r:
+        r.initialize(**SETTINGS)
+        error = tolerances(r.play(0, STEPS), expected(model))
+    assert error[:, [0, 1, 2, 3, 6, 7]].max() < 1.0
+    assert error[:, 4:6].max() < 500.0  # tau_applied magnifies by kp + kd
+
+
+@each_model
+def test_both_versions_give_the_same_bits(robot: Open, model: str) -> None:
+    played = []
+    for fmi in VERSIONS:
+        with robot(model, fmi) as r:
+            r.initialize(**SETTINGS)
+            played.append(r.play(0, STEPS))
+    assert np.array_equal(played[0], played[1])
+
+
+def test_the_communication_step_does_not_matter(robot: Open) -> None:
+    with robot("two_link_arm", 3) as r:
+        r.initialize(**SETTINGS)
+        error = tolerances(r.play(0, STEPS, parts=7), expected("two_link_arm"))
+    assert error[:, :4].max() < 1.0
+
+
+@each_version
+def test_a_passive_arm_keeps_its_energy(robot: Open, fmi: int) -> None:
+    def energy(q: Array, qd: Array) -> float:
+        m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.8
+        y1 = r1 * np.sin(q[0])
+        y2 = y1 + r2 * np.sin(q[0] + q[1])
+        v1 = r1 * qd[0] * np.array([-np.sin(q[0]), np.cos(q[0])])
+        turn = np.array([-np.sin(q[0] + q[1]), np.cos(q[0] + q[1])])
+        v2 = v1 + r2 * (qd[0] + qd[1]) * turn
+        kinetic = m1 * v1 @ v1 + m2 * v2 @ v2 + J1 * qd[0] ** 2 + J2 * qd[1] ** 2
+        return float(kinetic / 2 + g * (m1 * y1 + m2 * y2))
+
+    with robot("two_link_arm", fmi) as r:
+        r.initialize(q=Q0, qd=QD0)
+        energies = [energy(Q0, QD0)]
+        for k in range(100):
+            r.fmu.doStep(k * H, H)
+            energies.append(energy(r.get("q"), r.get("qd")))
+    assert np.ptp(energies) < 1e-7
+
+
+# The reference
+
+
+@each_version
+def test_the_reference_flows(robot: Open, fmi: int) -> None:
+    with robot("planar_robot", fmi) as r:
+        r.initialize(start=5.0, position_ref=[1.0, 2.0], velocity_ref=[0.5, 0.0])
+        assert r.get("position_ref").tolist() == [1.0, 2.0]
+        r.fmu.doStep(5.0, 0.5)
+        assert r.get("position_ref").tolist() == [1.25, 2.0]
+        r.set("velocity_ref", [2.0, -2.0])
+        assert r.get("position_ref").tolist() == [1.25, 2.0]
+        r.fmu.doStep(5.5, 0.5)
+        assert r.get("position_ref").tolist() == [2.25, 1.0]
+        r.set("tau", [1.0, 1.0])
+        assert r.get("reference_time") == 5.5
+
+
+@pytest.mark.parametrize(
+    "order", [("position_ref", "velocity_ref"), ("velocity_ref", "position_ref")]
+)
+@pytest.mark.parametrize("calls", [1, 2])
+@each_version
+def test_a_position_holds_whenever_it_is_set(
+    robot: Open, fmi: int, calls: int, order: tuple[str, str]
+) -> None:
+    values = {"position_ref": [3.0, 4.0], "velocity_ref": [0.1, 0.2]}
+    with robot("planar_robot", fmi) as r:
+        r.initialize(position_ref=[1.0, 1.0], velocity_ref=[1.0, -1.0])
+        r.fmu.doStep(0.0, 0.3)
+        if calls == 2:
+            for name in order:
+                r.set(name, values[name])
+        else:
+            setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
+            references = [reference for name in order for reference in r.references(name)]
+            setter(references, [number for name in order for number in values[name]])
+        assert r.get("position_ref").tolist() == values["position_ref"]
+        r.fmu.doStep(0.3, 0.5)
+        assert np.allclose(r.get("position_ref"), [3.05, 4.1], rtol=1e-15)
+
+
+# Model exchange
+
+
+@each_version
+@each_model
+def test_derivatives_are_the_equations(robot: Open, model: str, fmi: int) -> None:
+    random = np.random.default_rng(1)
+    drive = Drive(eps=np.array([0.2, 0.4]), ups=np.array([1.0, -3.0]), tau=np.array([5.0, 6.0]))
+    with robot(model, fmi, "Model") as r:
+        inputs = {"position_ref": drive.eps, "velocity_ref": drive.ups, "tau": drive.tau}
+        r.initialize(**SETTINGS, **inputs)
+        r.fmu.enterContinuousTimeMode()
+        rates = np.zeros(4)
+        derivatives = r.fmu.getDerivatives if fmi == 2 else r.fmu.getContinuousStateDerivatives
+        for t, x in zip(random.uniform(0, 9, 20), random.uniform(-9, 9, (20, 4)), strict=True):
+            r.fmu.setTime(t)
+            r.fmu.setContinuousStates(x.ctypes.data_as(fmi2.POINTER(fmi2.fmi2Real)), 4)
+            derivatives(rates.ctypes.data_as(fmi2.POINTER(fmi2.fmi2Real)), 4)
+            wanted = drive.rates(model, t, x)
+            assert np.abs(rates - wanted).max() <= 1e-12 * np.abs(wanted).max()
+            assert np.array_equal(np.concatenate([r.get("der(q)"), r.get("der(qd)")]), rates)
+
+
+@each_version
+@each_model
+def test_fmpy_integrates_with_cvode(
+    robot: Open, unpacked: Callable[[str, int], Path], model: str, fmi: int
+) -> None:
+    with robot(model, fmi) as r:
+        r.initialize(q=Q0, qd=QD0)
+        for k in range(10):
+            r.fmu.doStep(k * H, H)
+        wanted = r.get("q")
+    start: dict[str, Any] = {"q": Q0, "qd": QD0}
+    if fmi == 2:
+        start = {f"{n}[{i + 1}]": values[i] for n, values in start.items() for i in range(2)}
+    result = fmpy.simulate_fmu(
+        str(unpacked(model, fmi)),
+        fmi_type="ModelExchange",
+        stop_time=1.0,
+        relative_tolerance=1e-9,
+        start_values=start,
+        output=["q[1]", "q[2]"] if fmi == 2 else ["q"],
+    )
+    last = np.array(list(result[-1])[1:]).ravel()
+    assert np.abs(last - wanted).max() < 1e-6
+
+
+# State
+
+
+@each_version
+@each_model
+def test_a_restored_state_continues_with_the_same_bits(robot: Open, model: str, fmi: int) -> None:
+    with robot(model, fmi) as r:
+        r.initialize(**SETTINGS)
+        r.play(0, 7)
+        state = r.fmu.getFMUState()
+        first = r.play(7, STEPS)
+        r.fmu.setFMUState(state)
+        r.fmu.freeFMUState(state)
+        assert np.array_equal(r.play(7, STEPS), first)
+
+
+CONTINUE = """
+import sys
+from pathlib import Path
+from tests.plant_fmu.test_bundled_models import STEPS, Robot
+robot = Robot("two_link_arm", int(sys.argv[1]), Path(sys.argv[2]), "Slave")
+robot.fmu.setFMUState(robot.fmu.deserializeFMUState(sys.stdin.buffer.read()))
+sys.stdout.write(robot.play(7, STEPS).tobytes().hex())
+"""
+
+
+@each_version
+def test_a_fresh_process_continues_with_the_same_bits(
+    robot: Open, unpacked: Callable[[str, int], Path], fmi: int
+) -> None:
+    with robot("two_link_arm", fmi) as r:
+        r.initialize(**SETTINGS)
+        r.play(0, 7)
+        state = r.fmu.getFMUState()
+        serialized = r.fmu.serializeFMUState(state)
+        r.fmu.freeFMUState(state)
+        first = r.play(7, STEPS)
+    command = [sys.executable, "-c", CONTINUE, str(fmi), str(unpacked("two_link_arm", fmi))]
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        command, input=bytes(serialized), capture_output=True, cwd=root, check=True
+    )
+    assert done.stdout.decode() == first.tobytes().hex()
+
+
+@each_version
+def test_a_foreign_state_is_refused(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r, robot("two_link_arm", fmi, "Model") as model:
+        state = r.fmu.getFMUState()
+        bytes_ = bytes(r.fmu.serializeFMUState(state))
+        r.fmu.freeFMUState(state)
+        refuse = r.fmu.deserializeFMUState
+        assert "got 9" in r.refuses(lambda: refuse(bytes_[:9]))
+        assert "not one of this FMU" in r.refuses(lambda: refuse(b"x" + bytes_[1:]))
+        assert "other kind" in model.refuses(lambda: model.fmu.deserializeFMUState(bytes_))
+        assert "no state" in r.refuses(lambda: r.fmu.setFMUState(None))
+
+
+@each_version
+def test_a_reset_forgets(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        r.initialize(**SETTINGS)
+        first = r.play(0, STEPS)
+        r.fmu.terminate()
+        r.fmu.reset()
+        assert r.get("kp").tolist() == [[0.0, 0.0], [0.0, 0.0]]
+        r.initialize(**SETTINGS)
+        assert np.array_equal(r.play(0, STEPS), first)
+
+
+# Bad calls
+
+
+@each_version
+def test_variables_refuse_what_is_not_declared(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
+        getter = r.fmu.getReal if fmi == 2 else r.fmu.getFloat64
+        assert r.refuses(lambda: getter([9999])) == "no variable has the value reference 9999"
+        assert r.refuses(lambda: setter([9999], [1.0])) == (
+            "no variable has the value reference 9999"
+        )
+        assert r.refuses(lambda: r.set("tau", [np.nan, 0.0])) == "setting tau to nan"
+        for name in ("time", "der(q)", "tau_applied", "reference_time"):
+            value = np.zeros(declaration("two_link_arm").variable(name).size)
+            assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
+                f"setting {name} is not allowed before initialization"
+            )
+        r.initialize()
+        for name in ("q", "m1"):
+            value = np.zeros(declaration("two_link_arm").variable(name).size)
+            assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
+                f"setting {name} is not allowed in step mode"
+            )
+
+
+def test_arrays_are_read_and_set_as_a_whole(robot: Open) -> None:
+    with robot("two_link_arm", 3) as r:
+        inside = r.references("q")[0] + 1
+        assert "no variable" in r.refuses(lambda: r.fmu.getFloat64([inside]))
+        assert r.refuses(lambda: r.set("q", [1.0])) == "too few values: q has 2, 1 are left"
+        assert "1 values more" in r.refuses(lambda: r.set("q", [1.0, 2.0, 3.0]))
+
+
+@each_version
+def test_calls_out_of_turn_are_refused(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        step = r.fmu.doStep
+        assert r.refuses(lambda: step(0.0, H)) == "a step is not allowed before initialization"
+        assert "leaving initialization" in r.refuses(r.fmu.exitInitializationMode)
+        r.initialize()
+        assert "entering init" in r.refuses(r.fmu.enterInitializationMode) or fmi == 3
+        assert "the instance is at t = 0 s" in r.refuses(lambda: step(0.5, H))
+        for h in (0.0, -H, np.nan, np.inf):
+            assert "does not advance time" in r.refuses(lambda h=h: step(0.0, h))
+        r.fmu.terminate()
+        assert r.refuses(lambda: step(0.0, H)) == "a step is not allowed after termination"
+    with robot("two_link_arm", fmi, "Model") as r:
+        assert "continuous-time" in r.refuses(r.fmu.enterContinuousTimeMode)
+        r.initialize()
+        assert "3" in r.refuses(lambda: r.fmu.getContinuousStates((fmi2.fmi2Real * 3)(), 3))
+
+
+@each_version
+def test_what_is_not_there_is_refused(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        getter = r.fmu.getInteger if fmi == 2 else r.fmu.getInt32
+        assert "no variables of type" in r.refuses(lambda: getter([0]))
+        assert "no directional" in r.refuses(
+            lambda: r.fmu.getDirectionalDerivative([1], [2], [1.0])
+        )
+        if fmi == 3:
+            assert "no clocks" in r.refuses(lambda: r.fmu.getClock([0]))
+
+
+@each_version
+def test_another_fmus_token_is_refused(unpacked: Callable[[str, int], Path], fmi: int) -> None:
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Robot("two_link_arm", fmi, unpacked("two_link_arm", fmi), "Slave", token="another")
+
+
+@each_version
+def test_a_null_instance_is_an_error(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        component, r.fmu.component = r.fmu.component, None
+        for call in (
+            lambda: r.fmu.doStep(0.0, H),
+            lambda: r.get("q"),
+            lambda: r.set("tau", [0.0, 0.0]),
+            r.fmu.getFMUState,
+            r.fmu.reset,
+        ):
+            with pytest.raises(FMICallException, match=r"\(error\)"):
+                call()
+        r.fmu.component = component
+
+
+# Steps that cannot be made
+
+
+@each_version
+def test_a_step_that_diverges_says_when(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        r.initialize(J1=0.0, J2=0.0, m1=0.0, m2=0.0)
+        assert r.refuses(lambda: r.fmu.doStep(0.0, H)) == "at t = 0 s: a derivative is not finite"
+    with robot("planar_robot", fmi) as r:
+        r.initialize(d=-1e4, qd=[1.0, 1.0])
+        message = r.refuses(lambda: r.fmu.doStep(0.0, 1.0))
+        assert message.startswith("at t = 0.1")
+        assert message.endswith("a derivative is not finite")
+        assert np.isfinite(r.get("qd")).all()
+
+
+@each_version
+def test_a_step_that_never_ends_is_given_up(robot: Open, fmi: int) -> None:
+    with robot("planar_robot", fmi) as r:
+        r.initialize(kd=1e12 * np.eye(2), qd=[1.0, 1.0])
+        message = r.refuses(lambda: r.fmu.doStep(0.0, 1000.0))
+        assert "too many internal steps" in message
+        assert np.isfinite(r.get("qd")).all()
+
+
+@each_version
+def test_the_tolerance_must_be_possible(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        assert r.refuses(lambda: r.initialize(relative_tolerance=1e-20)) == (
+            "relative_tolerance: expected 1e-14 to 1, got 1e-20"
+        )
