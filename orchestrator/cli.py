@@ -5,9 +5,7 @@
 """
 
 import json
-import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -15,7 +13,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
-import click
 import typer
 from rich.console import Console
 
@@ -66,7 +63,7 @@ def run(
     compression: Annotated[
         Literal["zstd", "lz4", "none"], typer.Option(help="Of the recording's chunks.")
     ] = "zstd",
-) -> int:
+) -> None:
     """Run a scenario and record all that was said."""
     file = read_scenario(scenario)
     for warning in check_scenario(file.scenario).warnings():
@@ -88,11 +85,11 @@ def run(
         showing.summary(out, lines(describe(reader), measure(reader)))
     if outcome.status == "failed":
         err.print(f"[red]failed:[/] {outcome.reason}", markup=True)
-    return EXIT[outcome.status]
+    raise typer.Exit(EXIT[outcome.status])
 
 
 @app.command()
-def info(recording: RecordingPath, as_json: AsJson = False) -> int:
+def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
     with Reader(recording) as reader:
         told = describe(reader)
@@ -102,7 +99,6 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> int:
             showing.summary(out, lines(told, measure(reader)))
             for damage in reader.damage:
                 err.print(f"[yellow]damage:[/] {damage}")
-    return DONE
 
 
 @app.command()
@@ -111,54 +107,49 @@ def export(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
     ],
-) -> int:
+) -> None:
     """Write a recording's samples and states as CSV tables."""
     with Reader(recording) as reader:
         for path in export_csv(reader, output):
             out.print(str(path), markup=False)
         for damage in reader.damage:
             err.print(f"[yellow]damage:[/] {damage}")
-    return DONE
 
 
 @app.command()
-def check(scenario: ScenarioPath, as_json: AsJson = False) -> int:
+def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
     """Say what the theory promises for a scenario."""
     checked = check_scenario(read_scenario(scenario).scenario)
     if as_json:
         _print_json(checked.as_json())
     else:
         showing.check(out, checked)
-    return DONE
 
 
 @app.command()
-def schema() -> int:
+def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
     _print_json(Scenario.model_json_schema())
-    return DONE
 
 
 @fmu.command("list")
-def fmu_list() -> int:
+def fmu_list() -> None:
     """List the bundled models."""
     for name in bundled_models():
         out.print(f"{name:<16}{declaration(name).description}", markup=False)
-    return DONE
 
 
 @fmu.command("info")
 def fmu_info(
     name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
     as_json: AsJson = False,
-) -> int:
+) -> None:
     """Say what an FMU offers."""
     told = find_archive(name, Path()).told()
     if as_json:
         _print_json(told)
     else:
         showing.archive(out, told)
-    return DONE
 
 
 @fmu.command("build")
@@ -168,30 +159,20 @@ def fmu_build(
         Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
     ],
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
-) -> int:
+) -> None:
     """Write a bundled model as an FMU."""
     write_fmu(name, fmi, output)
     out.print(str(output), markup=False)
-    return DONE
 
 
 def main() -> None:
     """Run the command line and exit with its status."""
     try:
-        status = app(standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        status = error.exit_code
+        app()
     except CosimError as error:
         err.print("[red]error:[/] ", end="")
         err.print(str(error), markup=False)
-        status = BAD_INPUT if isinstance(error, InputError) else FAILED
-    except (KeyboardInterrupt, click.Abort):
-        status = INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = DONE
-    sys.exit(status)
+        raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
 
 
 @contextmanager

@@ -1,0 +1,288 @@
+"""The command `nrs` as a user has it: exit status, messages, JSON fields, CSV columns."""
+
+import csv
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from recordings.reading import Reader
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+NRS = Path(sys.executable).with_name("nrs")
+PAPER = SCENARIOS / "paper_first_order.toml"
+
+
+def nrs(*arguments, **options):
+    """Run the command; return it done, with its output as text."""
+    options = {"capture_output": True, "text": True, "timeout": 120, **options}
+    return subprocess.run([NRS, *map(str, arguments)], check=False, **options)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Return the recording of one second of the paper's example, made by the command."""
+    folder = tmp_path_factory.mktemp("cli")
+    scenario = folder / "short.toml"
+    scenario.write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
+    done = nrs("run", scenario, "-o", folder / "short.mcap")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder / "short.mcap", done.stdout
+
+
+def test_run_ends_with_a_summary(recording):
+    path, printed = recording
+    lines = dict(line.split(None, 1) for line in printed.splitlines())
+    assert lines["run"] == "short: completed"
+    assert lines["ticks"] == "10 of 10, t = 1 s"
+    assert lines["messages"].startswith("376")
+    assert re.fullmatch("[0-9a-f]{64}", lines["digest"])
+    assert lines["recording"] == str(path)
+    assert lines["plants"].startswith("two_link_arm (FMI 3.0, CoSimulation, 6 robots)")
+    assert "sup |eps - eps_0|inf = " in lines["estimates"]
+
+
+def test_info_tells_in_json_what_the_contract_names(recording):
+    path, printed = recording
+    told = json.loads(nrs("info", path, "--json").stdout)
+    assert told.keys() >= {
+        "status", "reason", "digest", "ticks", "robots", "messages", "duration", "scenario",
+        "plants", "versions",
+    }  # fmt: skip
+    assert (told["status"], told["reason"], told["ticks"]) == ("completed", "", 10)
+    assert (told["robots"], told["messages"], told["duration"]) == (6, 376, 1.0)
+    assert told["digest"] in printed
+    (plant,) = told["plants"]
+    assert (plant["name"], plant["fmi_version"], plant["kind"]) == (
+        "two_link_arm",
+        "3.0",
+        "CoSimulation",
+    )
+    assert re.fullmatch("[0-9a-f]{64}", plant["sha256"])
+    assert "sampling_period = 0.1" in told["scenario"]
+
+
+def test_info_of_a_cut_recording_says_so_and_exits_0(recording, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    whole = recording[0].read_bytes()
+    cut.write_bytes(whole[: whole.index(b"nrs.end")])
+    done = nrs("info", cut, "--json")
+    told = json.loads(done.stdout)
+    assert done.returncode == 0
+    assert told["status"] == "unfinished"
+    assert told["damage"]
+    assert nrs("info", cut).returncode == 0
+
+
+def test_info_of_no_recording_exits_2(tmp_path):
+    (tmp_path / "text.mcap").write_text("no recording")
+    for path in (tmp_path / "text.mcap", tmp_path / "none.mcap", tmp_path):
+        done = nrs("info", path)
+        assert done.returncode == 2
+        assert str(path) in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_other_readers_decode_every_message(recording):
+    """The reference reader and protobuf's decoder see the numbers that our tables show."""
+    path, _ = recording
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        decoded = list(reader.iter_decoded_messages())
+        attachment = next(iter(reader.iter_attachments()))
+    assert len(decoded) == 376
+    assert attachment.name == "scenario.toml"
+    for schema, channel, message, value in decoded:
+        kind, _, number = channel.topic.partition("/")
+        assert schema.name == {"sample": "nrs.Sample", "state": "nrs.State"}[kind]
+        assert (value.robot, value.k, value.time_ns) == (
+            int(number), message.sequence, message.log_time,
+        )  # fmt: skip
+
+
+def test_export_writes_tables_that_read_back_to_the_same_bits(recording, tmp_path):
+    path, _ = recording
+    done = nrs("export", path, "-o", tmp_path / "tables")
+    assert done.returncode == 0
+    with path.open("rb") as file:
+        decoded = list(
+            make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        )
+    for name, header, vectors in (
+        ("sample", ["k", "t", "robot"], ["position", "velocity"]),
+        ("state", ["t", "robot"], ["q", "qd", "tau", "position", "velocity"]),
+    ):
+        with (tmp_path / "tables" / f"{name}s.csv").open(newline="") as file:
+            columns, *rows = csv.reader(file)
+        assert columns == header + [f"{v}_{i}" for v in vectors for i in (1, 2)]
+        values = [value for _, channel, _, value in decoded if channel.topic.startswith(name)]
+        expected = sorted(
+            [
+                *([v.k] if name == "sample" else []),
+                v.time_ns / 1e9,
+                v.robot,
+                *(x for vector in vectors for x in getattr(v, vector)),
+            ]
+            for v in values
+        )
+        assert [[float(x) for x in row] for row in rows] == expected
+
+
+def test_check_tells_in_json_what_the_contract_names():
+    told = json.loads(nrs("check", SCENARIOS / "paper_example_3a.toml", "--json").stdout)
+    assert told["spanning_tree"] is True
+    assert told["h_bound"] == pytest.approx(0.493769, abs=5e-7)
+    assert told["alpha_beta_bound"] == pytest.approx(1.171573, abs=5e-7)
+    assert told["spectral_radius"] == pytest.approx(0.883173, abs=5e-7)
+    assert sorted(told["spectrum"]) == [
+        [pytest.approx(-(0.5**0.5)), 0], [0, 0], [0, 0], [0, 0], [0, 0],
+        [pytest.approx(0.5**0.5), 0],
+    ]  # fmt: skip
+    for condition in told["conditions"]:
+        assert condition.keys() >= {"name", "left", "right", "margin", "holds"}
+        assert condition["margin"] == condition["right"] - condition["left"]
+    first = json.loads(nrs("check", PAPER, "--json").stdout)
+    assert first["h_bound"] is None
+
+
+def test_check_outside_the_bound_says_so():
+    told = nrs("check", SCENARIOS / "paper_example_1c.toml")
+    assert told.returncode == 0
+    assert "diverges" in told.stdout
+    assert "1.171573" in told.stdout
+    assert "fails" in told.stdout
+
+
+def test_run_outside_the_bound_warns_and_names_it(tmp_path):
+    text = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
+    (tmp_path / "s.toml").write_text(text.replace("duration = 30.0", "duration = 1.0"))
+    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    assert done.returncode == 0
+    assert "warning: alpha = 1.18 is outside (0, 1.17157), the bound of Theorem 1" in done.stderr
+
+
+def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
+    text = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(text.replace("seed = 1", "seed = 1\ndivergence_limit = 500.0"))
+    done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
+    assert done.returncode == 1
+    assert "failed: diverged at t = " in done.stderr
+    told = json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)
+    assert told["status"] == "failed"
+    assert told["reason"] in done.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('fmu = "two_link_arm"', 'fmu = "two_link_am"'), "did you mean two_link_arm?"),
+        (('fmu = "two_link_arm"', 'fmu = "none.fmu"'), "none.fmu: no such FMU"),
+        (("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { mm1 = 1 }\n#"), "'mm1'"),
+        (
+            ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = [1, 2] }\n#"),
+            "m1 takes 1",
+        ),
+        (("sampling_period = 0.1", "sampling_period = 0"), "run.sampling_period: expected greater"),
+        (("\n[plant]", "\n[plnt]"), "did you mean 'plant'?"),
+        (('name = "dcea1"', 'name = "dcea3"'), "algorithm.name: expected one of dcea1, dcea2"),
+    ],
+)
+def test_bad_input_exits_2_without_a_file_or_a_traceback(tmp_path, change, message):
+    text = PAPER.read_text("utf-8")
+    assert change[0] in text
+    (tmp_path / "s.toml").write_text(text.replace(*change, 1), "utf-8")
+    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "s.mcap").exists()
+
+
+def test_wrong_options_exit_2():
+    for arguments in (
+        ("run",),
+        ("run", PAPER, "--frobnicate"),
+        ("frobnicate",),
+        ("run", PAPER, "--compression", "rar"),
+        ("fmu", "build", "two_link_arm"),
+    ):
+        done = nrs(*arguments)
+        assert done.returncode == 2, arguments
+        assert "Traceback" not in done.stderr
+
+
+def test_a_recording_that_cannot_be_made_exits_2(tmp_path):
+    done = nrs("run", PAPER, "-o", tmp_path)
+    assert done.returncode == 2
+    assert str(tmp_path) in done.stderr
+
+
+def test_schema_is_json():
+    assert json.loads(nrs("schema").stdout)["properties"].keys() >= {"run", "network", "robots"}
+
+
+def test_fmu_list_info_and_build(tmp_path):
+    assert [line.split()[0] for line in nrs("fmu", "list").stdout.splitlines()] == [
+        "planar_robot",
+        "two_link_arm",
+    ]
+    for fmi, version in ((2, "2.0"), (3, "3.0")):
+        path = tmp_path / f"arm{fmi}.fmu"
+        assert nrs("fmu", "build", "two_link_arm", "-o", path, "--fmi", fmi).returncode == 0
+        told = json.loads(nrs("fmu", "info", path, "--json").stdout)
+        assert (told["name"], told["fmi_version"]) == ("two_link_arm", version)
+        assert told["kinds"] == ["CoSimulation", "ModelExchange"]
+
+
+def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
+    """The digest counts states and samples alone, and one core computes both."""
+    assert (
+        nrs("fmu", "build", "two_link_arm", "-o", tmp_path / "arm.fmu", "--fmi", 2).returncode == 0
+    )
+    text = PAPER.read_text("utf-8").replace(*SHORT).replace('"two_link_arm" ', '"arm.fmu" ')
+    (tmp_path / "s.toml").write_text(text, "utf-8")
+    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    assert done.returncode == 0, done.stderr
+    with Reader(recording[0]) as three, Reader(tmp_path / "s.mcap") as two:
+        assert two.digest == three.digest
+
+
+def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path):
+    """A real terminal, a real Ctrl-C: the progress bar shows, the file is valid, 130."""
+    text = PAPER.read_text("utf-8").replace("duration = 30.0", "duration = 36000.0")
+    (tmp_path / "long.toml").write_text(text, "utf-8")
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [NRS, "run", tmp_path / "long.toml", "-o", tmp_path / "long.mcap"],
+        stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "120"},
+    )  # fmt: skip
+    os.close(slave)
+    seen = b""
+    while b"x real time" not in seen:
+        seen += os.read(master, 4096)
+    os.killpg(process.pid, signal.SIGINT)
+    while True:
+        try:
+            chunk = os.read(master, 4096)
+        except OSError:  # the terminal's other end is closed
+            break
+        seen += chunk
+    assert process.wait(60) == 130
+    os.close(master)
+    assert b"of 36000 s" in seen
+    told = json.loads(nrs("info", tmp_path / "long.mcap", "--json").stdout)
+    assert told["status"] == "interrupted"
+    assert told["reason"].startswith("stopped by the user at t = ")
+    assert told["damage"] == []
+    assert told["ticks"] > 0

@@ -1,0 +1,362 @@
+"""Whole runs: real FMUs, a real Zenoh session, a real file, against an independent oracle."""
+
+from collections import defaultdict
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from bus.errors import BusError
+from bus.memory_bus import MemoryBus
+from bus.messages import HEADER, SAMPLE, Codec
+from bus.zenoh_bus import ZenohBus
+from estimator_agents.agents import Agents
+from estimator_agents.algorithm import load_algorithm
+from estimator_agents.estimate import Estimate
+from orchestrator.host import Host
+from orchestrator.lockstep import TargetNode, run_ticks
+from orchestrator.plants import group_by_archive, open_fleet
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario, read_scenario
+from orchestrator.setting import bodies, clock_of, initial_estimates, target_of, topology_of
+from orchestrator.summary import measure, scenario_of
+from recordings.reading import Reader
+from recordings.recorder import Recorder
+from recordings.tables import samples, states
+from tests.orchestrator.arms import simulate
+from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
+
+SEEDED = ("seed = 1", "seed = 11")
+EXPLICIT = tuple(
+    (f"{name} = {{ uniform = [-25.0, 25.0] }}", f"{name} = {rows}")
+    for name, rows in {
+        "position": [[5, -3], [0.5, 8], [-7, 2], [1, 1], [24, -24], [0, 0]],
+        "velocity": [[1, 2], [-3, 4], [0, 0], [10, -10], [2, 2], [-1, -8]],
+        "\nq": [[0.1, -0.2], [3, 1], [-2, 5], [0, 0], [20, -20], [1.5, -1.5]],
+        "qd": [[0, 0], [5, -5], [-25, 25], [1, 2], [3, 4], [0, -1]],
+    }.items()
+)
+
+
+def rows_of(tables, n):
+    """Return a recording's rows as an array (ticks or times, robots), sorted by time."""
+    table = np.concatenate(list(tables))
+    return table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, n)
+
+
+@pytest.mark.parametrize("start", [EXPLICIT, (SEEDED,)], ids=["explicit", "seeded"])
+@pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
+def test_twenty_seconds_agree_with_dop853(paper, tmp_path, order, start):
+    changes = [("duration = 30.0", "duration = 20.0"), *start]
+    changes += [SECOND_ORDER] if order == 2 else []
+    file = paper(*changes)
+    outcome = run(file, tmp_path / "run.mcap")
+    assert (outcome.status, outcome.ticks) == ("completed", 200)
+    with Reader(outcome.path) as reader:
+        recorded, sampled = rows_of(states(reader), 6), rows_of(samples(reader), 7)
+    at_t_k = recorded[::5]
+    alpha, beta = (0.9, 1.1) if order == 1 else (1.1, 0.9)
+    first = at_t_k[0]
+    times, q, estimates = simulate(
+        order, alpha, beta, 0.1, 20, first["position"], first["velocity"], first["q"], first["qd"]
+    )
+    np.testing.assert_allclose(at_t_k["time_ns"][:, 0] / 1e9, times, atol=1e-12)
+    assert np.abs(at_t_k["q"] - q).max() < 1e-7
+    for name, ours in (("position", 0), ("velocity", 1)):
+        scale = np.abs(estimates[1:, ours]).max()
+        np.testing.assert_allclose(
+            sampled[name][:, 1:], estimates[1:, ours], rtol=1e-12, atol=1e-12 * scale
+        )
+        assert sampled[name][:, 1:].tolist() == at_t_k[name][1:].tolist()
+    if start is EXPLICIT:
+        assert first["q"][1].tolist() == [3, 1]
+        assert first["velocity"][3].tolist() == [10, -10]
+
+
+STEADY = {  # paper.md's table: sup of position and velocity estimates, of e and e-dot
+    "1a": (0.15131, 0.43971, 0.444, 0.497),
+    "2a": (0.04018, 0.22535, 0.243, 0.268),
+    "2b": (0.15131, 0.43971, 0.444, 0.497),
+    "2c": (1.3575, 1.3545, 1.58, 1.67),
+    "3a": (0.38275, 0.42193, 0.444, 0.470),
+    "3b": (2.4192, 2.6095, 2.54, 2.70),
+}
+
+
+@pytest.mark.parametrize("case", STEADY)
+def test_steady_state_of_the_papers_cases(case, tmp_path):
+    file = read_scenario(SCENARIOS / f"paper_example_{case}.toml")
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        measured = measure(reader)
+    position, velocity, e, ed = STEADY[case]
+    assert measured.position_estimate == pytest.approx(position, rel=0.01)
+    assert measured.velocity_estimate == pytest.approx(velocity, rel=0.01)
+    assert measured.position_tracking == pytest.approx(e, rel=0.03)
+    assert measured.velocity_tracking == pytest.approx(ed, rel=0.03)
+
+
+def test_steady_state_just_inside_the_bound(tmp_path):
+    file = read_scenario(SCENARIOS / "paper_example_1b.toml")
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        measured = measure(reader)
+    assert 0.111 * 0.99 < measured.position_estimate < 0.123 * 1.01
+    assert measured.velocity_estimate == pytest.approx(0.4153, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("case", "radius", "factor"),
+    [("1c", 1.014386, 1.5), ("3c", 1.007636, 1.1)],  # rho of paper.md; 1c's mode is defective
+)
+def test_outside_the_bound_the_error_grows_by_the_spectral_radius(case, radius, factor, tmp_path):
+    outcome = run(read_scenario(SCENARIOS / f"paper_example_{case}.toml"), tmp_path / "run.mcap")
+    assert outcome.status == "completed"
+    with Reader(outcome.path) as reader:
+        sampled = rows_of(samples(reader), 7)
+    error = np.abs(sampled["position"][:, 1:] - sampled["position"][:, :1]).max(axis=(1, 2))
+    growth = error[-50:].max() / error[-150:-100].max()
+    assert radius**100 / factor < growth < radius**100 * factor
+
+
+def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(paper, tmp_path):
+    file = paper(
+        ("alpha = 0.9", "alpha = 1.18"),
+        ("beta = 1.1", "beta = 1.18"),
+        ("seed = 1", "seed = 1\ndivergence_limit = 1000"),
+    )
+    outcome = run(file, tmp_path / "run.mcap")
+    assert outcome.status == "failed"
+    assert outcome.reason.startswith("diverged at t = ")
+    assert "run.divergence_limit = 1000" in outcome.reason
+    with Reader(outcome.path) as reader:
+        assert (reader.status, reader.reason) == ("failed", outcome.reason)
+        assert reader.damage == []
+        assert reader.ticks == outcome.ticks > 10
+        assert np.concatenate(list(states(reader)))["q"].size == (1 + 5 * reader.ticks) * 6 * 2
+
+
+def test_a_run_that_nothing_stops_ends_before_a_number_that_is_none(paper, tmp_path):
+    """With gains of 1e200 the second jump leaves the doubles; no NaN is ever recorded."""
+    file = paper(
+        ("alpha = 0.9", "alpha = 1e200"),
+        ("beta = 1.1", "beta = 1e200"),
+        ("seed = 1", "seed = 1\ndivergence_limit = 1e308"),
+    )
+    outcome = run(file, tmp_path / "run.mcap")
+    assert outcome.status == "failed"
+    assert " t = 0." in outcome.reason
+    with Reader(outcome.path) as reader:
+        for table in (*samples(reader), *states(reader)):
+            assert np.isfinite(table["position"]).all()
+
+
+def digest_of(file, path, **options):
+    with Reader(run(file, path, **options).path, verify=True) as reader:
+        assert reader.damage == []
+        return reader.digest
+
+
+def test_the_digest_is_that_of_the_scenario_alone(paper, tmp_path):
+    first = digest_of(paper(SHORT), tmp_path / "a.mcap")
+    assert digest_of(paper(SHORT), tmp_path / "b.mcap") == first
+    for compression in ("lz4", "none"):
+        path = tmp_path / f"{compression}.mcap"
+        assert digest_of(paper(SHORT), path, compression=compression) == first
+    assert digest_of(paper(SHORT, ("seed = 1", "seed = 2")), tmp_path / "c.mcap") != first
+    sizes = {path.stat().st_size for path in tmp_path.glob("*.mcap")}
+    assert len(sizes) >= 3
+
+
+class Loop:
+    """A run's parts in the open, on any bus, advanced a tick at a time."""
+
+    def __init__(self, stack, file, bus, writer):
+        scenario = file.scenario
+        self.clock, robots = clock_of(scenario), bodies(scenario)
+        estimates = initial_estimates(scenario)
+        fleet = open_fleet(stack, group_by_archive(robots, file.folder), robots, estimates)
+        choice = scenario.algorithm
+        self.agents = Agents(
+            np.arange(1, scenario.n + 1),
+            topology_of(scenario),
+            load_algorithm(choice.name, choice.alpha, choice.beta),
+            estimates,
+        )
+        self.host = Host(bus, self.clock, self.agents, fleet, 1e9)
+        self.target = TargetNode(bus, self.clock, target_of(scenario), scenario.m)
+        self.recorder = Recorder(bus, writer, scenario.n)
+
+    def ticks(self):
+        return run_ticks(self.clock, self.target, self.host, self.recorder)
+
+
+class Kept:
+    """A writer that keeps what it is given."""
+
+    def __init__(self):
+        self.batches = []
+
+    def write(self, messages):
+        self.batches.append(sorted(messages))
+
+
+def test_who_received_what_and_when(paper):
+    """Listen to the session beside the run: nothing else is sent, and nobody hears anyone else."""
+    file, m = paper(SHORT), 2
+    codec = Codec(SAMPLE, m)
+    with ExitStack() as stack:
+        bus = ZenohBus("listened")
+        stack.callback(bus.close)
+        ear = bus.listen("**")
+        loop = Loop(stack, file, bus, Kept())
+        heard = {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
+        advance = loop.host.advance
+        between = defaultdict(list)
+
+        def advance_and_listen(k):
+            assert ear.take() == [], "something was said between the end of a tick and its interval"
+            advance(k)
+            between[k] = ear.take()
+
+        loop.host.advance = advance_and_listen
+        for k in loop.ticks():
+            said = ear.take()
+            if k == 0:
+                assert sorted(key for key, _ in said) == [f"state/{i}" for i in range(1, 7)]
+                continue
+            keys = [key for key, _ in between[k]]
+            assert sorted(keys) == sorted(f"state/{i}" for i in range(1, 7) for _ in range(5))
+            assert sorted(key for key, _ in said) == [f"sample/{i}" for i in range(7)]
+            spoken = {}
+            for key, payload in said:
+                robot, sequence, time_ns = HEADER.unpack_from(payload)
+                assert (f"sample/{robot}", k, k * 100_000_000) == (key, sequence, time_ns)
+                record = codec.decode([payload])[0]
+                spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
+            for robot, nodes in heard.items():
+                got = loop.agents.heard_by(robot)
+                assert {j: (p.tolist(), v.tolist()) for j, (p, v) in got.items()} == {
+                    j: spoken[j] for j in nodes
+                }
+
+
+def test_both_buses_carry_the_same_run(paper):
+    stories = []
+    for make in (MemoryBus, lambda: ZenohBus("compared")):
+        with ExitStack() as stack:
+            bus, kept = make(), Kept()
+            stack.callback(bus.close)
+            list(Loop(stack, paper(SHORT), bus, kept).ticks())
+            stories.append(kept.batches)
+    assert stories[0] == stories[1]
+    assert [len(batch) for batch in stories[0]] == [6] + [37] * 10
+
+
+def test_a_tick_is_recorded_in_total_order_with_left_limits(paper):
+    with ExitStack() as stack:
+        bus, kept = MemoryBus(), Kept()
+        loop = Loop(stack, paper(SHORT), bus, kept)
+        initial = loop.agents.estimate
+        list(loop.ticks())
+    last = (-1, "")
+    for k, batch in enumerate(kept.batches):
+        assert {sequence for _, _, sequence, _ in batch} == {k}
+        for time_ns, topic, *_ in batch:
+            assert (time_ns, topic) > last
+            last = (time_ns, topic)
+    sample = Codec(SAMPLE, 2).decode([d for _, t, _, d in kept.batches[1] if t == "sample/4"])[0]
+    expected = Estimate(initial.position[3], initial.velocity[3]).after(0.1)
+    assert sample["position"].tolist() == expected.position.tolist()
+    assert last[0] == 1_000_000_000
+
+
+class Intercepted(MemoryBus):
+    """A bus on which one key's messages are changed, or lost when the change gives None."""
+
+    def __init__(self, key, change):
+        super().__init__()
+        self.key, self.change = key, change
+
+    def publisher(self, key):
+        put = super().publisher(key)
+        if key != self.key:
+            return put
+
+        def changed(payload):
+            new = self.change(payload)
+            if new is not None:
+                put(new)
+
+        return changed
+
+
+FAULTS = {
+    "lost": (lambda _payload: None, "tick 1: no sample came from node 3"),
+    "another robot's": (
+        lambda payload: payload[:1] + b"\x02" + payload[2:],
+        "tick 1: sample/3 carried the sample of robot 2 for k = 1, which was refused",
+    ),
+    "another tick's": (
+        lambda payload: payload[:6] + b"\x07" + payload[7:],
+        "tick 1: sample/3 carried the sample of robot 3 for k = 7, which was refused",
+    ),
+    "cut": (lambda payload: payload[:-1], "a nrs.Sample of 54 bytes was refused"),
+    "not finite": (
+        lambda payload: payload[:-8] + np.array([np.nan]).tobytes(),
+        "velocity of robot 3 at k = 1",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), FAULTS.values(), ids=FAULTS.keys())
+def test_a_bad_sample_is_refused_and_named(paper, change, message):
+    with ExitStack() as stack:
+        loop = Loop(stack, paper(SHORT), Intercepted("sample/3", change), Kept())
+        with pytest.raises(BusError) as error:
+            list(loop.ticks())
+    assert message in str(error.value)
+
+
+def test_a_state_that_is_not_recorded_is_missed_and_named(paper):
+    with ExitStack() as stack:
+        bus = Intercepted("state/2", lambda _payload: None)
+        loop = Loop(stack, paper(SHORT), bus, Kept())
+        with pytest.raises(BusError, match="tick 0 could not be recorded: missing state/2 at 0 ns"):
+            list(loop.ticks())
+
+
+def test_the_recording_carries_its_scenario(paper, tmp_path):
+    file = paper(SHORT)
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        assert scenario_of(reader).scenario == file.scenario
+        assert scenario_of(reader).text == file.text
+        about = reader.metadata["nrs.run"]
+        assert (about["robots"], about["joints"], about["seed"], about["ticks"]) == (
+            "6", "2", "1", "10",
+        )  # fmt: skip
+        assert reader.metadata["nrs.versions"].keys() >= {"nrs-cosim", "fmpy", "eclipse-zenoh"}
+
+
+def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
+    """m q̈ + d q̇ = kp (ε − q) + kd (υ − q̇) with ε at rest has its equilibrium at q = ε, τ = 0."""
+    head, _, tail = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").partition("[target]")
+    rest = "[target]\naxes = [{ offset = 4.0 }, { offset = -1.0 }]\n[plant]\nfmu = 'planar_robot'\n"
+    text = head + rest + "[initial]" + tail.partition("[initial]")[2]
+    outcome = run(parse_scenario(text, "planar", SCENARIOS, "planar"), tmp_path / "run.mcap")
+    with Reader(outcome.path) as reader:
+        last = rows_of(states(reader), 6)[-1]
+    np.testing.assert_allclose(last["q"], np.tile([4.0, -1.0], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(last["tau"], 0, atol=1e-3)
+
+
+def test_robots_of_different_models_run_together(paper, tmp_path):
+    """A robot with another FMU changes its own states and nothing else."""
+    own = '[[robots]]\nid = 3\nplant = { fmu = "planar_robot", parameters = { m = 5.0 } }\n#'
+    tables = []
+    for name, change in (("arms", ()), ("mixed", (("# [[robots]]", own),))):
+        with Reader(run(paper(SHORT, *change), tmp_path / f"{name}.mcap").path) as reader:
+            tables.append((rows_of(samples(reader), 7), rows_of(states(reader), 6)))
+    (samples_a, states_a), (samples_b, states_b) = tables
+    assert samples_a.tobytes() == samples_b.tobytes()
+    others = [0, 1, 3, 4, 5]
+    assert states_a[:, others].tobytes() == states_b[:, others].tobytes()
+    assert (states_a["q"][1:, 2] != states_b["q"][1:, 2]).all()

@@ -1,0 +1,226 @@
+"""A scenario's errors name the field, the value and what was expected; its draws have names."""
+
+import json
+
+import numpy as np
+import pytest
+
+from orchestrator.clock import Clock, nanoseconds
+from orchestrator.errors import ScenarioError
+from orchestrator.scenario import Scenario, Uniform
+from orchestrator.scenario_file import read_scenario
+from orchestrator.setting import bodies, draw, gain, initial_estimates, target_of
+from tests.orchestrator.arms import target
+from tests.orchestrator.conftest import SCENARIOS
+
+BAD = {
+    "misspelt key": (("alpha", "alhpa"), "algorithm.alhpa: unknown key; did you mean 'alpha'?"),
+    "missing key": (("alpha = 0.9", ""), "algorithm.alpha: missing"),
+    "unknown table": (("[target]", "[goal]"), "goal: unknown key"),
+    "text for a number": (("alpha = 0.9", "alpha = '0.9'"), "algorithm.alpha: expected a valid"),
+    "truth for a number": (("alpha = 0.9", "alpha = true"), "got True"),
+    "negative gain": (("alpha = 0.9", "alpha = -0.9"), "algorithm.alpha: expected greater than 0"),
+    "zero period": (
+        ("sampling_period = 0.1", "sampling_period = 0"),
+        "run.sampling_period: expected greater than 0, got 0",
+    ),
+    "negative period": (
+        ("sampling_period = 0.1", "sampling_period = -0.1"),
+        "run.sampling_period: expected greater than 0, got -0.1",
+    ),
+    "period between nanoseconds": (
+        ("sampling_period = 0.1", "sampling_period = 0.1234567891"),
+        "run.sampling_period: expected a whole number of nanoseconds",
+    ),
+    "output step that does not divide": (
+        ("output_step = 0.02", "output_step = 0.03"),
+        "run.output_step: expected a step that divides the sampling period of 0.1 s, got 0.03 s",
+    ),
+    "duration that is no whole number": (
+        ("duration = 30.0", "duration = 30.05"),
+        "run.duration: expected a whole number of sampling periods of 0.1 s, got 30.05 s",
+    ),
+    "infinite duration": (("duration = 30.0", "duration = inf"), "expected a finite number"),
+    "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a valid integer, got 1.5"),
+    "no path from the target": (
+        ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 0, 0, 0, 1]"),
+        "no path leads from the target to robot 1, 2, 3, 4, 5",
+    ),
+    "short row": (
+        ("[1, 0, 0, 0, 0, 0]", "[1, 0]"),
+        "network.adjacency[1]: expected 6 weights, got 2",
+    ),
+    "long pinning": (
+        ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 1, 0, 0, 0, 1]"),
+        "network.pinning: expected 6 weights, got 7",
+    ),
+    "robot that hears itself": (
+        ("[1, 0, 0, 0, 0, 0]", "[1, 1, 0, 0, 0, 0]"),
+        "network.adjacency[1][1]: expected 0, robot 2 cannot hear itself",
+    ),
+    "negative weight": (
+        ("[1, 0, 0, 0, 0, 0]", "[-1, 0, 0, 0, 0, 0]"),
+        "network.adjacency[1][0]: expected greater than or equal to 0, got -1",
+    ),
+    "gains for three joints": (
+        ("kp = 200.0", "kp = [1, 2, 3]"),
+        "controller.kp: expected 2 entries, as the target has axes, got 3",
+    ),
+    "ragged gain": (
+        ("kp = 200.0", "kp = [[1, 2], [3]]"),
+        "controller.kp[1]: expected 2 numbers, got 1",
+    ),
+    "disturbance on one axis": (
+        ("  { sines = [{ amplitude = 2.0, frequency = 1.0 }] }, ", "# "),
+        "disturbance.axes: expected 2 axes, as the target has, got 1",
+    ),
+    "initial rows": (
+        ("q = { uniform = [-25.0, 25.0] }", "q = [[1, 2]]"),
+        "initial.q: expected 6 rows, one for each robot, got 1",
+    ),
+    "initial number": (
+        ("q = { uniform = [-25.0, 25.0] }", "q = 3"),
+        "initial.q: expected {uniform = [low, high]} or a list of lists of numbers, got 3",
+    ),
+    "reversed range": (
+        ("q = { uniform = [-25.0, 25.0] }", "q = { uniform = [25.0, -25.0] }"),
+        "initial.q.uniform: expected [low, high] with low <= high, got [25.0, -25.0]",
+    ),
+    "robot that there is not": (
+        ("# [[robots]]", "[[robots]]\nid = 7\n#"),
+        "robots[0].id: expected 1 to 6, got 7",
+    ),
+    "robot given twice": (
+        ("# [[robots]]", "[[robots]]\nid = 3\n[[robots]]\nid = 3\n#"),
+        "robots[1].id: robot 3 has been given before",
+    ),
+    "one robot's initial state": (
+        ("# [[robots]]", "[[robots]]\nid = 3\ninitial.q = [1, 2, 3]\n#"),
+        "robots[0].initial.q: expected 2 numbers, got 3",
+    ),
+    "TOML": (("[run]", "[run"), "paper.toml: not valid TOML: Expected ']'"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_scenario(paper, change, message):
+    with pytest.raises(ScenarioError) as error:
+        paper(change)
+    assert message in str(error.value)
+    assert all(line.startswith("paper.toml: ") for line in str(error.value).splitlines())
+
+
+def test_all_faults_are_told_at_once(paper):
+    with pytest.raises(ScenarioError) as error:
+        paper(("alpha", "alhpa"), ("seed = 1", "seed = -1"))
+    assert [line.split(": ")[1] for line in str(error.value).splitlines()] == [
+        "run.seed",
+        "algorithm.alpha",
+        "algorithm.alhpa",
+    ]
+
+
+def test_missing_and_unreadable_files(tmp_path):
+    with pytest.raises(ScenarioError, match=r"none\.toml: no such file"):
+        read_scenario(tmp_path / "none.toml")
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        read_scenario(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        read_scenario(tmp_path / "binary.toml")
+
+
+def test_a_scenario_cannot_be_changed(paper):
+    scenario = paper().scenario
+    with pytest.raises(ValueError, match="frozen"):
+        scenario.run.seed = 2
+
+
+CASES = {  # the paper's Examples 1 to 3: algorithm, alpha, beta, h
+    "1a": ("dcea1", 0.9, 1.1, 0.1),
+    "1b": ("dcea1", 1.17, 1.17, 0.1),
+    "1c": ("dcea1", 1.18, 1.18, 0.1),
+    "2a": ("dcea1", 0.9, 1.1, 0.05),
+    "2b": ("dcea1", 0.9, 1.1, 0.1),
+    "2c": ("dcea1", 0.9, 1.1, 0.5),
+    "3a": ("dcea2", 1.1, 0.9, 0.1),
+    "3b": ("dcea2", 1.1, 0.9, 0.45),
+    "3c": ("dcea2", 1.1, 0.9, 0.5),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_nine_cases_of_the_paper_differ_in_their_gains_and_period_only(case, paper):
+    scenario = read_scenario(SCENARIOS / f"paper_example_{case}.toml").scenario
+    choice = scenario.algorithm
+    assert (choice.name, choice.alpha, choice.beta, scenario.run.sampling_period) == CASES[case]
+    example = paper().scenario
+    for part in ("controller", "network", "target", "plant", "disturbance", "initial", "robots"):
+        assert getattr(scenario, part) == getattr(example, part)
+
+
+def test_the_schema_knows_every_key():
+    schema = json.dumps(Scenario.model_json_schema())
+    for key in ("sampling_period", "adjacency", "pinning", "uniform", "robots", "cosines", "kp"):
+        assert f'"{key}"' in schema
+
+
+def test_draws_depend_on_seed_purpose_and_robot_alone(paper):
+    uniform = Uniform(uniform=(-25.0, 25.0))
+    assert draw(1, "q", 3, uniform, 2).tolist() == draw(1, "q", 3, uniform, 2).tolist()
+    others = [
+        draw(2, "q", 3, uniform, 2),
+        draw(1, "qd", 3, uniform, 2),
+        draw(1, "q", 4, uniform, 2),
+    ]
+    for other in others:
+        assert not np.intersect1d(other, draw(1, "q", 3, uniform, 2)).size
+    start = initial_estimates(paper().scenario)
+    assert start.position[2].tolist() == draw(1, "position", 3, uniform, 2).tolist()
+    assert start.velocity[5].tolist() == draw(1, "velocity", 6, uniform, 2).tolist()
+
+
+def test_draws_fill_their_range():
+    numbers = np.concatenate(
+        [draw(5, "q", robot, Uniform(uniform=(-25.0, 25.0)), 4) for robot in range(1, 2001)]
+    )
+    assert -25 <= numbers.min() < -24.9
+    assert 24.9 < numbers.max() < 25
+    assert abs(numbers.mean()) < 3 * 50 / np.sqrt(12 * len(numbers))
+
+
+def test_one_robots_own_values_leave_the_others_alone(paper):
+    own = "[[robots]]\nid = 3\ninitial.q = [1.5, -2]\ncontroller = { kp = 1, kd = [2, 3] }\n#"
+    changed, example = bodies(paper(("# [[robots]]", own)).scenario), bodies(paper().scenario)
+    assert changed[2].q.tolist() == [1.5, -2]
+    assert changed[2].kd.tolist() == [[2, 0], [0, 3]]
+    assert changed[2].qd.tolist() == example[2].qd.tolist()
+    for i in (0, 1, 3, 4, 5):
+        assert changed[i].q.tolist() == example[i].q.tolist()
+        assert changed[i].kp.tolist() == [[200, 0], [0, 200]]
+
+
+def test_gains_as_a_number_a_vector_and_a_matrix():
+    assert gain(2.0, 2).tolist() == [[2, 0], [0, 2]]
+    assert gain((2.0, 3.0), 2).tolist() == [[2, 0], [0, 3]]
+    assert gain(((1.0, 2.0), (3.0, 4.0)), 2).tolist() == [[1, 2], [3, 4]]
+
+
+def test_target_is_the_papers(paper):
+    motion = target_of(paper().scenario).at(np.array([0.0, 0.3, 12.5]))
+    for row, t in enumerate((0.0, 0.3, 12.5)):
+        position, velocity = target(t)
+        np.testing.assert_allclose(motion.position[row], position, rtol=1e-14)
+        np.testing.assert_allclose(motion.velocity[row], velocity, rtol=1e-14)
+
+
+def test_times_are_whole_nanoseconds():
+    assert nanoseconds(0.1) == 100_000_000
+    assert nanoseconds(1e-9) == 1
+    assert nanoseconds(3600.0) == 3_600_000_000_000
+    with pytest.raises(ValueError, match="no whole number"):
+        nanoseconds(1.5e-9)
+    clock = Clock(100, 25, 1000)
+    assert [clock.t(k) for k in (0, 1, 1000)] == [0, 100, 100_000]
+    assert list(clock.outputs(0)) == [0]
+    assert list(clock.outputs(3)) == [225, 250, 275, 300]
