@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark lint lock clean
+.PHONY: demo test benchmark figures lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -20,11 +20,17 @@ test: .venv/.tested  ## install what the tests need and pass them
 benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop
 	$(BIN)/python -m benchmarks.throughput
 
+figures: .venv/.installed  ## draw the documents' figures
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
+	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap
+	$(BIN)/python -m docs.figures $(DATA)/figures.mcap docs/paper_first_order.png
+
 lint: .venv/.tested  ## format and lint
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 lock: .venv/.tested  ## write the versions of this environment into constraints.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,figures]'
 	$(BIN)/pip freeze --exclude-editable | LC_ALL=C sort -f > constraints.txt
 
 clean:

@@ -132,9 +132,9 @@ class Codec:
         if not (raw[:, self._fixed] == self._template[self._fixed]).all():
             raise BusError(f"a message that is no {self.kind.name} was refused")
         for name in self.kind.vectors:
-            finite = np.isfinite(records[name]).all(axis=1)
+            finite = np.isfinite(records[name])
             if not finite.all():
-                bad = records[~finite][0]
+                bad = records[~finite.all(axis=1)][0]
                 raise BusError(
                     f"a {self.kind.name} was refused: {name} of robot {bad['robot']} at "
                     f"k = {bad['k']} is {bad[name].tolist()}, not finite"

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from bus.errors import CosimError, InputError
 from orchestrator import showing
@@ -67,7 +68,7 @@ def run(
     """Run a scenario and record all that was said."""
     file = read_scenario(scenario)
     for warning in check_scenario(file.scenario).warnings():
-        err.print(f"[yellow]warning:[/] {warning}")
+        _say("yellow", "warning", warning)
     path = output or DATA / f"{file.name}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -82,9 +83,12 @@ def run(
 
         outcome = run_scenario(file, path, compression=compression, watch=watch)
     with Reader(path) as reader:
-        showing.summary(out, lines(describe(reader), measure(reader)))
+        told = lines(describe(reader), measure(reader))
+    simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
+    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    showing.summary(out, told)
     if outcome.status == "failed":
-        err.print(f"[red]failed:[/] {outcome.reason}", markup=True)
+        _say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])
 
 
@@ -98,7 +102,7 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
         else:
             showing.summary(out, lines(told, measure(reader)))
             for damage in reader.damage:
-                err.print(f"[yellow]damage:[/] {damage}")
+                _say("yellow", "damage", damage)
 
 
 @app.command()
@@ -113,7 +117,7 @@ def export(
         for path in export_csv(reader, output):
             out.print(str(path), markup=False)
         for damage in reader.damage:
-            err.print(f"[yellow]damage:[/] {damage}")
+            _say("yellow", "damage", damage)
 
 
 @app.command()
@@ -170,8 +174,7 @@ def main() -> None:
     try:
         app()
     except CosimError as error:
-        err.print("[red]error:[/] ", end="")
-        err.print(str(error), markup=False)
+        _say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
 
 
@@ -191,6 +194,10 @@ def _signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _say(colour: str, kind: str, text: str) -> None:
+    err.print(f"[{colour}]{kind}:[/] {escape(text)}")
 
 
 def _print_json(value: Any) -> None:

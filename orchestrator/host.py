@@ -100,9 +100,9 @@ class Host:
             "qd": self.plants.qd,
         }
         for name, values in told.items():
-            bounded = (np.abs(values) <= self._limit).all(axis=1)
-            if not bounded.all():
-                row = int(np.flatnonzero(~bounded)[0])
+            sizes = np.abs(values)
+            if not sizes.max() <= self._limit:
+                row = int(np.flatnonzero(~(sizes <= self._limit).all(axis=1))[0])
                 raise DivergedError(
                     f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s {name} "
                     f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}"

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class Outcome:
     path: Path
     ticks: int
     messages: int
+    wall_seconds: float
+    """From the states at t_0 to the last tick; set-up and closing are apart."""
 
 
 def run(
@@ -85,6 +88,7 @@ def run(
         recorder = Recorder(bus, writer, scenario.n)
         status: Closing = "completed"
         reason, done = "", 0
+        started = perf_counter()
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 for done in run_ticks(clock, node, host, recorder):
@@ -94,8 +98,9 @@ def run(
                         break
         except RunError as error:
             status, reason = "failed", str(error)
+        wall_seconds = perf_counter() - started
         writer.finish(status, reason)
-    return Outcome(status, reason, output, done, recorder.messages)
+    return Outcome(status, reason, output, done, recorder.messages, wall_seconds)
 
 
 def _about_run(file: ScenarioFile, clock: Clock, groups: list[Group]) -> dict[str, str]:

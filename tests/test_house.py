@@ -1,0 +1,67 @@
+"""The house stands as it is described: types, format, direction of imports, and the README."""
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BIN = Path(sys.executable).parent
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["ruff check .", "ruff format --check .", "mypy", "lint-imports"],
+)
+def test_tools_have_no_complaint(command):
+    program, *arguments = shlex.split(command)
+    done = subprocess.run(
+        [BIN / program, *arguments], cwd=ROOT, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def volatile(line: str) -> str:
+    """Mask what a machine decides: times, speeds, digests; and trailing blanks."""
+    line = re.sub(r"in [\d.]+ s, [\d.e+]+ x real time", "in … s", line.rstrip())
+    return re.sub(r"\b[0-9a-f]{64}\b", "<digest>", line)
+
+
+def test_the_session_in_the_readme_is_true(tmp_path):
+    (session,) = re.findall(
+        r"```console\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    commands = re.split(r"^\$ ", session, flags=re.MULTILINE)[1:]
+    assert len(commands) >= 4
+    for block in commands:
+        command, *expected = block.splitlines()
+        program, *arguments = shlex.split(command)
+        done = subprocess.run(
+            [BIN / program, *arguments], cwd=tmp_path, check=False, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        printed = done.stdout.splitlines()
+        assert [volatile(line) for line in printed] == [volatile(line) for line in expected]
+
+
+def test_every_dependency_earns_its_line_in_contributing():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = [name for group in project["optional-dependencies"].values() for name in group]
+    told = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    for requirement in project["dependencies"] + extras:
+        assert re.split("[<>=]", requirement)[0] in told
+
+
+def test_constraints_pin_every_dependency_and_name_no_place():
+    pins = (ROOT / "constraints.txt").read_text("utf-8").splitlines()
+    assert all(re.fullmatch(r"[\w.-]+==[\w.+]+", pin) for pin in pins)
+    pinned = {re.sub("[-_.]+", "-", pin.split("==")[0]).lower() for pin in pins}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = [name for group in project["optional-dependencies"].values() for name in group]
+    for requirement in project["dependencies"] + extras:
+        assert re.split("[<>=]", requirement)[0].lower() in pinned
