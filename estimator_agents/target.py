@@ -23,11 +23,6 @@ class Harmonic:
     phase: NDArray[np.float64]
     """(m, p) rad"""
 
-    @property
-    def moves(self) -> bool:
-        """Whether it is anything but zero at all times."""
-        return bool(self.offset.any() or self.rate.any() or self.amplitude.any())
-
     def at(self, seconds: ArrayLike) -> Estimate:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m)."""
         t = np.asarray(seconds, float)[..., None]

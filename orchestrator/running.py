@@ -20,7 +20,14 @@ from orchestrator.host import Host
 from orchestrator.lockstep import TargetNode, run_ticks
 from orchestrator.plants import Group, group_by_archive, open_fleet
 from orchestrator.scenario_file import ScenarioFile
-from orchestrator.setting import bodies, clock_of, initial_estimates, target_of, topology_of
+from orchestrator.setting import (
+    bodies,
+    clock_of,
+    initial_estimates,
+    plants,
+    target_of,
+    topology_of,
+)
 from recordings.container import Closing, Compression
 from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import RUN
@@ -62,13 +69,13 @@ def run(
     algorithm = load_algorithm(
         scenario.algorithm.name, scenario.algorithm.alpha, scenario.algorithm.beta
     )
-    estimates, robots = initial_estimates(scenario), bodies(scenario)
-    groups = group_by_archive(robots, file.folder)
+    groups = group_by_archive(plants(scenario), file.folder)
     with ExitStack() as stack:
-        fleet = open_fleet(stack, groups, robots, estimates)
+        fleet = open_fleet(stack, groups, bodies(scenario))
         bus = ZenohBus(file.name)
         stack.callback(bus.close)
-        agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, estimates)
+        initial = initial_estimates(scenario)
+        agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, initial)
         host = Host(bus, clock, agents, fleet, scenario.run.divergence_limit)
         node = TargetNode(bus, clock, target, scenario.m)
         writer = stack.enter_context(

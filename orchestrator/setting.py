@@ -4,7 +4,6 @@ A draw is keyed by (seed, what is drawn, robot): it depends neither on the order
 are built nor on where they run.
 """
 
-from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
@@ -14,26 +13,10 @@ from bus.topology import Topology
 from estimator_agents.estimate import Estimate
 from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, nanoseconds
-from orchestrator.scenario import Axis, Controller, Plant, Robot, Scenario, Uniform
+from orchestrator.scenario import Axis, Plant, Robot, Scenario, Uniform
+from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Body:
-    """One robot's plant, its PD gains, its disturbance, and its state at t_0."""
-
-    plant: Plant
-    kp: Array
-    """(m, m) N m/rad"""
-    kd: Array
-    """(m, m) N m s/rad"""
-    disturbance: Harmonic
-    """tau_d, N m"""
-    q: Array
-    """(m,) rad"""
-    qd: Array
-    """(m,) rad/s"""
 
 
 def clock_of(scenario: Scenario) -> Clock:
@@ -51,7 +34,7 @@ def topology_of(scenario: Scenario) -> Topology:
 
 def target_of(scenario: Scenario) -> Harmonic:
     """Return the target's motion."""
-    return harmonic(scenario.target.axes)
+    return Harmonic(*_terms(scenario.target.axes))
 
 
 def initial_estimates(scenario: Scenario) -> Estimate:
@@ -59,27 +42,42 @@ def initial_estimates(scenario: Scenario) -> Estimate:
     return Estimate(_initial(scenario, "position"), _initial(scenario, "velocity"))
 
 
+def plants(scenario: Scenario) -> list[Plant]:
+    """Return which plant each robot has, robot 1 first."""
+    own = {robot.id: robot.plant for robot in scenario.robots}
+    return [own.get(robot) or scenario.plant for robot in range(1, scenario.n + 1)]
+
+
 def bodies(scenario: Scenario) -> list[Body]:
-    """Return each robot's plant and what it starts with, robot 1 first."""
+    """Return what each robot starts with, robot 1 first."""
     own = {robot.id: robot for robot in scenario.robots}
+    estimates = initial_estimates(scenario)
     q, qd = _initial(scenario, "q"), _initial(scenario, "qd")
     return [
-        _body(scenario, own.get(robot, Robot(id=robot)), q[robot - 1], qd[robot - 1])
-        for robot in range(1, scenario.n + 1)
+        _body(
+            scenario,
+            own.get(row + 1, Robot(id=row + 1)),
+            {
+                "q": q[row],
+                "qd": qd[row],
+                "position": estimates.position[row],
+                "velocity": estimates.velocity[row],
+            },
+        )
+        for row in range(scenario.n)
     ]
 
 
-def _body(scenario: Scenario, own: Robot, q: Array, qd: Array) -> Body:
-    controller: Controller = own.controller or scenario.controller
+def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
+    controller = own.controller or scenario.controller
     disturbance = own.disturbance or scenario.disturbance
-    axes = disturbance.axes or (Axis(),) * scenario.m
     return Body(
-        own.plant or scenario.plant,
-        gain(controller.kp, scenario.m),
-        gain(controller.kd, scenario.m),
-        harmonic(axes),
-        q,
-        qd,
+        robot=own.id,
+        parameters=(own.plant or scenario.plant).parameters,
+        kp=gain(controller.kp, scenario.m),
+        kd=gain(controller.kd, scenario.m),
+        disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
+        **start,
     )
 
 
@@ -89,8 +87,11 @@ def gain(value: float | tuple[float, ...] | tuple[tuple[float, ...], ...], m: in
     return given if given.ndim == 2 else np.diag(np.broadcast_to(given, m))
 
 
-def harmonic(axes: tuple[Axis, ...]) -> Harmonic:
-    """Return a motion on m axes; a cosine is a sine a quarter turn ahead."""
+def _terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+    """Return offset and rate (m,); amplitude, frequency and phase (m, p).
+
+    A cosine is a sine a quarter turn ahead.
+    """
     terms = [
         [(w.amplitude, w.frequency, w.phase) for w in axis.sines]
         + [(w.amplitude, w.frequency, w.phase + np.pi / 2) for w in axis.cosines]
@@ -100,7 +101,7 @@ def harmonic(axes: tuple[Axis, ...]) -> Harmonic:
     for i, axis_terms in enumerate(terms):
         if axis_terms:
             waves[:, i, : len(axis_terms)] = np.transpose(axis_terms)
-    return Harmonic(np.array([a.offset for a in axes]), np.array([a.rate for a in axes]), *waves)
+    return np.array([a.offset for a in axes]), np.array([a.rate for a in axes]), *waves
 
 
 def _initial(scenario: Scenario, name: str) -> Array:

@@ -23,7 +23,7 @@ from fmpy.logging import addLoggerProxy
 Call = Callable[..., int]
 Log = Callable[[str], None]
 
-OK, WARNING = 0, 1
+WARNING = 1
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 

@@ -11,7 +11,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from plant_fmu.archive import Archive
-from plant_fmu.calls import OK, STATUS, Calls, bind_fmi2, bind_fmi3
+from plant_fmu.calls import Calls, bind_fmi2, bind_fmi3
 from plant_fmu.errors import FmuError
 
 
@@ -57,14 +57,6 @@ class Library:
         self._instances.append(instance)
         handle: int = instance.component
         return handle
-
-    def expect_ok(self, name: str, act: str, status: int) -> None:
-        """Raise `FmuError` when an instance could not do what it was asked to before the run."""
-        if status != OK:
-            raise FmuError(
-                f"{self.archive.label}: {act} of {name} ended with {STATUS[status]}"
-                f"{self.last_words(name)}"
-            )
 
     def last_words(self, name: str) -> str:
         """Return what an instance logged last, as the end of a sentence."""

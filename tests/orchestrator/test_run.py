@@ -18,7 +18,14 @@ from orchestrator.lockstep import TargetNode, run_ticks
 from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.setting import bodies, clock_of, initial_estimates, target_of, topology_of
+from orchestrator.setting import (
+    bodies,
+    clock_of,
+    initial_estimates,
+    plants,
+    target_of,
+    topology_of,
+)
 from orchestrator.summary import measure, scenario_of
 from recordings.reading import Reader
 from recordings.recorder import Recorder
@@ -171,15 +178,15 @@ class Loop:
 
     def __init__(self, stack, file, bus, writer):
         scenario = file.scenario
-        self.clock, robots = clock_of(scenario), bodies(scenario)
-        estimates = initial_estimates(scenario)
-        fleet = open_fleet(stack, group_by_archive(robots, file.folder), robots, estimates)
+        self.clock = clock_of(scenario)
+        groups = group_by_archive(plants(scenario), file.folder)
+        fleet = open_fleet(stack, groups, bodies(scenario))
         choice = scenario.algorithm
         self.agents = Agents(
             np.arange(1, scenario.n + 1),
             topology_of(scenario),
             load_algorithm(choice.name, choice.alpha, choice.beta),
-            estimates,
+            initial_estimates(scenario),
         )
         self.host = Host(bus, self.clock, self.agents, fleet, 1e9)
         self.target = TargetNode(bus, self.clock, target_of(scenario), scenario.m)
