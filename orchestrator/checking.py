@@ -9,7 +9,7 @@ from estimator_agents.algorithm import load_algorithm
 from estimator_agents.condition import Condition
 from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
 from orchestrator.scenario import Scenario
-from orchestrator.setting import topology_of
+from orchestrator.setting import gain, topology_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,11 @@ class Check:
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows."""
-        unmet = [
-            f"{c.name} = {c.left:g} is outside (0, {c.right:.6g}), the bound of {c.source}"
-            for c in self.conditions
-            if not c.holds
-        ]
+        unmet = [_warning(condition) for condition in self.conditions if not condition.holds]
         if self.spectral_radius >= 1:
             unmet.append(
-                f"the estimates diverge: their error grows by {self.spectral_radius:.6f} at each "
-                f"sampling time"
+                f"the estimates diverge: their error grows by a factor of "
+                f"{self.spectral_radius:.6f} at each sampling time"
             )
         return unmet
 
@@ -58,7 +54,7 @@ def check(scenario: Scenario) -> Check:
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum = spectrum_of(topology)
-    conditions = tuple(algorithm.conditions(spectrum, h))
+    conditions = (*algorithm.conditions(spectrum, h), *_gain_conditions(scenario))
     periods = [c.right for c in conditions if c.name == "sampling_period"]
     return Check(
         algorithm=choice.name,
@@ -68,4 +64,24 @@ def check(scenario: Scenario) -> Check:
         h_bound=min(periods, default=None),
         spanning_tree=not topology.unreached(),
         conditions=conditions,
+    )
+
+
+def _gain_conditions(scenario: Scenario) -> list[Condition]:
+    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
+    controllers = [scenario.controller, *(r.controller for r in scenario.robots if r.controller)]
+    conditions = []
+    for name in ("kp", "kd"):
+        gains = [gain(getattr(controller, name), scenario.m) for controller in controllers]
+        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
+        conditions.append(Condition(name, "positive definite", 0.0, smallest))
+    return conditions
+
+
+def _warning(condition: Condition) -> str:
+    if condition.source == "positive definite":
+        return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
+    return (
+        f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "
+        f"the bound of {condition.source}"
     )

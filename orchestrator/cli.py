@@ -7,24 +7,25 @@
 import json
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from datetime import datetime
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version as installed
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from bus.errors import CosimError, InputError
 from orchestrator import showing
 from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
+from orchestrator.places import place_for
+from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run as run_scenario
-from orchestrator.scenario import Scenario
+from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import clock_of
+from orchestrator.setting import bodies, clock_of, plants
 from orchestrator.summary import describe, lines, measure
 from plant_fmu.archive import find_archive
 from plant_fmu.building import write as write_fmu
@@ -34,24 +35,40 @@ from recordings.reading import Reader
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 EXIT = {"completed": DONE, "failed": FAILED, "interrupted": INTERRUPTED}
-DATA = Path("recordings/data")
 
 app = typer.Typer(
     name="nrs",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Co-simulate networked robots under sampled interaction.",
 )
 fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 app.add_typer(fmu, name="fmu")
 
-out = Console(soft_wrap=True, highlight=False)
-err = Console(soft_wrap=True, highlight=False, stderr=True)
+out = showing.Terminal(soft_wrap=True, highlight=False)
+err = showing.Terminal(soft_wrap=True, highlight=False, stderr=True)
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        out.print(f"nrs-cosim {installed('nrs-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def nrs(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Co-simulate networked robots under sampled interaction."""
 
 
 @app.command()
@@ -69,13 +86,12 @@ def run(
     file = read_scenario(scenario)
     for warning in check_scenario(file.scenario).warnings():
         _say("yellow", "warning", warning)
-    path = output or DATA / f"{file.name}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path.parent}: cannot be made: {error.strerror}") from None
     clock = clock_of(file.scenario)
-    with _signals() as stopped, showing.progress(err, clock) as show:
+    with (
+        place_for(output, file.name) as path,
+        _signals() as stopped,
+        showing.progress(err, clock) as show,
+    ):
 
         def watch(k: int) -> bool:
             show(seconds(clock.t(k)))
@@ -122,8 +138,12 @@ def export(
 
 @app.command()
 def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
-    """Say what the theory promises for a scenario."""
-    checked = check_scenario(read_scenario(scenario).scenario)
+    """Say what the theory promises for a scenario, and whether its plants can be opened."""
+    file = read_scenario(scenario)
+    checked = check_scenario(file.scenario)
+    with ExitStack() as stack:
+        groups = group_by_archive(plants(file.scenario), file.folder)
+        open_fleet(stack, groups, bodies(file.scenario))
     if as_json:
         _print_json(checked.as_json())
     else:
@@ -133,7 +153,7 @@ def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
 @app.command()
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    _print_json(Scenario.model_json_schema())
+    _print_json(json_schema())
 
 
 @fmu.command("list")
@@ -165,7 +185,11 @@ def fmu_build(
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
-    write_fmu(name, fmi, output)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_fmu(name, fmi, output)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written: {error.strerror}") from None
     out.print(str(output), markup=False)
 
 

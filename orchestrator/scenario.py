@@ -125,7 +125,9 @@ class Plant(Table):
 class Disturbance(Table):
     """tau_d, N m."""
 
-    axes: tuple[Axis, ...] = Field((), description="one for each of the m joints, or none")
+    axes: tuple[Axis, ...] = Field(
+        (), description="one for each of the m joints, or none; a bundled model takes 8 waves each"
+    )
 
 
 class Initial(Table):
@@ -178,3 +180,11 @@ class Scenario(Table):
     def m(self) -> int:
         """The number of joints of each robot: the target's axes."""
         return len(self.target.axes)
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of scenario files."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Scenario.model_json_schema(),
+    }

@@ -10,9 +10,25 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from bus.topology import Topology
+from estimator_agents.algorithm import algorithm_names
 from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario import FORMS, Disturbance, Scenario, Uniform
+from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, Uniform
+
+AXES = "numbers, one for each of target.axes"
+ELSEWHERE = {
+    "kp": "controller.kp",
+    "kd": "controller.kd",
+    "q": "initial.q",
+    "qd": "initial.qd",
+    "position_ref": "initial.position",
+    "velocity_ref": "initial.velocity",
+    **{
+        f"disturbance_{part}": "disturbance.axes"
+        for part in ("offset", "rate", "amplitude", "frequency", "phase")
+    },
+}
+"""Parameters of a plant that a scenario gives in tables of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +47,10 @@ def read_scenario(path: Path) -> ScenarioFile:
         text = path.read_text("utf-8")
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{path}: cannot be read: it is no text in UTF-8") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     return parse_scenario(text, path.stem, path.parent, str(path))
 
 
@@ -115,7 +133,13 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 def _faults(scenario: Scenario) -> Iterator[str]:
     """Yield what is wrong in shape or in the relation of one field to another."""
     n, m = scenario.n, scenario.m
+    if scenario.algorithm.name not in algorithm_names():
+        yield (
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
+            f"got {scenario.algorithm.name!r}"
+        )
     yield from _time_faults(scenario)
+    yield from _parameter_faults("plant", scenario.plant)
     yield from _network_faults(scenario)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
@@ -124,7 +148,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         if not isinstance(value, Uniform):
             yield from _length_fault(f"initial.{name}", value, n, "rows, one for each robot")
             for i, row in enumerate(value):
-                yield from _length_fault(f"initial.{name}[{i}]", row, m, "numbers")
+                yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
     seen: set[int] = set()
     for i, robot in enumerate(scenario.robots):
         here = f"robots[{i}]"
@@ -133,6 +157,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         if robot.id in seen:
             yield f"{here}.id: robot {robot.id} has been given before"
         seen.add(robot.id)
+        if robot.plant:
+            yield from _parameter_faults(f"{here}.plant", robot.plant)
         if robot.controller:
             yield from _gain_faults(f"{here}.controller", robot.controller, m)
         if robot.disturbance:
@@ -140,7 +166,13 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         for name, value in robot.initial:
             yield from _draw_faults(f"{here}.initial.{name}", value)
             if isinstance(value, tuple):
-                yield from _length_fault(f"{here}.initial.{name}", value, m, "numbers")
+                yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
+
+
+def _parameter_faults(where: str, plant: Plant) -> Iterator[str]:
+    for name in plant.parameters:
+        if name in ELSEWHERE:
+            yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"
 
 
 def _time_faults(scenario: Scenario) -> Iterator[str]:
@@ -190,15 +222,19 @@ def _network_faults(scenario: Scenario) -> Iterator[str]:
 def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
     for name, value in controller:
         if isinstance(value, tuple):
-            yield from _length_fault(f"{where}.{name}", value, m, "entries, as the target has axes")
+            yield from _length_fault(
+                f"{where}.{name}", value, m, "entries, one for each of target.axes"
+            )
             for i, row in enumerate(value):
                 if isinstance(row, tuple):
-                    yield from _length_fault(f"{where}.{name}[{i}]", row, m, "numbers")
+                    yield from _length_fault(f"{where}.{name}[{i}]", row, m, AXES)
 
 
 def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
     if disturbance.axes:
-        yield from _length_fault(f"{where}.axes", disturbance.axes, m, "axes, as the target has")
+        yield from _length_fault(
+            f"{where}.axes", disturbance.axes, m, "axes, one for each of target.axes"
+        )
 
 
 def _draw_faults(where: str, value: Any) -> Iterator[str]:

@@ -1,17 +1,30 @@
 """What a person sees in a terminal: the progress of a run, its summary, the theory's verdict."""
 
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import groupby
+from math import prod
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
+
+
+class Terminal(Console):
+    """A console whose reader may go away, as `head` does: the command ends as if it had not."""
+
+    def on_broken_pipe(self) -> None:
+        """Write to nowhere from here on."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class _SimulatedTime(ProgressColumn):
@@ -23,7 +36,8 @@ class _SimulatedTime(ProgressColumn):
 @contextmanager
 def progress(console: Console, clock: Clock) -> Iterator[Callable[[float], None]]:
     """Show simulated time, speed and time left while a run goes on, on a terminal only."""
-    columns = (BarColumn(), _SimulatedTime(), TimeRemainingColumn(compact=True))
+    left = (TimeRemainingColumn(compact=True), TextColumn("left"))
+    columns = (BarColumn(), _SimulatedTime(), *left)
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
@@ -40,14 +54,15 @@ def summary(console: Console, lines: Mapping[str, str]) -> None:
 def check(console: Console, checked: Check) -> None:
     """Show the theory's verdict on a scenario."""
     spectrum = ", ".join(_complex(*s) for s in checked.spectrum)
-    verdict = "converges" if checked.spectral_radius < 1 else "diverges"
+    settles = checked.spectral_radius < 1
+    verdict = "the estimates settle near the target" if settles else "the estimates diverge"
     summary(
         console,
         {
             "algorithm": checked.algorithm,
-            "digraph": "has a spanning tree rooted at the target (A2)",
-            "spectrum": f"of D: {spectrum}",
-            "radius": f"{checked.spectral_radius:.6f} a sampling time: the estimate {verdict}",
+            "network": "a path leads from the target to every robot (assumption A2)",
+            "spectrum": f"{spectrum} (of D, the normalised adjacency)",
+            "factor": f"{checked.spectral_radius:.6f} on the error per sampling time: {verdict}",
         },
     )
     table = Table(box=None, pad_edge=False)
@@ -64,15 +79,23 @@ def check(console: Console, checked: Check) -> None:
 
 
 def archive(console: Console, told: Mapping[str, Any]) -> None:
-    """Show what an FMU offers."""
-    summary(console, {name: str(value) for name, value in told.items() if name != "variables"})
-    table = Table(box=None, pad_edge=False)
-    for title in ("variable", "causality", "size", "unit", "start", "description"):
-        table.add_column(title)
-    for variable in told["variables"]:
-        table.add_row(*(escape(str(value)) for value in variable.values()))
-    console.print()
-    console.print(table)
+    """Show what an FMU offers; the scalars of a family such as `q[1]`, `q[2]` are one line."""
+    summary(
+        console,
+        {
+            "name": told["name"],
+            "about": told["description"],
+            "FMI": f"{told['fmi_version']}, {' and '.join(told['kinds'])}",
+            "sha256": told["sha256"],
+        },
+    )
+    title = f"{'variable':<24}{'causality':<13}{'numbers':>7}  {'unit':<10}"
+    console.print(f"\n[bold]{title}[/] about")
+    for stem, family in groupby(told["variables"], lambda v: v["name"].partition("[")[0]):
+        first, *rest = family
+        size = prod(first["shape"]) + sum(prod(v["shape"]) for v in rest)
+        line = f"{stem:<24}{first['causality']:<13}{size:>7}  {first['unit']:<10} "
+        console.print(escape(line + first["description"]))
 
 
 def _complex(real: float, imaginary: float) -> str:

@@ -1,7 +1,8 @@
 """A recording's tables as CSV: floats in their shortest form that reads back to the same bits.
 
 `samples.csv` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
-`states.csv` has a row a robot and output time. Both are sorted by time, then robot.
+`states.csv` has a row a robot and output time. Both are sorted by time, then robot. A table gets
+its name when it is whole.
 """
 
 import csv
@@ -37,7 +38,8 @@ def _write(
     m: int,
     tables: Iterable[NDArray[np.void]],
 ) -> Path:
-    with path.open("w", newline="", encoding="ascii") as file:
+    part = path.with_suffix(".part")
+    with part.open("w", newline="", encoding="ascii") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(scalars + [f"{name}_{i}" for name in vectors for i in range(1, m + 1)])
         for table in tables:
@@ -50,4 +52,4 @@ def _write(
             numbers = np.concatenate([table[name] for name in vectors], axis=1).tolist()
             heads = zip(*(columns[name] for name in scalars), strict=True)
             rows.writerows([*head, *row] for head, row in zip(heads, numbers, strict=True))
-    return path
+    return part.replace(path)

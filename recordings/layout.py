@@ -13,9 +13,8 @@ from mcap import records as mcap
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from recordings.container import CRC, END, FOOTER, LIMIT, RECORD, DamageError, demand
+from recordings.container import CRC, END, FOOTER, LIMIT, MAGIC, RECORD, DamageError, demand
 
 _CHUNK_INDEX = struct.Struct("<BQQQQQ")  # opcode, length, start, end (ns), offset, length of chunk
 _DATA_END = struct.Struct("<BQI")

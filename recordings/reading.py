@@ -17,11 +17,11 @@ from typing import Self, cast
 
 from mcap import records as mcap
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from recordings.chunk import opened, unpacked
 from recordings.container import (
     BEGIN,
+    MAGIC,
     PROFILE,
     Channel,
     DamageError,
@@ -61,9 +61,9 @@ class Reader:
     status: Status
     reason: str
     digest: str
-    """As recorded at the end; of an unfinished file, that of the messages in it."""
+    """That of the messages that are here."""
     ticks: int
-    """The highest sequence among the messages, which are here by whole ticks."""
+    """How many ticks after tick 0 are here; each is whole."""
     message_count: int
     damage: list[str]
     """What is missing or wrong, in words; empty when nothing is."""
@@ -219,15 +219,18 @@ class Reader:
             computed = self.end["digest"]
         else:
             computed = self._judge()
-        self.digest = self.end.get("digest", computed)
+        self.digest = computed
         self.status = cast(Status, self.end.get("status", "unfinished"))
         self.reason = self.end.get("reason", _UNFINISHED)
         if not self.end:
             return
         if self.message_count != int(self.end["messages"]):
-            self.damage.append(f"{self.message_count} of {self.end['messages']} messages are here")
-        elif computed != self.digest:
-            self.damage.append(f"the messages have the digest {computed}, not {self.digest}")
+            self.damage.append(
+                f"{self.message_count} of {self.end['messages']} messages are here; whole, the "
+                f"recording has the digest {self.end['digest']}"
+            )
+        elif computed != self.end["digest"]:
+            self.damage.append(f"the messages had the digest {self.end['digest']} when written")
         elif not layout.intact:
             self.damage.append("a checksum differs or is missing, yet every message is as written")
 
@@ -261,7 +264,7 @@ class Reader:
                 continue
             digest.update(messages)
             self.message_count += len(messages)
-            self.ticks = max([self.ticks, *(sequence for _, _, sequence, _ in messages)])
+            self.ticks += len({sequence for _, _, sequence, _ in messages} - {0})
             last = messages[-1][:2]
             self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
         return digest.hexdigest()

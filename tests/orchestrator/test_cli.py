@@ -157,7 +157,7 @@ def test_check_tells_in_json_what_the_contract_names():
 def test_check_outside_the_bound_says_so():
     told = nrs("check", SCENARIOS / "paper_example_1c.toml")
     assert told.returncode == 0
-    assert "diverges" in told.stdout
+    assert "the estimates diverge" in told.stdout
     assert "1.171573" in told.stdout
     assert "fails" in told.stdout
 
@@ -225,6 +225,59 @@ def test_a_recording_that_cannot_be_made_exits_2(tmp_path):
     done = nrs("run", PAPER, "-o", tmp_path)
     assert done.returncode == 2
     assert str(tmp_path) in done.stderr
+
+
+def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
+    scenario = tmp_path / "s.toml"
+    text = PAPER.read_text("utf-8").replace(*SHORT)
+    scenario.write_text(text, "utf-8")
+    done = nrs("run", scenario, "-o", scenario)
+    assert done.returncode == 2
+    assert "exists and is no recording" in done.stderr
+    assert scenario.read_text("utf-8") == text
+    assert nrs("run", scenario, "-o", "/dev/null").returncode == 2
+    for _ in range(2):
+        assert nrs("run", scenario, "-o", tmp_path / "s.mcap").returncode == 0
+
+
+def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
+    (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
+    together = [
+        subprocess.Popen([NRS, "run", "s.toml"], cwd=tmp_path, stdout=subprocess.DEVNULL)
+        for _ in range(3)
+    ]
+    assert [process.wait(120) for process in together] == [0, 0, 0]
+    files = list((tmp_path / "recordings" / "data").iterdir())
+    assert len(files) == 3
+    assert all(json.loads(nrs("info", f, "--json").stdout)["ticks"] == 10 for f in files)
+
+
+def test_a_run_that_never_began_leaves_no_file(tmp_path):
+    text = PAPER.read_text("utf-8").replace("two_link_arm", "no_such_arm")
+    (tmp_path / "s.toml").write_text(text, "utf-8")
+    assert nrs("run", "s.toml", cwd=tmp_path).returncode == 2
+    assert list((tmp_path / "recordings" / "data").iterdir()) == []
+
+
+def test_a_reader_that_goes_away_is_no_failure():
+    process = subprocess.Popen([NRS, "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    assert process.wait(60) == 0
+    process.stderr.close()
+
+
+def test_check_finds_what_the_run_would(tmp_path):
+    text = PAPER.read_text("utf-8")
+    for change, message in (
+        (("two_link_arm", "two_link_am"), "did you mean two_link_arm?"),
+        (("kp = 200.0", "kp = [[1.0, 3.0], [3.0, 1.0]]"), None),
+    ):
+        (tmp_path / "s.toml").write_text(text.replace(*change), "utf-8")
+        done = nrs("check", tmp_path / "s.toml")
+        assert done.returncode == (2 if message else 0)
+        assert message is None or message in done.stderr
+    assert re.search(r"kp +0 +-2.000000 +-2.000000 +fails", done.stdout)
 
 
 def test_schema_is_json():

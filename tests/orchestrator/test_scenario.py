@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.clock import Clock, nanoseconds
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario import Scenario, Uniform
+from orchestrator.scenario import Uniform, json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies, draw, gain, initial_estimates, target_of
 from tests.orchestrator.arms import target
@@ -64,15 +64,15 @@ BAD = {
     ),
     "gains for three joints": (
         ("kp = 200.0", "kp = [1, 2, 3]"),
-        "controller.kp: expected 2 entries, as the target has axes, got 3",
+        "controller.kp: expected 2 entries, one for each of target.axes, got 3",
     ),
     "ragged gain": (
         ("kp = 200.0", "kp = [[1, 2], [3]]"),
-        "controller.kp[1]: expected 2 numbers, got 1",
+        "controller.kp[1]: expected 2 numbers, one for each of target.axes, got 1",
     ),
     "disturbance on one axis": (
         ("  { sines = [{ amplitude = 2.0, frequency = 1.0 }] }, ", "# "),
-        "disturbance.axes: expected 2 axes, as the target has, got 1",
+        "disturbance.axes: expected 2 axes, one for each of target.axes, got 1",
     ),
     "initial rows": (
         ("q = { uniform = [-25.0, 25.0] }", "q = [[1, 2]]"),
@@ -96,7 +96,15 @@ BAD = {
     ),
     "one robot's initial state": (
         ("# [[robots]]", "[[robots]]\nid = 3\ninitial.q = [1, 2, 3]\n#"),
-        "robots[0].initial.q: expected 2 numbers, got 3",
+        "robots[0].initial.q: expected 2 numbers, one for each of target.axes, got 3",
+    ),
+    "parameter that has a table": (
+        ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { kp = 7.0 }\n#"),
+        "plant.parameters.kp: give it as controller.kp instead",
+    ),
+    "unknown algorithm": (
+        ('name = "dcea1"', 'name = "dcea3"'),
+        "algorithm.name: expected one of dcea1, dcea2, got 'dcea3'",
     ),
     "TOML": (("[run]", "[run"), "paper.toml: not valid TOML: Expected ']'"),
 }
@@ -160,7 +168,7 @@ def test_the_nine_cases_of_the_paper_differ_in_their_gains_and_period_only(case,
 
 
 def test_the_schema_knows_every_key():
-    schema = json.dumps(Scenario.model_json_schema())
+    schema = json.dumps(json_schema())
     for key in ("sampling_period", "adjacency", "pinning", "uniform", "robots", "cosines", "kp"):
         assert f'"{key}"' in schema
 

@@ -456,7 +456,7 @@ def test_no_flipped_bit_makes_a_wrong_message_or_goes_unnoticed(
             assert (reader.metadata, reader.attachments) == (METADATA, ATTACHMENTS)
             assert found == made or reader.damage
             assert reader.damage or ending is killed
-            assert reader.status == "unfinished" or reader.digest == naive_digest(made)
+            assert reader.digest == naive_digest(found)
             kept += len(found) > len(made) // 2
     assert kept > 200
 
@@ -469,8 +469,14 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     with Reader(path) as reader:
         assert [*reader.messages()] == in_order([made[0], *made[2:]])
         assert "its checksum differs" in reader.damage[0]
-        assert reader.damage[1:] == ["30 of 40 messages are here"]
-        assert (reader.status, reader.digest) == ("completed", naive_digest(in_order(made)))
+        (missing,) = reader.damage[1:]
+        assert missing.startswith("30 of 40 messages are here")
+        assert naive_digest(in_order(made)) in missing
+        here = naive_digest(in_order([made[0], *made[2:]]))
+        assert (reader.status, reader.digest) == ("completed", here)
+        assert reader.ticks == len(
+            {k for tick in (made[0], *made[2:]) for _, _, k, _ in tick} - {0}
+        )
 
 
 def test_a_file_that_changes_while_it_is_open_is_not_believed(tmp_path: Path) -> None:

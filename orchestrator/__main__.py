@@ -1,0 +1,15 @@
+"""The command's entry: an interrupt while the modules load is an interrupt, not a traceback."""
+
+
+def main() -> None:
+    """Run `nrs`."""
+    try:
+        from orchestrator.cli import main as run  # noqa: PLC0415
+
+        run()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

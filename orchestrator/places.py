@@ -1,0 +1,58 @@
+"""A recording never destroys another file by accident, and a run that never began leaves none."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from itertools import chain, count
+from pathlib import Path
+
+from bus.errors import InputError
+from recordings.container import MAGIC
+
+DATA = Path("recordings/data")
+
+
+@contextmanager
+def place_for(output: Path | None, name: str) -> Iterator[Path]:
+    """Yield where a recording goes: an output path, or a new name in `recordings/data`.
+
+    Only a recording, or an empty file, is replaced; `InputError` else. A new name is taken at
+    once, so that runs that begin together do not share it, and given back if nothing was written.
+    """
+    folder = DATA if output is None else output.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = _new(name) if output is None else output
+        if output is not None and output.exists():
+            _expect_replaceable(output)
+    except OSError as error:
+        raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
+    try:
+        yield path
+    finally:
+        if output is None and path.exists() and path.stat().st_size == 0:
+            path.unlink()
+
+
+def _new(name: str) -> Path:
+    stem = f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    names = chain([f"{stem}.mcap"], (f"{stem}-{number}.mcap" for number in count(2)))
+    return next(path for path in map(DATA.joinpath, names) if _taken(path))
+
+
+def _taken(path: Path) -> bool:
+    """Take a name, unless somebody has it."""
+    try:
+        path.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+def _expect_replaceable(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: is no regular file; give another name for the recording")
+    with path.open("rb") as file:
+        begin = file.read(len(MAGIC))
+    if begin not in (b"", MAGIC):
+        raise InputError(f"{path}: exists and is no recording; give another name")
