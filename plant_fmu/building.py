@@ -1,4 +1,4 @@
-"""A bundled model becomes an FMU: the same sources, flags and platform, the same bytes.
+"""A model becomes an FMU: the same sources, flags and platform, the same bytes.
 
 The archive holds the binary of this platform and all sources, and is kept in the user's
 cache under a name that is keyed by what decides its bytes, the compiler excepted.
@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryDirectory
@@ -46,21 +47,38 @@ def build(name: str, fmi: int = 3) -> Path:
     """
     if name not in bundled_models():
         raise FmuError(_unknown(name))
+    return build_model(
+        declaration(name), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
+    )
+
+
+def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3) -> Path:
+    """The FMU of any model: its declaration, and C files that define what robot.h declares.
+
+    Where it is kept, and what can be wrong, is as for `build`.
+    """
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
-    model = declaration(name)
-    files = _files(model, fmi)
-    path = cache_folder() / f"{name}-fmi{fmi}-{_key(files)}.fmu"
+    files = _files(model, equations, fmi)
+    path = cache_folder() / f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
     if not path.exists():
         sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
-        archive = {**files, _binary_name(name, fmi): _compile(name, sources)}
+        archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
         _replace(path, archive)
     return path
 
 
 def write(name: str, fmi: int, destination: Path) -> None:
     """Copies the FMU that `build` gives to the file `destination`."""
-    shutil.copyfile(build(name, fmi), destination)
+    copy_out(build(name, fmi), destination)
+
+
+def copy_out(built: Path, destination: Path) -> None:
+    """Copies a built FMU to where the user wants it; `FmuError` when it cannot be there."""
+    try:
+        shutil.copyfile(built, destination)
+    except OSError as error:
+        raise FmuError(f"{destination}: cannot be written: {error.strerror}") from error
 
 
 def cache_folder() -> Path:
@@ -83,23 +101,24 @@ def _unknown(name: str) -> str:
     return f"no bundled model {name!r}; {hint}there are {', '.join(known)}"
 
 
-def _files(model: Declaration, fmi: int) -> dict[str, bytes]:
+def _files(model: Declaration, equations: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
     """All of the archive but its binary. The token is a digest of these files without it."""
-    anonymous = _files_with_token(model, fmi, "")
+    anonymous = _files_with_token(model, equations, fmi, "")
     token = str(uuid5(NAMESPACE_OID, _digest(anonymous)))
-    return _files_with_token(model, fmi, token)
+    return _files_with_token(model, equations, fmi, token)
 
 
-def _files_with_token(model: Declaration, fmi: int, token: str) -> dict[str, bytes]:
+def _files_with_token(
+    model: Declaration, equations: Mapping[str, bytes], fmi: int, token: str
+) -> dict[str, bytes]:
     vendor = Path(fmpy.__file__).parent / "c-code"
     headers = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
     other = f"fmi{5 - fmi}.c"
     paths = [
         *(path for path in MODELS.glob("*.[ch]") if path.name != other),
-        MODELS / model.name / "model.c",
         *(vendor / header for header in headers),
     ]
-    sources = {path.name: path.read_bytes() for path in paths}
+    sources = {**{path.name: path.read_bytes() for path in paths}, **equations}
     sources["variables.h"] = c_header(model, token).encode()
     sources["variables.c"] = c_tables(model).encode()
     units = sorted(name for name in sources if name.endswith(".c"))

@@ -8,6 +8,7 @@ In C the same numbers are the struct `Values`, whose fields are the variables.
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -85,9 +86,13 @@ def bundled_models() -> tuple[str, ...]:
 
 
 def declaration(name: str) -> Declaration:
-    """The declaration of the bundled model `name`: what all robots share, and its own."""
+    """The declaration of the bundled model `name`."""
+    return declare(name, tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8")))
+
+
+def declare(name: str, own: Mapping[str, Any]) -> Declaration:
+    """The declaration of a robot: what all robots share, and its `own` tables, as in model.toml."""
     shared = tomllib.loads((MODELS / "robot.toml").read_text(encoding="utf-8"))
-    own = tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8"))
     dimensions = {**shared["dimensions"], **own["dimensions"]}
     tables = {**shared["variables"], **own["variables"]}
     variables: list[Variable] = []
@@ -111,13 +116,20 @@ def _variable(
         name=name,
         kind=table["kind"],
         shape=tuple(dimensions[length] for length in table.get("shape", ())),
-        unit=table["unit"].format(**units) if "unit" in table else None,
+        unit=_unit(table.get("unit"), units),
         start=float(table.get("start", 0.0)) if has_start else None,
         derivative_of=table.get("of"),
         equals=table.get("equals"),
         description=table["description"],
         value_reference=reference,
     )
+
+
+def _unit(template: str | None, units: dict[str, str]) -> str | None:
+    """None for a pure number, and for what has the axes' unit where the axes have not one."""
+    if template is None or ("{" in template and not units):
+        return None
+    return template.format(**units)
 
 
 def c_header(model: Declaration, token: str) -> str:
