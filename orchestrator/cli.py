@@ -9,6 +9,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version as installed
+from math import isfinite, nan
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
@@ -30,6 +31,8 @@ from orchestrator.summary import describe, lines, measure
 from plant_fmu.archive import find_archive
 from plant_fmu.building import write as write_fmu
 from plant_fmu.declaration import bundled_models, declaration
+from plant_fmu.urdf import read_urdf
+from plant_fmu.urdf_fmu import GRAVITY, write_urdf
 from recordings.export import export_csv
 from recordings.reading import Reader
 
@@ -193,6 +196,25 @@ def fmu_build(
     out.print(str(output), markup=False)
 
 
+@fmu.command("from-urdf")
+def fmu_from_urdf(
+    urdf: Annotated[Path, typer.Argument(metavar="URDF", help="A robot with a fixed base.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+    gravity: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="In m/s2, in the frame of the base link.")
+    ] = ",".join(map("{:g}".format, GRAVITY)),
+) -> None:
+    """Write the rigid-body dynamics of a URDF's joints as an FMU."""
+    robot = read_urdf(urdf)
+    for warning in robot.warnings():
+        _say("yellow", "warning", f"{urdf}: {warning}")
+    write_urdf(robot, fmi, _three_numbers("--gravity", gravity), output)
+    out.print(str(output), markup=False)
+
+
 def main() -> None:
     """Run the command line and exit with its status."""
     try:
@@ -218,6 +240,16 @@ def _signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        x = y = z = nan
+    if not isfinite(x + y + z):
+        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {text!r}")
+    return x, y, z
 
 
 def _say(colour: str, kind: str, text: str) -> None:

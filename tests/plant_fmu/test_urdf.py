@@ -1,0 +1,599 @@
+"""FMUs from URDF files against Newton and Euler, written once more in numpy in world axes."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy import fmi2, fmi3
+from fmpy.validation import validate_fmu
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario
+from orchestrator.summary import measure
+from plant_fmu.archive import open_archive
+from plant_fmu.errors import FmuError
+from plant_fmu.opening import open_plants
+from plant_fmu.plants import Body, Disturbance
+from plant_fmu.urdf import read_urdf
+from plant_fmu.urdf_fmu import GRAVITY, build_urdf
+from recordings.reading import Reader
+
+Array = NDArray[np.float64]
+ROBOTS = Path(__file__).with_name("robots")
+IIWA = ROBOTS / "lbr_iiwa_14.urdf"
+ARM = ROBOTS / "two_link_arm.urdf"
+GANTRY = ROBOTS / "gantry.urdf"
+VERSIONS = (2, 3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    pytest.importorskip("plant_fmu.rigid_body", reason="needs the packages of the extra urdf")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NRS_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+# The equations again
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A frame in the world: rotation, origin, angular velocity and rate, acceleration of origin."""
+
+    R: Array
+    p: Array
+    w: Array
+    wd: Array
+    a: Array
+
+
+class Oracle:
+    """Newton and Euler for each link of a URDF; joint forces by virtual power."""
+
+    def __init__(self, path: Path) -> None:
+        root = ElementTree.parse(path).getroot()
+        self.joints = root.findall("joint")
+        self.axes = [j.get("name") for j in self.joints if j.get("type") != "fixed"]
+        self.links = {link.get("name"): link for link in root.findall("link")}
+        self.damping = np.array(
+            [
+                0.0 if (d := j.find("dynamics")) is None else float(d.get("damping", "0"))
+                for j in self.joints
+                if j.get("type") != "fixed"
+            ]
+        )
+
+    def force(self, q: Array, qd: Array, qdd: Array, gravity: Sequence[float] = GRAVITY) -> Array:
+        """The joint forces without damping that give qdd: recursive Newton-Euler."""
+        frames = self._frames(q, qd, qdd, gravity)
+        force = np.zeros(len(self.axes))
+        for link in self.links:
+            moved = frames[link]
+            mass, c, inertia = self._inertial(link, moved.R)
+            if mass == 0.0:
+                continue
+            f = mass * (moved.a + cross(moved.wd, c) + cross(moved.w, cross(moved.w, c)))
+            n = inertia @ moved.wd + cross(moved.w, inertia @ moved.w)
+            for joint in self._towards_the_base(link):
+                if joint.get("type") == "fixed":
+                    continue
+                at = frames[joint.find("child").get("link")]
+                z = at.R @ unit(joint.find("axis").get("xyz"))
+                slides = joint.get("type") == "prismatic"
+                i = self.axes.index(joint.get("name"))
+                force[i] += z @ (f if slides else n + cross(moved.p + c - at.p, f))
+        return force
+
+    def mass_matrix(self, q: Array) -> Array:
+        zero = np.zeros(len(q))
+        return np.column_stack([self.force(q, zero, e, (0, 0, 0)) for e in np.eye(len(q))])
+
+    def acceleration(self, q: Array, qd: Array, tau: Array, gravity: Any = GRAVITY) -> Array:
+        bias = self.force(q, qd, np.zeros(len(q)), gravity)
+        return np.linalg.solve(self.mass_matrix(q), tau - self.damping * qd - bias)
+
+    def energy(self, q: Array, qd: Array) -> float:
+        zero = np.zeros(len(q))
+        frames = self._frames(q, zero, zero, (0, 0, 0))
+        potential = 0.0
+        for link in self.links:
+            mass, c, _ = self._inertial(link, frames[link].R)
+            potential -= mass * np.array(GRAVITY) @ (frames[link].p + c)
+        return float(qd @ self.mass_matrix(q) @ qd / 2 + potential)
+
+    def _towards_the_base(self, link: str | None) -> Iterator[Any]:
+        while joint := next((j for j in self.joints if j.find("child").get("link") == link), None):
+            yield joint
+            link = joint.find("parent").get("link")
+
+    def _frames(self, q: Array, qd: Array, qdd: Array, gravity: Any) -> dict[Any, Moved]:
+        still = Moved(np.eye(3), *np.zeros((3, 3)), -np.array(gravity, float))
+
+        @cache
+        def frame(link: str) -> Moved:
+            joint = next(self._towards_the_base(link), None)
+            if joint is None:
+                return still
+            up = frame(joint.find("parent").get("link"))
+            R0, p0 = pose(joint.find("origin"))
+            R, r = up.R @ R0, up.R @ p0
+            turn, slide, w, wd, extra = np.eye(3), np.zeros(3), up.w, up.wd, np.zeros(3)
+            if joint.get("type") != "fixed":
+                i, axis = self.axes.index(joint.get("name")), unit(joint.find("axis").get("xyz"))
+                z = R @ axis
+                if joint.get("type") == "prismatic":
+                    slide = q[i] * z
+                    extra = 2 * cross(up.w, z * qd[i]) + z * qdd[i]
+                else:
+                    turn = Rotation.from_rotvec(q[i] * axis).as_matrix()
+                    w = up.w + z * qd[i]
+                    wd = up.wd + cross(up.w, z * qd[i]) + z * qdd[i]
+            r = r + slide
+            a = up.a + cross(up.wd, r) + cross(up.w, cross(up.w, r)) + extra
+            return Moved(R @ turn, up.p + r, w, wd, a)
+
+        return {link: frame(link) for link in self.links}
+
+    def _inertial(self, link: Any, R: Array) -> tuple[float, Array, Array]:
+        inertial = self.links[link].find("inertial")
+        if inertial is None:
+            return 0.0, np.zeros(3), np.zeros((3, 3))
+        i = {key: float(value) for key, value in inertial.find("inertia").items()}
+        about = np.array(
+            [
+                [i["ixx"], i["ixy"], i["ixz"]],
+                [i["ixy"], i["iyy"], i["iyz"]],
+                [i["ixz"], i["iyz"], i["izz"]],
+            ]
+        )
+        R0, c = pose(inertial.find("origin"))
+        return (
+            float(inertial.find("mass").get("value")),
+            R @ c,
+            R @ R0 @ about @ R0.T @ R.T,
+        )
+
+
+def cross(a: Array, b: Array) -> Array:
+    return np.cross(a, b)
+
+
+def numbers(text: str) -> Array:
+    return np.array(text.split(), float)
+
+
+def unit(text: str) -> Array:
+    return numbers(text) / np.linalg.norm(numbers(text))
+
+
+def pose(origin: Any) -> tuple[Array, Array]:
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    roll, pitch, yaw = numbers(origin.get("rpy", "0 0 0"))
+    turns = Rotation.from_rotvec([[0, 0, yaw], [0, pitch, 0], [roll, 0, 0]]).as_matrix()
+    return turns[0] @ turns[1] @ turns[2], numbers(origin.get("xyz", "0 0 0"))
+
+
+# The FMU as equations
+
+
+class Equations:
+    """der(qd) of an FMU for Model Exchange."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        fmpy.extract(path, unzipdir=folder)
+        description = fmpy.read_model_description(folder)
+        self.fmi = 2 if description.fmiVersion == "2.0" else 3
+        self.references = {v.name: v.valueReference for v in description.modelVariables}
+        arguments: dict[str, Any] = {
+            "guid": description.guid or description.instantiationToken,
+            "unzipDirectory": str(folder),
+            "modelIdentifier": description.modelExchange.modelIdentifier,
+            "instanceName": "robot",
+        }
+        self.fmu = (fmi2.FMU2Model if self.fmi == 2 else fmi3.FMU3Model)(**arguments)
+        self.fmu.instantiate()
+        if self.fmi == 2:
+            self.fmu.setupExperiment()
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.fmu.enterContinuousTimeMode()
+
+    def acceleration(self, q: Array, qd: Array, tau: Array) -> Array:
+        m = len(q)
+        if self.fmi == 2:
+            self.fmu.setReal([self.references[f"tau[{i + 1}]"] for i in range(m)], tau.tolist())
+            derivatives = self.fmu.getDerivatives
+        else:
+            self.fmu.setFloat64([self.references["tau"]], tau.tolist())
+            derivatives = self.fmu.getContinuousStateDerivatives
+        x, dx = np.concatenate([q, qd]), np.zeros(2 * m)
+        pointer = fmi2.POINTER(fmi2.fmi2Real)
+        self.fmu.setContinuousStates(x.ctypes.data_as(pointer), 2 * m)
+        derivatives(dx.ctypes.data_as(pointer), 2 * m)
+        assert np.array_equal(dx[:m], qd)
+        return dx[m:]
+
+
+Open = Callable[..., Equations]
+
+
+@pytest.fixture
+def equations(tmp_path: Path) -> Iterator[Open]:
+    with ExitStack() as stack:
+
+        def opened(path: Path, fmi: int = 3, gravity: Any = GRAVITY) -> Equations:
+            folder = tmp_path / f"{path.stem}{fmi}"
+            opened = Equations(build_urdf(read_urdf(path), fmi, gravity), folder)
+            stack.callback(opened.fmu.freeInstance)
+            return opened
+
+        yield opened
+
+
+def states(m: int, n: int) -> Iterator[tuple[Array, Array, Array]]:
+    random = np.random.default_rng(14)
+    for _ in range(n):
+        yield random.uniform(-3, 3, m), random.uniform(-2, 2, m), random.uniform(-50, 50, m)
+
+
+# The dynamics
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+@pytest.mark.parametrize("path", [ARM, IIWA, GANTRY], ids=lambda path: path.stem)
+def test_accelerations_are_those_of_newton_and_euler(equations: Open, path: Path, fmi: int) -> None:
+    oracle, fmu = Oracle(path), equations(path, fmi)
+    for q, qd, tau in states(len(oracle.axes), 20):
+        wanted = oracle.acceleration(q, qd, tau)
+        error = np.abs(fmu.acceleration(q, qd, tau) - wanted).max()
+        assert error <= 1e-11 * np.abs(wanted).max()
+
+
+def test_the_arm_of_two_links_in_closed_form(equations: Open) -> None:
+    m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.80665
+    fmu = equations(ARM)
+    for q, qd, tau in states(2, 20):
+        c2, s2 = np.cos(q[1]), np.sin(q[1])
+        M12 = m2 * r2**2 + m2 * r1 * r2 * c2 + J2
+        M11 = (m1 + m2) * r1**2 + J1 + m2 * r1 * r2 * c2 + M12
+        M = np.array([[M11, M12], [M12, m2 * r2**2 + J2]])
+        b = m2 * r1 * r2 * s2
+        C = np.array([[-b * qd[1], -b * (qd[0] + qd[1])], [b * qd[0], 0.0]])
+        G2 = m2 * g * r2 * np.cos(q[0] + q[1])
+        G = np.array([(m1 + m2) * g * r1 * np.cos(q[0]) + G2, G2])
+        wanted = np.linalg.solve(M, tau - C @ qd - G)
+        np.testing.assert_allclose(fmu.acceleration(q, qd, tau), wanted, rtol=1e-12, atol=1e-12)
+
+
+def test_mass_gravity_and_bias_of_a_published_arm(equations: Open) -> None:
+    """M from the responses to unit torques, G and h from those to none."""
+    oracle, fmu = Oracle(IIWA), equations(IIWA)
+    zero = np.zeros(7)
+    for q, qd, _ in states(7, 10):
+        M = oracle.mass_matrix(q)
+        free = fmu.acceleration(q, zero, zero)
+        responses = np.column_stack([fmu.acceleration(q, zero, e) - free for e in np.eye(7)])
+        np.testing.assert_allclose(M @ responses, np.eye(7), atol=1e-9)
+        np.testing.assert_allclose(responses, responses.T, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(-M @ free, oracle.force(q, zero, zero), atol=1e-9)
+        bias = oracle.force(q, qd, zero) + 0.5 * qd
+        np.testing.assert_allclose(-M @ fmu.acceleration(q, qd, zero), bias, atol=1e-9)
+
+
+def test_gravity_is_what_was_asked_for(equations: Open) -> None:
+    oracle, gravity = Oracle(ARM), (1.5, 0.3, -2.0)
+    fmu = equations(ARM, gravity=gravity)
+    for q, qd, tau in states(2, 5):
+        wanted = oracle.acceleration(q, qd, tau, gravity)
+        np.testing.assert_allclose(fmu.acceleration(q, qd, tau), wanted, rtol=1e-12)
+
+
+def passive(q: Array, qd: Array) -> Body:
+    m, zero = len(q), np.zeros(len(q))
+    none = Disturbance(zero, zero, *np.zeros((3, m, 0)))
+    return Body(1, {}, np.zeros((m, m)), np.zeros((m, m)), none, q, qd, zero, zero)
+
+
+def test_without_torque_and_damping_energy_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "undamped.urdf"
+    path.write_text(IIWA.read_text("utf-8").replace('damping="0.5"', ""), "utf-8")
+    oracle = Oracle(path)
+    q, qd, _ = next(states(7, 1))
+    with ExitStack() as stack:
+        archive = open_archive(build_urdf(read_urdf(path)))
+        plants = open_plants(stack, archive, [passive(q, qd)], {})
+        energies = [oracle.energy(q, qd)]
+        for k in range(20):
+            plants.advance(k * 0.05, 0.05)
+            energies.append(oracle.energy(plants.q[0], plants.qd[0]))
+    assert not np.allclose(plants.q[0], q, atol=0.1)
+    assert np.ptp(energies) < 1e-6 * np.ptp([oracle.energy(q, 0 * qd), *energies])
+
+
+# The archive
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_fmpy_finds_no_fault(fmi: int) -> None:
+    path = build_urdf(read_urdf(GANTRY), fmi)
+    assert validate_fmu(str(path)) == []
+    description = fmpy.read_model_description(path)
+    assert description.modelName == "robot_3_armed_gantry"
+    assert "joint limits and dry friction are left out" in description.description
+    q = next(v for v in description.modelVariables if v.name in {"q", "q[1]"})
+    assert q.description == "position (right wrist, left slide, bridge, left pivot)"
+    assert q.unit is None
+    units = {v.name: v.unit for v in description.modelVariables}
+    assert units["time"] == "s"
+
+
+def test_units_follow_the_joints() -> None:
+    description = fmpy.read_model_description(build_urdf(read_urdf(IIWA)))
+    units = {v.name: v.unit for v in description.modelVariables}
+    assert (units["q"], units["tau"], units["kd"]) == ("rad", "N.m", "N.m.s/rad")
+
+
+def test_a_rebuild_is_the_same_bytes(tmp_path: Path) -> None:
+    program = (
+        "import sys; from pathlib import Path; from plant_fmu.urdf import read_urdf; "
+        "from plant_fmu.urdf_fmu import build_urdf; print(build_urdf(read_urdf(Path(sys.argv[1]))))"
+    )
+    built = []
+    for seed in ("1", "2"):
+        done = subprocess.run(
+            [sys.executable, "-c", program, str(GANTRY)],
+            env={**os.environ, "NRS_CACHE": str(tmp_path / seed), "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        built.append(Path(done.stdout.strip()))
+    assert built[0].name == built[1].name
+    assert built[0].read_bytes() == built[1].read_bytes()
+    with zipfile.ZipFile(built[0]) as archive:
+        assert b"forward_dynamics" in archive.read("sources/dynamics.c")
+        assert not any(str(tmp_path).encode() in archive.read(name) for name in archive.namelist())
+
+
+# The arm among others
+
+SCENARIO = """
+[run]
+duration = 12.0
+sampling_period = 0.1
+output_step = 0.05
+seed = 1
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 1.1
+[controller]
+kp = [6000, 12000, 4000, 6000, 1000, 1000, 200]
+kd = [600, 1200, 300, 400, 50, 30, 3]
+[network]
+adjacency = [[0, 1, 0], [0, 0, 0], [1, 0, 0]]
+pinning = [0, 1, 0]
+[target]
+kind = "harmonic"
+axes = [
+  { sines = [{ amplitude = 0.5, frequency = 0.4 }] },
+  { offset = 0.5, sines = [{ amplitude = 0.2, frequency = 0.5 }] },
+  { cosines = [{ amplitude = 0.3, frequency = 0.3 }] },
+  { offset = -1.2, sines = [{ amplitude = 0.3, frequency = 0.4 }] },
+  { sines = [{ amplitude = 0.4, frequency = 0.6 }] },
+  { offset = 0.8 },
+  { rate = 0.1 },
+]
+[plant]
+fmu = "arm.fmu"
+[initial]
+position = { uniform = [-0.5, 0.5] }
+velocity = { uniform = [-0.1, 0.1] }
+q = { uniform = [-0.5, 0.5] }
+qd = { uniform = [-0.1, 0.1] }
+"""
+
+
+def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
+    """The gains hold the arm against gravity to some hundredths of a radian: |e| <= |G| / kp."""
+    (tmp_path / "arm.fmu").write_bytes(build_urdf(read_urdf(IIWA)).read_bytes())
+    outcome = run(parse_scenario(SCENARIO, "arms", tmp_path, "arms.toml"), tmp_path / "run.mcap")
+    assert (outcome.status, outcome.ticks) == ("completed", 120)
+    with Reader(outcome.path) as reader:
+        measured = measure(reader)
+    assert measured.position_estimate < 0.01
+    assert measured.position_tracking < 0.02
+
+
+# What is refused
+
+
+BODY = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+JOINT = (
+    '<joint name="j" type="revolute"><parent link="base"/><child link="arm"/>'
+    '<axis xyz="0 0 1"/></joint>'
+)
+FIXED = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
+
+
+def robot(links: str = "", joints: str = JOINT) -> str:
+    arm = f'<link name="base"/><link name="arm"><inertial>{BODY}</inertial></link>'
+    return f'<robot name="r">{arm}{links}{joints}</robot>'
+
+
+ONE = robot()
+NO_INERTIA = (
+    "joint 'j': link 'arm' and what is fixed to it have no inertia about its axis; give link 'arm' "
+    "an <inertial> with a positive mass and inertia"
+)
+
+WRONG = {
+    "not XML": ("robot: arm", "is no XML: syntax error: line 1, column 0"),
+    "another format": ("<sdf/>", "has no <robot>: its root is <sdf>"),
+    "xacro": (
+        ONE.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"').replace(
+            "</robot>", "<xacro:arm/></robot>"
+        ),
+        "is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf",
+    ),
+    "no name": (ONE.replace(' name="r"', ""), "a <robot> has no name; give it one"),
+    "a name that ends a comment": (
+        ONE.replace('"j"', '"j*/"'),
+        "joint 'j*/': a name is made of printable characters other than *",
+    ),
+    "two of a name": (
+        ONE.replace('"base"', '"arm"'),
+        "has two links named 'arm'; give one of them another name",
+    ),
+    "a planar joint": (
+        ONE.replace("revolute", "planar"),
+        "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'planar'",
+    ),
+    "a floating joint": (
+        ONE.replace("revolute", "floating"),
+        "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'floating'",
+    ),
+    "mimic": (
+        ONE.replace("<axis", '<mimic joint="k"/><axis'),
+        "joint 'j': <mimic> is not supported; remove it, or make the joint fixed",
+    ),
+    "no axis": (
+        ONE.replace('<axis xyz="0 0 1"/>', ""),
+        "joint 'j': has no <axis>; the default of URDF is <axis xyz=\"1 0 0\"/>",
+    ),
+    "an axis of no direction": (
+        ONE.replace("0 0 1", "0 0 0"),
+        "joint 'j': <axis> xyz: expected a direction, got 0 0 0",
+    ),
+    "half an axis": (
+        ONE.replace("0 0 1", "0 1"),
+        "joint 'j': <axis> xyz: expected 3 numbers, got '0 1'",
+    ),
+    "an unknown link": (
+        ONE.replace('child link="arm"', 'child link="leg"'),
+        "joint 'j': <child>: there is no link 'leg'",
+    ),
+    "negative damping": (
+        ONE.replace("<axis", '<dynamics damping="-1"/><axis'),
+        "joint 'j': <dynamics> damping: expected 0 or more, got -1",
+    ),
+    "no moving joint": (
+        robot(joints=FIXED.format("j", "base", "arm")),
+        "has no moving joint; expected a revolute, continuous or prismatic one",
+    ),
+    "two ways to a link": (
+        ONE.replace("</robot>", FIXED.format("k", "base", "arm") + "</robot>"),
+        "link 'arm': joints 'j' and 'k' both lead to it: a closed loop; "
+        "expected an open chain or tree",
+    ),
+    "a loop apart": (
+        robot(
+            links='<link name="a"/><link name="b"/>',
+            joints=JOINT + FIXED.format("k", "a", "b") + FIXED.format("l", "b", "a"),
+        ),
+        "links 'a', 'b': their joints are a closed loop; expected an open chain or tree",
+    ),
+    "two bases": (
+        robot(links='<link name="other"/>'),
+        "links 'base', 'other': no joint leads to them; expected one base link",
+    ),
+    "no inertia": (ONE.replace(f"<inertial>{BODY}</inertial>", ""), NO_INERTIA),
+    "an inertia of zeros": (ONE.replace('="1"', '="0"'), NO_INERTIA),
+    "a point on the axis": (
+        ONE.replace('ixx="1"', 'ixx="0"')
+        .replace('iyy="1"', 'iyy="0"')
+        .replace('izz="1"', 'izz="0"')
+        .replace("<mass", '<origin xyz="0 0 0.3"/><mass'),
+        NO_INERTIA,
+    ),
+    "no mass to slide": (
+        ONE.replace("revolute", "prismatic").replace('mass value="1"', 'mass value="0"'),
+        "joint 'j': link 'arm' and what is fixed to it have no mass; give link 'arm' an <inertial> "
+        "with a positive mass and inertia",
+    ),
+    "a negative mass": (
+        ONE.replace('mass value="1"', 'mass value="-2"'),
+        "link 'arm': <inertial> <mass> value: expected 0 or more, got -2",
+    ),
+    "a negative inertia": (
+        ONE.replace('ixx="1"', 'ixx="-1"'),
+        "link 'arm': <inertial> <inertia>: expected no negative principal moment, got -1 kg m2",
+    ),
+    "no inertia tensor": (
+        ONE.replace(BODY, '<mass value="1"/>'),
+        "link 'arm': <inertial> has no <inertia>; add it",
+    ),
+    "an inertia that is no number": (
+        ONE.replace('izz="1"', 'izz="nan"'),
+        "link 'arm': <inertial> <inertia> izz: expected a number, got 'nan'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_named(tmp_path: Path, case: str) -> None:
+    text, message = WRONG[case]
+    path = tmp_path / "robot.urdf"
+    path.write_text(text, "utf-8")
+    with pytest.raises(FmuError) as caught:
+        read_urdf(path)
+    assert str(caught.value) == f"{path}: {message}"
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(FmuError, match=r"arm\.urdf: cannot be read: No such file or directory"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "plant_fmu.rigid_body", raising=False)
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(FmuError, match=r"pip install 'nrs-cosim\[urdf\]'"):
+        build_urdf(read_urdf(ARM))
+
+
+# The command
+
+
+def nrs(*arguments: str) -> subprocess.CompletedProcess[str]:
+    program = Path(sys.executable).with_name("nrs")
+    return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
+    output = tmp_path / "gantry.fmu"
+    done = nrs("fmu", "from-urdf", str(GANTRY), "-o", str(output), "--fmi", "2")
+    assert (done.returncode, done.stdout) == (0, f"{output}\n")
+    assert done.stderr == (
+        f"warning: {GANTRY}: joint 'left slide': its dry friction of 0.1 is left out\n"
+    )
+    assert output.read_bytes() == build_urdf(read_urdf(GANTRY), 2).read_bytes()
+    told = json.loads(nrs("fmu", "info", str(output), "--json").stdout)
+    assert (told["name"], told["fmi_version"]) == ("robot_3_armed_gantry", "2.0")
+    assert told["kinds"] == ["CoSimulation", "ModelExchange"]
+
+
+@pytest.mark.parametrize("gravity", ["0,0", "0,0,nan"])
+def test_gravity_is_three_numbers(tmp_path: Path, gravity: str) -> None:
+    done = nrs("fmu", "from-urdf", str(ARM), "-o", str(tmp_path / "a.fmu"), "--gravity", gravity)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"error: --gravity: expected three numbers like 0,0,-9.8, got {gravity!r}\n"
+    )
+    assert not list(tmp_path.iterdir())
