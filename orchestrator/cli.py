@@ -188,11 +188,7 @@ def fmu_build(
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        write_fmu(name, fmi, output)
-    except OSError as error:
-        raise InputError(f"{output}: cannot be written: {error.strerror}") from None
+    write_fmu(name, fmi, output)
     out.print(str(output), markup=False)
 
 

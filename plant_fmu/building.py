@@ -76,6 +76,7 @@ def write(name: str, fmi: int, destination: Path) -> None:
 def copy_out(built: Path, destination: Path) -> None:
     """Copies a built FMU to where the user wants it; `FmuError` when it cannot be there."""
     try:
+        destination.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(built, destination)
     except OSError as error:
         raise FmuError(f"{destination}: cannot be written: {error.strerror}") from error
