@@ -68,17 +68,9 @@ def scenario(n: int, ticks: int) -> ScenarioFile:
     return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
 
 
-def recorded(file: ScenarioFile, ticks: int, folder: Path) -> float:
+def recorded(file: ScenarioFile, folder: Path) -> float:
     """Return the seconds that the ticks of a run take, set-up and closing apart."""
-    marks = {}
-
-    def watch(k: int) -> bool:
-        if k in (0, ticks):
-            marks[k] = time.perf_counter()
-        return True
-
-    run(file, folder / "benchmark.mcap", watch=watch)
-    return marks[ticks] - marks[0]
+    return run(file, folder / "benchmark.mcap").wall_seconds
 
 
 @contextmanager
@@ -139,7 +131,7 @@ def main() -> None:
             file = scenario(n, ticks)
             ours, theirs = [], []
             for _ in range(ROUNDS):
-                ours.append(n * ticks / recorded(file, ticks, Path(folder)))
+                ours.append(n * ticks / recorded(file, Path(folder)))
                 theirs.append(n * ticks / bare(n, ticks))
             ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
             row = {

@@ -1,6 +1,7 @@
 """Every error is raised where it is known and shown once, by the command line.
 
 CosimError
+├── Interrupted           orchestrator: the user asked a run to end                (exit 130)
 ├── InputError            what the user gave is wrong: a file, a field, an option   (exit 2)
 │   ├── FmuError            plant_fmu: an FMU that cannot be built, found, read or used
 │   ├── ScenarioError       orchestrator: a scenario's field or shape

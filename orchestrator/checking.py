@@ -1,6 +1,7 @@
 """Before a run: what the theory says of a scenario (paper, Theorems 1 and 3)."""
 
 from dataclasses import asdict, dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -32,10 +33,17 @@ class Check:
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
         conditions = [
-            {**asdict(condition), "margin": condition.margin, "holds": condition.holds}
+            {
+                "name": condition.name,
+                "source": condition.source,
+                "left": _finite(condition.left),
+                "right": _finite(condition.right),
+                "margin": _finite(condition.margin),
+                "holds": condition.holds,
+            }
             for condition in self.conditions
         ]
-        return {**asdict(self), "conditions": conditions}
+        return {**asdict(self), "h_bound": _finite(self.h_bound), "conditions": conditions}
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows."""
@@ -65,6 +73,11 @@ def check(scenario: Scenario) -> Check:
         spanning_tree=not topology.unreached(),
         conditions=conditions,
     )
+
+
+def _finite(number: float | None) -> float | None:
+    """JSON has no infinity: a bound that no number reaches is null."""
+    return number if number is not None and isfinite(number) else None
 
 
 def _gain_conditions(scenario: Scenario) -> list[Condition]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -21,6 +22,7 @@ from bus.errors import CosimError, InputError
 from orchestrator import showing
 from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
+from orchestrator.errors import Interrupted
 from orchestrator.places import place_for
 from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run as run_scenario
@@ -48,8 +50,8 @@ app = typer.Typer(
 fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 app.add_typer(fmu, name="fmu")
 
-out = showing.Terminal(soft_wrap=True, highlight=False)
-err = showing.Terminal(soft_wrap=True, highlight=False, stderr=True)
+out = showing.Terminal(soft_wrap=True, highlight=False, emoji=False)
+err = showing.Terminal(soft_wrap=True, highlight=False, emoji=False, stderr=True)
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
@@ -96,9 +98,10 @@ def run(
         showing.progress(err, clock) as show,
     ):
 
-        def watch(k: int) -> bool:
-            show(seconds(clock.t(k)))
-            return not stopped()
+        def watch(time_ns: int) -> None:
+            show(seconds(time_ns))
+            if stopped():
+                raise Interrupted
 
         outcome = run_scenario(file, path, compression=compression, watch=watch)
     with Reader(path) as reader:
@@ -213,8 +216,12 @@ def fmu_from_urdf(
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     try:
         app()
+    except OSError as error:
+        _say("red", "error", str(error))
+        raise SystemExit(FAILED) from None
     except CosimError as error:
         _say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
@@ -253,4 +260,4 @@ def _say(colour: str, kind: str, text: str) -> None:
 
 
 def _print_json(value: Any) -> None:
-    out.print(json.dumps(value, indent=2, ensure_ascii=False), markup=False)
+    out.print(json.dumps(value, indent=2), markup=False)

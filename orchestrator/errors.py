@@ -1,6 +1,6 @@
 """What the orchestrator itself finds wrong; the whole tree is drawn in `bus.errors`."""
 
-from bus.errors import InputError, RunError
+from bus.errors import CosimError, InputError, RunError
 
 
 class ScenarioError(InputError):
@@ -9,3 +9,7 @@ class ScenarioError(InputError):
 
 class DivergedError(RunError):
     """An estimate or a robot's state went beyond the scenario's divergence limit."""
+
+
+class Interrupted(CosimError):  # noqa: N818, it is no error of the run's
+    """The user asked a run to end."""

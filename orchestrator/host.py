@@ -4,6 +4,8 @@ At t_k its agents publish their left limits, hear their in-neighbours' and jump;
 advance over (t_k, t_{k+1}], and their states on the output grid are published.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from bus.errors import BusError
@@ -14,6 +16,9 @@ from estimator_agents.agents import Agents
 from orchestrator.clock import Clock, seconds
 from orchestrator.errors import DivergedError
 from plant_fmu.plants import Plants
+
+Watch = Callable[[int], None]
+"""Is told each simulated time, ns, that a host has reached; may raise `Interrupted`."""
 
 
 class Host:
@@ -41,7 +46,7 @@ class Host:
         """Publish the states at t_0."""
         self._publish_states(0, self._clock.t(0))
 
-    def advance(self, k: int) -> None:
+    def advance(self, k: int, watch: Watch) -> None:
         """Advance the plants over (t_{k−1}, t_k] and publish their states on the output grid."""
         estimate = self.agents.estimate
         reached = held = self._clock.t(k - 1)
@@ -51,6 +56,7 @@ class Host:
             reached = t
             self.left = estimate.after(seconds(t - held))
             self._publish_states(k, t)
+            watch(t)
 
     def publish_samples(self, k: int) -> None:
         """Publish ε_i(t_k), υ_i(t_k) of each robot on its own key."""
@@ -107,6 +113,13 @@ class Host:
                     f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s {name} "
                     f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}"
                 )
+        finite = np.isfinite(self.plants.tau).all(axis=1)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite)[0])
+            raise DivergedError(
+                f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s tau is "
+                f"{self.plants.tau[row].tolist()}"
+            )
 
 
 def _put_all(puts: list[Put], payloads: list[bytes]) -> None:

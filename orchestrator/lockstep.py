@@ -13,7 +13,7 @@ from bus.messages import SAMPLE, Codec
 from bus.transport import Bus
 from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, seconds
-from orchestrator.host import Host
+from orchestrator.host import Host, Watch
 from recordings.recorder import Recorder
 
 
@@ -36,13 +36,15 @@ class TargetNode:
         self._put(self._codec.encode(record)[0])
 
 
-def run_ticks(clock: Clock, target: TargetNode, host: Host, recorder: Recorder) -> Iterator[int]:
+def run_ticks(
+    clock: Clock, target: TargetNode, host: Host, recorder: Recorder, watch: Watch
+) -> Iterator[int]:
     """Run the ticks 0 … K; yield each number once its tick is recorded."""
     host.publish_initial_states()
     recorder.close_tick(0, clock.outputs(0))
     yield 0
     for k in range(1, clock.ticks + 1):
-        host.advance(k)
+        host.advance(k, watch)
         target.publish_sample(k)
         host.publish_samples(k)
         host.hear(k)

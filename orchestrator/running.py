@@ -2,12 +2,12 @@
 
 import json
 import platform
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from uuid import uuid4
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from bus.zenoh_bus import ZenohBus
 from estimator_agents.agents import Agents
 from estimator_agents.algorithm import load_algorithm
 from orchestrator.clock import Clock, seconds
-from orchestrator.host import Host
+from orchestrator.errors import Interrupted
+from orchestrator.host import Host, Watch
 from orchestrator.lockstep import TargetNode, run_ticks
 from orchestrator.plants import Group, group_by_archive, open_fleet
 from orchestrator.scenario_file import ScenarioFile
@@ -57,12 +58,12 @@ def run(
     output: Path,
     *,
     compression: Compression = "zstd",
-    watch: Callable[[int], bool] = lambda _k: True,
+    watch: Watch = lambda _time_ns: None,
 ) -> Outcome:
     """Run a scenario into a recording.
 
-    `watch` is told of each tick that was recorded, and ends the run by returning False. A failure
-    before the first tick is raised and leaves no file; a failure after it is the outcome's.
+    `watch` is told each output time, ns, that was reached, and ends the run by `Interrupted`. A
+    failure before the states at t_0 is raised and leaves no file; a later one is the outcome's.
     """
     scenario = file.scenario
     clock, topology, target = clock_of(scenario), topology_of(scenario), target_of(scenario)
@@ -72,7 +73,7 @@ def run(
     groups = group_by_archive(plants(scenario), file.folder)
     with ExitStack() as stack:
         fleet = open_fleet(stack, groups, bodies(scenario))
-        bus = ZenohBus(file.name)
+        bus = ZenohBus(uuid4().hex)
         stack.callback(bus.close)
         initial = initial_estimates(scenario)
         agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, initial)
@@ -98,11 +99,11 @@ def run(
         started = perf_counter()
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                for done in run_ticks(clock, node, host, recorder):
-                    if not watch(done):
-                        at = seconds(clock.t(done))
-                        status, reason = "interrupted", f"stopped by the user at t = {at:g} s"
-                        break
+                for done in run_ticks(clock, node, host, recorder, watch):  # noqa: B007
+                    pass
+        except Interrupted:
+            at = seconds(clock.t(done))
+            status, reason = "interrupted", f"stopped by the user after t = {at:g} s"
         except RunError as error:
             status, reason = "failed", str(error)
         wall_seconds = perf_counter() - started

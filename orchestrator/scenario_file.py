@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
 
@@ -15,6 +16,7 @@ from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, Uniform
 
+LONGEST_NS, MOST_TICKS = 2**63, 2**32
 AXES = "numbers, one for each of target.axes"
 ELSEWHERE = {
     "kp": "controller.kp",
@@ -60,9 +62,13 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
         scenario = Scenario.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
         faults = [_describe(fault) for fault in error.errors()]
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
+    except ValueError as error:  # a number of more digits than Python reads
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
     faults = list(_faults(scenario))
     if faults:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
@@ -186,7 +192,13 @@ def _time_faults(scenario: Scenario) -> Iterator[str]:
             times[name] = nanoseconds(value)
         except ValueError as error:
             yield f"run.{name}: expected a whole number of nanoseconds, but {error}"
+    for name, ns in times.items():
+        if ns >= LONGEST_NS:
+            given = getattr(run, name)
+            yield f"run.{name}: expected less than 2^63 ns (292 years), got {given!r} s"
     period = times.get("sampling_period")
+    if period and times.get("duration", 0) // period >= MOST_TICKS:
+        yield f"run.duration: expected fewer than 2^32 sampling periods, got {run.duration!r} s"
     if period and "duration" in times and times["duration"] % period:
         yield (
             f"run.duration: expected a whole number of sampling periods of "
@@ -207,7 +219,9 @@ def _network_faults(scenario: Scenario) -> Iterator[str]:
     yield from shape
     if shape:
         return
-    for i, row in enumerate(network.adjacency):
+    for i, (pin, row) in enumerate(zip(network.pinning, network.adjacency, strict=True)):
+        if not isfinite(sum(row, pin)):
+            yield f"network.adjacency[{i}]: expected weights whose sum is a finite number"
         if row[i]:
             yield f"network.adjacency[{i}][{i}]: expected 0, robot {i + 1} cannot hear itself"
     unreached = Topology.of(network.adjacency, network.pinning).unreached()

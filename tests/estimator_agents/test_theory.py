@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bus.topology import Topology
+from estimator_agents.condition import Condition
 from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.dcea2 import SecondOrder
 from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
@@ -22,6 +23,12 @@ def test_spectrum_of_the_paper_is_exact():
 
 def test_bound_on_the_gains():
     assert smallest_theta(SPECTRUM) == pytest.approx(4 - 2 * np.sqrt(2), rel=1e-15)
+
+
+def test_a_condition_is_strict():
+    condition = Condition("alpha", "", 1.0, 1.0)
+    assert not condition.holds
+    assert condition.margin == 0
 
 
 def test_bound_on_the_period():

@@ -154,6 +154,21 @@ def test_check_tells_in_json_what_the_contract_names():
     assert first["h_bound"] is None
 
 
+def test_what_a_scenario_says_is_told_to_the_letter(tmp_path):
+    text = PAPER.read_text("utf-8").replace(*SHORT) + "# :key: [red] \u00e4\n"
+    (tmp_path / "a*b#c.toml").write_text(text, "utf-8")
+    assert nrs("run", tmp_path / "a*b#c.toml", "-o", tmp_path / "s.mcap").returncode == 0
+    assert json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)["scenario"] == text
+
+
+def test_a_bound_that_no_number_reaches_is_null(tmp_path):
+    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
+    (tmp_path / "s.toml").write_text(text.replace("alpha = 1.1", "alpha = 1e-320"), "utf-8")
+    done = nrs("check", tmp_path / "s.toml", "--json")
+    assert done.stderr == ""
+    assert json.loads(done.stdout, parse_constant=pytest.fail)["h_bound"] is None
+
+
 def test_check_outside_the_bound_says_so():
     told = nrs("check", SCENARIOS / "paper_example_1c.toml")
     assert told.returncode == 0
@@ -310,8 +325,9 @@ def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
         assert two.digest == three.digest
 
 
-def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path):
-    """A real terminal, a real Ctrl-C: the progress bar shows, the file is valid, 130."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
+    """A real terminal, a real signal: the progress bar shows, the file is valid, 130."""
     text = PAPER.read_text("utf-8").replace("duration = 30.0", "duration = 36000.0")
     (tmp_path / "long.toml").write_text(text, "utf-8")
     master, slave = pty.openpty()
@@ -324,7 +340,7 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path):
     seen = b""
     while b"x real time" not in seen:
         seen += os.read(master, 4096)
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, number)
     while True:
         try:
             chunk = os.read(master, 4096)
@@ -336,6 +352,6 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path):
     assert b"of 36000 s" in seen
     told = json.loads(nrs("info", tmp_path / "long.mcap", "--json").stdout)
     assert told["status"] == "interrupted"
-    assert told["reason"].startswith("stopped by the user at t = ")
+    assert told["reason"] == f"stopped by the user after t = {told['duration']:g} s"
     assert told["damage"] == []
     assert told["ticks"] > 0

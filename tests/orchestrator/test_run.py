@@ -141,6 +141,34 @@ def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(paper, tmp_path):
         assert np.concatenate(list(states(reader)))["q"].size == (1 + 5 * reader.ticks) * 6 * 2
 
 
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (("position = { uniform = [-25.0, 25.0] }", "position = { uniform = [-2e3, -1.5e3] }"),
+         "estimated position"),
+        (("velocity = { uniform = [-25.0, 25.0] }", "velocity = { uniform = [-2e3, -1.5e3] }"),
+         "estimated velocity"),
+        (("\nq = { uniform = [-25.0, 25.0] }", "\nq = { uniform = [-2e3, -1.5e3] }"), "q"),
+        (("qd = { uniform = [-25.0, 25.0] }", "qd = { uniform = [-2e3, -1.5e3] }"), "qd"),
+    ],
+    ids=["position", "velocity", "q", "qd"],
+)  # fmt: skip
+def test_each_quantity_beyond_the_limit_ends_the_run(paper, tmp_path, change, name):
+    limit = ("seed = 1", "seed = 1\ndivergence_limit = 1000")
+    outcome = run(paper(limit, change), tmp_path / "run.mcap")
+    assert outcome.status == "failed"
+    assert f"diverged at t = 0 s: robot 1's {name} is [-1" in outcome.reason
+
+
+def test_a_torque_that_is_no_number_ends_the_run_before_it_is_recorded(paper, tmp_path):
+    outcome = run(paper(("kp = 200.0", "kp = 1e308")), tmp_path / "run.mcap")
+    assert outcome.status == "failed"
+    assert "diverged at t = 0 s: robot " in outcome.reason
+    assert "tau is [" in outcome.reason
+    with Reader(outcome.path) as reader:
+        assert reader.message_count == 0
+
+
 def test_a_run_that_nothing_stops_ends_before_a_number_that_is_none(paper, tmp_path):
     """With gains of 1e200 the second jump leaves the doubles; no NaN is ever recorded."""
     file = paper(
@@ -193,7 +221,7 @@ class Loop:
         self.recorder = Recorder(bus, writer, scenario.n)
 
     def ticks(self):
-        return run_ticks(self.clock, self.target, self.host, self.recorder)
+        return run_ticks(self.clock, self.target, self.host, self.recorder, lambda _t: None)
 
 
 class Kept:
@@ -219,9 +247,9 @@ def test_who_received_what_and_when(paper):
         advance = loop.host.advance
         between = defaultdict(list)
 
-        def advance_and_listen(k):
+        def advance_and_listen(k, watch):
             assert ear.take() == [], "something was said between the end of a tick and its interval"
-            advance(k)
+            advance(k, watch)
             between[k] = ear.take()
 
         loop.host.advance = advance_and_listen
@@ -331,6 +359,17 @@ def test_a_state_that_is_not_recorded_is_missed_and_named(paper):
             list(loop.ticks())
 
 
+def test_a_message_too_many_is_refused_and_named(paper):
+    with ExitStack() as stack:
+        bus = MemoryBus()
+        loop = Loop(stack, paper(SHORT), bus, Kept())
+        codec = Codec(SAMPLE, 2)
+        stray = codec.encode(codec.blank(np.array([4])))[0]
+        bus.publisher("sample/4")(stray)
+        with pytest.raises(BusError, match="not expected sample/4 at 0 ns"):
+            list(loop.ticks())
+
+
 def test_the_recording_carries_its_scenario(paper, tmp_path):
     file = paper(SHORT)
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
@@ -353,6 +392,16 @@ def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
         last = rows_of(states(reader), 6)[-1]
     np.testing.assert_allclose(last["q"], np.tile([4.0, -1.0], (6, 1)), atol=1e-6)
     np.testing.assert_allclose(last["tau"], 0, atol=1e-3)
+
+
+def test_a_robots_own_disturbance_is_its_own(paper, tmp_path):
+    own = "[[robots]]\nid = 3\ndisturbance = { axes = [{ offset = 50.0 }, {}] }\n#"
+    tables = []
+    for name, change in (("all", ()), ("own", (("# [[robots]]", own),))):
+        with Reader(run(paper(SHORT, *change), tmp_path / f"{name}.mcap").path) as reader:
+            tables.append(rows_of(states(reader), 6)["q"])
+    moved = (tables[0][1:] != tables[1][1:]).all(axis=(0, 2))
+    assert moved.tolist() == [False, False, True, False, False, False]
 
 
 def test_robots_of_different_models_run_together(paper, tmp_path):

@@ -98,6 +98,16 @@ BAD = {
         ("# [[robots]]", "[[robots]]\nid = 3\ninitial.q = [1, 2, 3]\n#"),
         "robots[0].initial.q: expected 2 numbers, one for each of target.axes, got 3",
     ),
+    "weights beyond all numbers": (
+        ("[0, 1, 1, 0, 0, 0]", "[0, 1e308, 1e308, 0, 0, 0]"),
+        "network.adjacency[0]: expected weights whose sum is a finite number",
+    ),
+    "longer than the clock": (
+        ("duration = 30.0", "duration = 1e11"),
+        "run.duration: expected less than 2^63 ns (292 years), got 100000000000.0 s",
+    ),
+    "number without end": (("seed = 1", "seed = " + "1" * 5000), "not valid TOML: "),
+    "nested without end": (("seed = 1", "seed = " + "[" * 5000), "not valid TOML: nested too"),
     "parameter that has a table": (
         ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { kp = 7.0 }\n#"),
         "plant.parameters.kp: give it as controller.kp instead",
