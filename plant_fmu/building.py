@@ -19,14 +19,8 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import fmpy
 
-from plant_fmu.declaration import (
-    MODELS,
-    Declaration,
-    bundled_models,
-    c_header,
-    c_tables,
-    declaration,
-)
+from plant_fmu.c_source import c_header, c_tables
+from plant_fmu.declaration import MODELS, Declaration, bundled_models, declaration
 from plant_fmu.errors import FmuError
 from plant_fmu.model_description import build_description, model_description
 
@@ -48,7 +42,7 @@ def build(name: str, fmi: int = 3) -> Path:
     if name not in bundled_models():
         raise FmuError(_unknown(name))
     return build_model(
-        declaration(name), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
+        declaration(name, fmi), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
     )
 
 

@@ -4,9 +4,11 @@ A value reference is the index of a variable's first number among all numbers of
 model, row-major. FMI 3 names whole arrays by it; in FMI 2 each element has its own,
 which follow one another. So one table serves both, and nobody writes numbers by hand.
 In C the same numbers are the struct `Values`, whose fields are the variables.
+
+A dimension is a number, or in FMI 3 a structural parameter: there is room for the most
+that it may be, and an array takes the first rows and columns of its room.
 """
 
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,44 +17,77 @@ from pathlib import Path
 from typing import Any
 
 MODELS = Path(__file__).with_name("models")
-KINDS = ("independent", "input", "parameter", "local", "state", "derivative", "output")
+KINDS = (
+    "independent",
+    "structural",
+    "input",
+    "parameter",
+    "local",
+    "state",
+    "derivative",
+    "output",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """How many elements there are: `start`, until the structural parameter `by` is set."""
+
+    name: str
+    start: int
+    most: int
+    by: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
     """A variable of the model, with FMI's attributes (FMI 3.0.2, section 2.4.7).
 
-    `shape` is empty for a scalar; `start` holds for every element and is None where the
-    model calculates it; `derivative_of` and `equals` are names of variables of the same
-    shape, the latter when this one is always equal to it.
+    `dimensions` is empty for a scalar; `start` holds for every element and is None where
+    the model calculates it; `most` bounds a structural parameter; `derivative_of` and
+    `equals` are names of variables of the same shape, the latter when this one is always
+    equal to it.
     """
 
     name: str
     kind: str
-    shape: tuple[int, ...]
+    dimensions: tuple[Dimension, ...]
     unit: str | None
     start: float | None
+    most: int | None
     derivative_of: str | None
     equals: str | None
     description: str
     value_reference: int
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """With all structural parameters at their starts."""
+        return tuple(dimension.start for dimension in self.dimensions)
+
+    @property
     def size(self) -> int:
         return prod(self.shape)
 
     @property
+    def room(self) -> int:
+        """How many numbers there is room for."""
+        return prod(dimension.most for dimension in self.dimensions)
+
+    @property
     def causality(self) -> str:
-        return {"state": "output", "derivative": "local"}.get(self.kind, self.kind)
+        other = {"structural": "structuralParameter", "state": "output", "derivative": "local"}
+        return other.get(self.kind, self.kind)
 
     @property
     def variability(self) -> str:
-        return "fixed" if self.kind == "parameter" else "continuous"
+        return "fixed" if self.kind in {"structural", "parameter"} else "continuous"
 
     @property
     def initial(self) -> str | None:
         """None where FMI does not let the attribute be given."""
         return {
+            "structural": "exact",
             "parameter": "exact",
             "state": "exact",
             "local": "calculated",
@@ -63,14 +98,14 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """A model: its name, its named dimensions, and its variables by value reference.
+    """A model: its name, its dimensions, and its variables by value reference.
 
-    States lie side by side, and so do their derivatives, in the same order.
+    States follow one another, and so do their derivatives, in the same order.
     """
 
     name: str
     description: str
-    dimensions: dict[str, int]
+    dimensions: tuple[Dimension, ...]
     variables: tuple[Variable, ...]
 
     def of_kind(self, *kinds: str) -> tuple[Variable, ...]:
@@ -85,39 +120,58 @@ def bundled_models() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in MODELS.glob("*/model.toml")))
 
 
-def declaration(name: str) -> Declaration:
-    """The declaration of the bundled model `name`."""
-    return declare(name, tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8")))
+def declaration(name: str, fmi: int = 3) -> Declaration:
+    """The declaration of the bundled model `name` for FMI 2 or 3."""
+    own = tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8"))
+    return declare(name, own, fmi)
 
 
-def declare(name: str, own: Mapping[str, Any]) -> Declaration:
-    """The declaration of a robot: what all robots share, and its `own` tables, as in model.toml."""
+def declare(name: str, own: Mapping[str, Any], fmi: int = 3) -> Declaration:
+    """The declaration of a robot: what all robots share, and its `own` tables, as in model.toml.
+
+    FMI 2 knows no structural parameters: there each is the number with which it starts.
+    """
     shared = tomllib.loads((MODELS / "robot.toml").read_text(encoding="utf-8"))
-    dimensions = {**shared["dimensions"], **own["dimensions"]}
     tables = {**shared["variables"], **own["variables"]}
+    dimensions = {
+        key: _dimension(key, length, tables, fmi)
+        for key, length in {**shared["dimensions"], **own["dimensions"]}.items()
+    }
+    if fmi == 2:
+        tables = {key: table for key, table in tables.items() if table["kind"] != "structural"}
     variables: list[Variable] = []
     reference = 0
     for key in sorted(tables, key=lambda key: KINDS.index(tables[key]["kind"])):
         variable = _variable(key, tables[key], dimensions, own["units"], reference)
         variables.append(variable)
-        reference += variable.size
-    return Declaration(name, own["description"], dimensions, tuple(variables))
+        reference += variable.room
+    return Declaration(name, own["description"], tuple(dimensions.values()), tuple(variables))
+
+
+def _dimension(
+    name: str, length: int | str, tables: dict[str, dict[str, Any]], fmi: int
+) -> Dimension:
+    if isinstance(length, int):
+        return Dimension(name, length, length)
+    start, most = tables[length]["start"], tables[length]["max"]
+    return Dimension(name, start, start) if fmi == 2 else Dimension(name, start, most, length)
 
 
 def _variable(
     name: str,
     table: dict[str, Any],
-    dimensions: dict[str, int],
+    dimensions: dict[str, Dimension],
     units: dict[str, str],
     reference: int,
 ) -> Variable:
-    has_start = table["kind"] in {"input", "parameter", "state"}
+    has_start = table["kind"] in {"structural", "input", "parameter", "state"}
     return Variable(
         name=name,
         kind=table["kind"],
-        shape=tuple(dimensions[length] for length in table.get("shape", ())),
+        dimensions=tuple(dimensions[length] for length in table.get("shape", ())),
         unit=_unit(table.get("unit"), units),
         start=float(table.get("start", 0.0)) if has_start else None,
+        most=table.get("max"),
         derivative_of=table.get("of"),
         equals=table.get("equals"),
         description=table["description"],
@@ -130,78 +184,3 @@ def _unit(template: str | None, units: dict[str, str]) -> str | None:
     if template is None or ("{" in template and not units):
         return None
     return template.format(**units)
-
-
-def c_header(model: Declaration, token: str) -> str:
-    """variables.h: the struct `Values`, the dimensions, and the token of the FMU."""
-    dimensions = ", ".join(f"{name.upper()} = {n}" for name, n in model.dimensions.items())
-    fields = "".join(
-        f"    double {_c_name(v)}{_c_shape(v)}; /* {v.unit or '1'}: {v.description} */\n"
-        for v in model.variables
-    )
-    states, derivatives = model.of_kind("state"), model.of_kind("derivative")
-    return f"""/* Generated from the declaration of {model.name}. */
-
-#ifndef VARIABLES_H
-#define VARIABLES_H
-
-#define INSTANTIATION_TOKEN "{token}"
-
-enum {{ {dimensions} }};
-
-typedef struct {{
-{fields}}} Values;
-
-enum {{ VALUES = {sum(v.size for v in model.variables)}, STATES = {sum(v.size for v in states)} }};
-
-static inline double *states_of(Values *values)
-{{
-    return (double *)values + {states[0].value_reference};
-}}
-
-static inline double *derivatives_of(Values *values)
-{{
-    return (double *)values + {derivatives[0].value_reference};
-}}
-
-#endif
-"""
-
-
-def c_tables(model: Declaration) -> str:
-    """variables.c: for each number of `Values`, what may be done with it, and its start."""
-    rights = "".join(
-        f'    {{"{v.name}", {0 if i else v.size}, {_settable_in(v)}, '
-        f"{'true' if v.kind == 'derivative' else 'false'}}},\n"
-        for v in model.variables
-        for i in range(v.size)
-    )
-    starts = "".join(
-        f"    [{v.value_reference + i}] = {v.start!r}, /* {v.name} */\n"
-        for v in model.variables
-        if v.start
-        for i in range(v.size)
-    )
-    return f"""/* Generated from the declaration of {model.name}. */
-
-#include "core.h"
-
-const Variable variables[VALUES] = {{
-{rights}}};
-
-const double start_values[VALUES] = {{
-{starts}}};
-"""
-
-
-def _c_name(variable: Variable) -> str:
-    return re.sub(r"\W+", "_", variable.name).strip("_")
-
-
-def _c_shape(variable: Variable) -> str:
-    return "".join(f"[{length}]" for length in variable.shape)
-
-
-def _settable_in(variable: Variable) -> str:
-    modes = {"input": "UNTIL_THE_END", "parameter": "BEFORE_START", "state": "BEFORE_START"}
-    return modes.get(variable.kind, "NEVER")

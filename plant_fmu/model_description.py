@@ -132,18 +132,27 @@ def _attributes(variable: Variable, name: str, reference: int) -> dict[str, str]
 
 
 def _arrays(root: Element, model: Declaration) -> None:
-    """FMI 3: one Float64 per variable, and ModelStructure by value reference."""
+    """FMI 3: one element per variable, and ModelStructure by value reference."""
     variables = SubElement(root, "ModelVariables")
     for v in model.variables:
-        element = SubElement(variables, "Float64", _attributes(v, v.name, v.value_reference))
+        attributes = _attributes(v, v.name, v.value_reference)
+        if v.kind == "structural":
+            limits = {"min": "1", "max": str(v.most), "start": f"{v.start:.0f}"}
+            SubElement(variables, "UInt64", {**attributes, **limits})
+            continue
+        element = SubElement(variables, "Float64", attributes)
         if v.unit is not None:
             element.set("unit", v.unit)
         if v.start is not None:
             element.set("start", " ".join([repr(v.start)] * v.size))
         if v.derivative_of is not None:
             element.set("derivative", str(model.variable(v.derivative_of).value_reference))
-        for length in v.shape:
-            SubElement(element, "Dimension", start=str(length))
+        for dimension in v.dimensions:
+            if dimension.by is None:
+                SubElement(element, "Dimension", start=str(dimension.start))
+            else:
+                by = model.variable(dimension.by).value_reference
+                SubElement(element, "Dimension", valueReference=str(by))
 
     structure = SubElement(root, "ModelStructure")
     for tag, unknowns in _unknowns(model):

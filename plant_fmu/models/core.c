@@ -3,6 +3,7 @@
 
 #include "core.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -20,6 +21,7 @@ static const char *mode_name(Mode mode)
     case CONTINUOUS_TIME: return "in continuous-time mode";
     case STEP: return "in step mode";
     case TERMINATED: return "after termination";
+    case CONFIGURATION: return "in configuration mode";
     }
     return "in an unknown mode";
 }
@@ -117,31 +119,48 @@ bool core_change_mode(Instance *self, int from, Mode to, const char *what)
 static void update_derivatives(State *state)
 {
     Values *values = &state->values;
-    if (!state->derivatives_are_current)
-        model_derivatives(values, values->time, states_of(values), derivatives_of(values));
+    if (state->derivatives_are_current)
+        return;
+    double x[STATES], dx[STATES];
+    get_states(values, x);
+    model_derivatives(values, values->time, x, dx);
+    set_derivatives(values, dx);
     state->derivatives_are_current = true;
 }
 
-/* How many numbers a value reference names; 0 when it names nothing. */
-static size_t size_of(const Instance *self, unsigned reference)
+static size_t number(const Values *values, Length length)
 {
-    if (reference >= VALUES)
-        return 0;
-    return self->whole_variables ? variables[reference].size : 1;
+    return length.by ? (size_t)((const double *)values)[length.by] : length.most;
 }
 
-/* The size, if `room` is left for it in the caller's array; otherwise refuses, with 0. */
-static size_t fitting_size(const Instance *self, unsigned reference, size_t room)
+/* What a value reference names: rows of adjacent numbers, which begin `stride` apart. */
+typedef struct {
+    double *first;
+    size_t rows, columns, stride;
+} Block;
+
+static Block block_of(Instance *self, unsigned reference)
 {
-    const size_t size = size_of(self, reference);
+    if (reference >= VALUES)
+        return (Block){NULL, 0, 0, 0};
+    Values *values = &self->state.values;
+    double *first = (double *)values + reference;
+    if (!self->whole_variables)
+        return (Block){first, 1, 1, 1};
+    const Length rows = variables[reference].rows, columns = variables[reference].columns;
+    return (Block){first, number(values, rows), number(values, columns), columns.most};
+}
+
+/* Finds the block; refuses when there is none, or no `room` for it in the caller's array. */
+static bool find(Instance *self, unsigned reference, size_t room, Block *found)
+{
+    *found = block_of(self, reference);
+    const size_t size = found->rows * found->columns;
     if (size == 0)
-        core_refuse(self, "no variable has the value reference %u", reference);
-    else if (size > room) {
-        core_refuse(self, "too few values: %s has %lu, %lu are left", variables[reference].name,
-                    (unsigned long)size, (unsigned long)room);
-        return 0;
-    }
-    return size;
+        return core_refuse(self, "no variable has the value reference %u", reference);
+    return size <= room ||
+           core_refuse(self, "too few values: %s has %lu, %lu are left", variables[reference].name,
+                       (unsigned long)size, (unsigned long)room);
 }
 
 static bool used_up(const Instance *self, size_t room)
@@ -158,15 +177,14 @@ bool core_get(Instance *self, const unsigned references[], size_t n_references, 
     State *state = &self->state;
     model_outputs(&state->values);
     for (size_t i = 0; i < n_references; ++i) {
-        const unsigned reference = references[i];
-        const size_t size = fitting_size(self, reference, n_values);
-        if (size == 0)
+        Block from;
+        if (!find(self, references[i], n_values, &from))
             return false;
-        if (variables[reference].is_derivative)
+        if (variables[references[i]].is_derivative)
             update_derivatives(state);
-        memcpy(values, (const double *)&state->values + reference, size * sizeof *values);
-        values += size;
-        n_values -= size;
+        for (size_t row = 0; row < from.rows; ++row, values += from.columns)
+            memcpy(values, from.first + row * from.stride, from.columns * sizeof *values);
+        n_values -= from.rows * from.columns;
     }
     return used_up(self, n_values);
 }
@@ -191,24 +209,81 @@ bool core_set(Instance *self, const unsigned references[], size_t n_references,
     State *state = &self->state;
     model_outputs(&state->values);
     for (size_t i = 0; i < n_references; ++i) {
-        const unsigned reference = references[i];
-        const size_t size = fitting_size(self, reference, n_values);
-        if (size == 0 || !may_set(self, reference, values, size))
+        Block to;
+        if (!find(self, references[i], n_values, &to) ||
+            !may_set(self, references[i], values, to.rows * to.columns))
             return false;
-        memcpy((double *)&state->values + reference, values, size * sizeof *values);
-        model_was_set(&state->values, reference);
+        for (size_t row = 0; row < to.rows; ++row, values += to.columns)
+            memcpy(to.first + row * to.stride, values, to.columns * sizeof *values);
+        model_was_set(&state->values, references[i]);
         state->derivatives_are_current = false;
-        values += size;
-        n_values -= size;
+        n_values -= to.rows * to.columns;
     }
     return used_up(self, n_values);
+}
+
+/* Structural parameters */
+
+static bool are_structural(const Instance *self, const unsigned references[],
+                           size_t n_references, size_t n_counts)
+{
+    for (size_t i = 0; i < n_references; ++i)
+        if (references[i] >= VALUES || variables[references[i]].most == 0)
+            return core_refuse(self, "no structural parameter has the value reference %u",
+                               references[i]);
+    return n_references == n_counts ||
+           core_refuse(self, "%lu values for %lu structural parameters", (unsigned long)n_counts,
+                       (unsigned long)n_references);
+}
+
+static void restart_sized_by(Values *values, unsigned reference)
+{
+    for (unsigned i = 0; i < VALUES; ++i) {
+        const Length rows = variables[i].rows, columns = variables[i].columns;
+        if (rows.by == reference || columns.by == reference)
+            memcpy((double *)values + i, start_values + i,
+                   rows.most * columns.most * sizeof *start_values);
+    }
+    model_start(values);
+}
+
+bool core_get_counts(Instance *self, const unsigned references[], size_t n_references,
+                     uint64_t counts[], size_t n_counts)
+{
+    if (!core_expect(self, ANY_MODE, "reading a structural parameter") ||
+        !are_structural(self, references, n_references, n_counts))
+        return false;
+    for (size_t i = 0; i < n_references; ++i)
+        counts[i] = (uint64_t)((const double *)&self->state.values)[references[i]];
+    return true;
+}
+
+bool core_set_counts(Instance *self, const unsigned references[], size_t n_references,
+                     const uint64_t counts[], size_t n_counts)
+{
+    if (!core_expect(self, CONFIGURATION, "setting a structural parameter") ||
+        !are_structural(self, references, n_references, n_counts))
+        return false;
+    Values *values = &self->state.values;
+    for (size_t i = 0; i < n_references; ++i) {
+        const Variable *variable = &variables[references[i]];
+        if (counts[i] < 1 || counts[i] > variable->most)
+            return core_refuse(self, "%s: expected 1 to %u, got %" PRIu64, variable->name,
+                               variable->most, counts[i]);
+        ((double *)values)[references[i]] = (double)counts[i];
+        restart_sized_by(values, references[i]);
+        self->state.derivatives_are_current = false;
+    }
+    return true;
 }
 
 /* Model exchange */
 
 static bool all_states(const Instance *self, size_t n)
 {
-    return n == STATES || core_refuse(self, "expected %d states, got %lu", STATES, (unsigned long)n);
+    const int expected = states_in(&self->state.values);
+    return n == (size_t)expected ||
+           core_refuse(self, "expected %d states, got %lu", expected, (unsigned long)n);
 }
 
 bool core_set_time(Instance *self, double time)
@@ -226,7 +301,7 @@ bool core_set_states(Instance *self, const double x[], size_t n)
 {
     if (!core_expect(self, CONTINUOUS_TIME, "setting the states") || !all_states(self, n))
         return false;
-    memcpy(states_of(&self->state.values), x, STATES * sizeof *x);
+    set_states(&self->state.values, x);
     self->state.derivatives_are_current = false;
     return true;
 }
@@ -235,7 +310,7 @@ bool core_get_states(Instance *self, double x[], size_t n)
 {
     if (!core_expect(self, ANY_MODE, "reading the states") || !all_states(self, n))
         return false;
-    memcpy(x, states_of(&self->state.values), STATES * sizeof *x);
+    get_states(&self->state.values, x);
     return true;
 }
 
@@ -244,11 +319,12 @@ bool core_get_derivatives(Instance *self, double dx[], size_t n)
     if (!core_expect(self, ANY_MODE, "reading the derivatives") || !all_states(self, n))
         return false;
     update_derivatives(&self->state);
-    memcpy(dx, derivatives_of(&self->state.values), STATES * sizeof *dx);
-    for (int i = 0; i < STATES; ++i)
+    get_derivatives(&self->state.values, dx);
+    for (size_t i = 0; i < n; ++i)
         if (!isfinite(dx[i]))
-            return core_refuse(self, "at t = %.17g s: derivative %d of %d is %g",
-                               self->state.values.time, i + 1, STATES, dx[i]);
+            return core_refuse(self, "at t = %.17g s: derivative %lu of %lu is %g",
+                               self->state.values.time, (unsigned long)i + 1, (unsigned long)n,
+                               dx[i]);
     return true;
 }
 
@@ -256,7 +332,7 @@ bool core_get_nominals(Instance *self, double nominals[], size_t n)
 {
     if (!core_expect(self, ANY_MODE, "reading the nominal values") || !all_states(self, n))
         return false;
-    for (int i = 0; i < STATES; ++i)
+    for (size_t i = 0; i < n; ++i)
         nominals[i] = 1.0;
     return true;
 }
@@ -300,6 +376,12 @@ static bool is_ours(const Instance *self, const State *state)
         return core_refuse(self, "the state is not one of this FMU");
     if (state->kind != self->state.kind)
         return core_refuse(self, "the state is of the other kind, model exchange or co-simulation");
+    const double *theirs = (const double *)&state->values;
+    const double *ours = (const double *)&self->state.values;
+    for (int i = 0; i < VALUES; ++i)
+        if (variables[i].most && theirs[i] != ours[i])
+            return core_refuse(self, "the state has %s = %g, this instance %g", variables[i].name,
+                               theirs[i], ours[i]);
     return true;
 }
 

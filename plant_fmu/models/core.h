@@ -9,6 +9,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "dormand_prince.h"
 #include "variables.h"
@@ -23,7 +24,8 @@ typedef enum {
     EVENT = 4,
     CONTINUOUS_TIME = 8,
     STEP = 16,
-    TERMINATED = 32
+    TERMINATED = 32,
+    CONFIGURATION = 64
 } Mode;
 
 enum {
@@ -31,15 +33,23 @@ enum {
     BEFORE_START = INSTANTIATED | INITIALIZATION,
     INITIALIZED = EVENT | CONTINUOUS_TIME | STEP,
     UNTIL_THE_END = BEFORE_START | INITIALIZED,
-    ANY_MODE = UNTIL_THE_END | TERMINATED
+    ANY_MODE = UNTIL_THE_END | TERMINATED | CONFIGURATION
 };
+
+/* How many rows or columns there are: as many as the structural parameter at index `by`
+ * of Values says; always `most` where `by` is 0. */
+typedef struct {
+    size_t most;
+    unsigned by;
+} Length;
 
 /* What the importer may do with the number of Values at the same index. */
 typedef struct {
     const char *name;
-    size_t size; /* of the variable that begins here; 0 inside of one */
+    Length rows, columns; /* of the real variable that begins here; 0 inside of one */
     int settable_in;
     bool is_derivative;
+    unsigned most; /* of a structural parameter; 0 for a real variable */
 } Variable;
 
 extern const Variable variables[VALUES];
@@ -79,6 +89,12 @@ bool core_get(Instance *self, const unsigned references[], size_t n_references,
               double values[], size_t n_values);
 bool core_set(Instance *self, const unsigned references[], size_t n_references,
               const double values[], size_t n_values);
+
+/* Structural parameters. Setting one returns all variables that it sizes to their starts. */
+bool core_get_counts(Instance *self, const unsigned references[], size_t n_references,
+                     uint64_t counts[], size_t n_counts);
+bool core_set_counts(Instance *self, const unsigned references[], size_t n_references,
+                     const uint64_t counts[], size_t n_counts);
 
 /* Model exchange. */
 bool core_set_time(Instance *self, double time);

@@ -141,12 +141,16 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance)
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
 {
-    return unsupported(instance, "structural parameters");
+    if (STRUCTURAL_PARAMETERS == 0)
+        return unsupported(instance, "structural parameters");
+    return status(core_change_mode(instance, INSTANTIATED, CONFIGURATION,
+                                   "entering configuration mode"));
 }
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
 {
-    return unsupported(instance, "structural parameters");
+    return status(core_change_mode(instance, CONFIGURATION, INSTANTIATED,
+                                   "leaving configuration mode"));
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance)
@@ -173,6 +177,18 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference refere
     return status(core_set(instance, references, n_references, values, n_values));
 }
 
+fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference references[],
+                         size_t n_references, fmi3UInt64 values[], size_t n_values)
+{
+    return status(core_get_counts(instance, references, n_references, values, n_values));
+}
+
+fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference references[],
+                         size_t n_references, const fmi3UInt64 values[], size_t n_values)
+{
+    return status(core_set_counts(instance, references, n_references, values, n_values));
+}
+
 #define NO_VARIABLES_OF(type)                                                                      \
     fmi3Status fmi3Get##type(fmi3Instance instance, const fmi3ValueReference references[],         \
                              size_t n_references, fmi3##type values[], size_t n_values)            \
@@ -195,7 +211,6 @@ NO_VARIABLES_OF(UInt16)
 NO_VARIABLES_OF(Int32)
 NO_VARIABLES_OF(UInt32)
 NO_VARIABLES_OF(Int64)
-NO_VARIABLES_OF(UInt64)
 NO_VARIABLES_OF(Boolean)
 NO_VARIABLES_OF(String)
 
@@ -298,8 +313,10 @@ fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 
 
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *n)
 {
-    *n = STATES;
-    return status(core_expect(instance, ANY_MODE, "asking for the number of states"));
+    if (!core_expect(instance, ANY_MODE, "asking for the number of states"))
+        return fmi3Error;
+    *n = (size_t)states_in(&((Instance *)instance)->state.values);
+    return fmi3OK;
 }
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n)

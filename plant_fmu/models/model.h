@@ -1,7 +1,7 @@
 /* What the core asks of a model.
  *
  * Values (generated from the declaration) holds every variable at values->time.
- * A model keeps nothing elsewhere. */
+ * A model keeps nothing elsewhere. Vectors of states hold states_in(values) numbers. */
 
 #ifndef MODEL_H
 #define MODEL_H

@@ -23,14 +23,15 @@ static double reference(const Values *v, double t, int i)
 static void applied(const Values *v, double t, const double q[M], const double qd[M],
                     double tau[M])
 {
+    const int m = m_of(v);
     double e[M], ed[M];
-    for (int i = 0; i < M; ++i) {
+    for (int i = 0; i < m; ++i) {
         e[i] = reference(v, t, i) - q[i];
         ed[i] = v->velocity_ref[i] - qd[i];
     }
-    for (int i = 0; i < M; ++i) {
+    for (int i = 0; i < m; ++i) {
         tau[i] = v->tau[i];
-        for (int j = 0; j < M; ++j)
+        for (int j = 0; j < m; ++j)
             tau[i] += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
     }
 }
@@ -48,19 +49,20 @@ static double disturbance(const Values *v, double t, int i)
 void model_derivatives(const Values *values, double t, const double x[STATES],
                        double dx[STATES])
 {
-    const double *q = x, *qd = x + M;
+    const int m = m_of(values);
+    const double *q = x, *qd = x + m;
     double force[M];
     applied(values, t, q, qd, force);
-    for (int i = 0; i < M; ++i) {
+    for (int i = 0; i < m; ++i) {
         force[i] += disturbance(values, t, i);
         dx[i] = qd[i];
     }
-    robot_acceleration(values, q, qd, force, dx + M);
+    robot_acceleration(values, q, qd, force, dx + m);
 }
 
 void model_outputs(Values *values)
 {
-    for (int i = 0; i < M; ++i)
+    for (int i = 0; i < m_of(values); ++i)
         values->position_ref[i] = reference(values, values->time, i);
     applied(values, values->time, values->q, values->qd, values->tau_applied);
 }
@@ -68,14 +70,14 @@ void model_outputs(Values *values)
 static void restart_reference(Values *values)
 {
     values->reference_time = values->time;
-    for (int i = 0; i < M; ++i)
+    for (int i = 0; i < m_of(values); ++i)
         values->reference_position[i] = values->position_ref[i];
 }
 
 static void count_terms(Values *values)
 {
-    for (int i = 0; i < M; ++i) {
-        int n = TERMS;
+    for (int i = 0; i < m_of(values); ++i) {
+        int n = terms_of(values);
         while (n > 0 && values->disturbance_amplitude[i][n - 1] == 0.0)
             --n;
         values->disturbance_terms[i] = n;
