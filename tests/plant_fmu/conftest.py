@@ -1,0 +1,38 @@
+"""Bundled models, built, unpacked once, and opened with FMPy."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import fmpy
+import pytest
+
+from plant_fmu.building import build
+from tests.plant_fmu.robots import Open, Robot
+
+
+@pytest.fixture(scope="session")
+def unpacked() -> Iterator[Callable[[str, int], Path]]:
+    with TemporaryDirectory() as folder:
+
+        def path(model: str, fmi: int) -> Path:
+            target = Path(folder) / f"{model}{fmi}"
+            if not target.exists():
+                fmpy.extract(build(model, fmi), unzipdir=target)
+            return target
+
+        yield path
+
+
+@pytest.fixture
+def robot(unpacked: Callable[[str, int], Path]) -> Open:
+    @contextmanager
+    def opened(model: str, fmi: int, kind: str = "Slave") -> Iterator[Robot]:
+        robot = Robot(model, fmi, unpacked(model, fmi), kind)
+        try:
+            yield robot
+        finally:
+            robot.fmu.freeInstance()
+
+    return opened
