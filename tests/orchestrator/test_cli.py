@@ -301,6 +301,7 @@ def test_schema_is_json():
 
 def test_fmu_list_info_and_build(tmp_path):
     assert [line.split()[0] for line in nrs("fmu", "list").stdout.splitlines()] == [
+        "n_link_arm",
         "planar_robot",
         "two_link_arm",
     ]
