@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 import fmpy
 from fmpy.model_description import ModelDescription
 
-from plant_fmu.building import build
+from plant_fmu.building import build, built_here
 from plant_fmu.errors import FmuError
 
 
@@ -44,6 +44,17 @@ class Archive:
             "ModelExchange": self.description.modelExchange,
         }
         return tuple(kind for kind, offered in offers.items() if offered)
+
+    @property
+    def ours(self) -> bool:
+        """Whether its bytes are those of an FMU that was built on this machine."""
+        return built_here(self.name, self.sha256)
+
+    @property
+    def once_per_process(self) -> bool:
+        """Whether a process may have one instance of it at most."""
+        interfaces = (self.description.coSimulation, self.description.modelExchange)
+        return any(i.canBeInstantiatedOnlyOncePerProcess for i in interfaces if i is not None)
 
     def told(self) -> dict[str, Any]:
         """Return what the FMU says of itself, for JSON."""

@@ -12,10 +12,11 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from difflib import get_close_matches
+from glob import escape
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryDirectory
 from uuid import NAMESPACE_OID, uuid5
-from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
 
 import fmpy
 
@@ -55,7 +56,7 @@ def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
     files = _files(model, equations, fmi)
     path = cache_folder() / f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
-    if not path.exists():
+    if not is_zipfile(path):
         sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
         archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
         _replace(path, archive)
@@ -74,6 +75,12 @@ def copy_out(built: Path, destination: Path) -> None:
         shutil.copyfile(built, destination)
     except OSError as error:
         raise FmuError(f"{destination}: cannot be written: {error.strerror}") from error
+
+
+def built_here(name: str, sha256: str) -> bool:
+    """Whether an FMU of that model name and digest is among those that were built here."""
+    kept = cache_folder().glob(f"{escape(name)}-fmi*.fmu")
+    return any(hashlib.sha256(path.read_bytes()).hexdigest() == sha256 for path in kept)
 
 
 def cache_folder() -> Path:
@@ -170,6 +177,7 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
             text=True,
             errors="replace",
             check=False,
+            start_new_session=True,  # a Ctrl-C in the terminal is ours to hear, not the compiler's
         )
         if done.returncode != 0:
             lines = done.stderr.splitlines()
