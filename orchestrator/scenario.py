@@ -120,6 +120,12 @@ class Plant(Table):
     fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
     parameters: dict[str, Gain] = Field({}, description="of the FMU, by name")
     variables: dict[str, str] = Field({}, description="the FMU's names where they differ from ours")
+    isolate: bool = Field(
+        True, strict=True, description="run an FMU that is none of ours in a process of its own"
+    )
+    deadline: Positive = Field(
+        10.0, description="s of wall time; an isolated FMU that takes longer for a call is ended"
+    )
 
 
 class Disturbance(Table):

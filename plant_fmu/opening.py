@@ -1,7 +1,8 @@
 """An FMU and the robots that have it become plants: loaded once, instantiated for each robot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 from plant_fmu.archive import Archive, unpacked
 from plant_fmu.library import Library
@@ -10,7 +11,11 @@ from plant_fmu.reference_driven import ReferenceDrivenPlants
 
 
 def open_plants(
-    stack: ExitStack, archive: Archive, bodies: Sequence[Body], names: Mapping[str, str]
+    stack: ExitStack,
+    archive: Archive,
+    bodies: Sequence[Body],
+    names: Mapping[str, str],
+    load: Callable[[Archive, Path], Library] = Library,
 ) -> Plants:
     """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
 
@@ -18,5 +23,5 @@ def open_plants(
     is wrong with the FMU or with what it was told.
     """
     folder = stack.enter_context(unpacked(archive))
-    library = stack.enter_context(Library(archive, folder))
+    library = stack.enter_context(load(archive, folder))
     return ReferenceDrivenPlants(library, bodies, names)

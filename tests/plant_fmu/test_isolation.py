@@ -1,0 +1,340 @@
+"""An FMU that crashes, hangs or refuses ends its own process, and the run with an error.
+
+The FMU of these tests does so on request. Every process that loads it holds a FIFO open, so that
+its end is an event that is waited for, and tells its id there.
+"""
+
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario
+from plant_fmu import building, declaration
+from plant_fmu.archive import find_archive, open_archive
+from plant_fmu.building import build
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.isolated import IsolatedPlants
+from plant_fmu.plants import Body, Disturbance
+from plant_fmu.progress import SIZE, Progress
+from recordings.reading import Reader
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+
+NRS = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+FAULTY = Path(__file__).with_name("faulty")
+FAULTS = ("none", "segfault", "abort", "exit", "hang", "discard", "error", "fatal", "nan")
+BEFORE_THE_RUN = -1.0
+
+SCENARIO = """
+[run]
+duration = 1.0
+sampling_period = 0.1
+seed = 1
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 1.1
+[controller]
+kp = 10.0
+kd = 10.0
+[network]
+adjacency = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+pinning = [1, 0, 0]
+[target]
+axes = [{{ rate = 2.0 }}, {{ rate = -2.0 }}]
+[plant]
+fmu = "{fmu}"
+{plant}
+[initial]
+position = {{ uniform = [-1.0, 1.0] }}
+velocity = {{ uniform = [-1.0, 1.0] }}
+q = {{ uniform = [-1.0, 1.0] }}
+qd = {{ uniform = [-1.0, 1.0] }}
+[[robots]]
+id = 2
+[robots.plant]
+fmu = "{fmu}"
+parameters = {{ {parameters} }}
+{plant}
+"""
+
+
+def scenario(fault="none", at=0.55, plant="", fmu="faulty.fmu"):
+    """Return three robots' text; the second has a fault in the step that ends after a time."""
+    parameters = ""
+    if fault != "none":
+        parameters = f"fault = {FAULTS.index(fault)}, fault_time = {at}"
+    return SCENARIO.format(fmu=fmu, plant=plant, parameters=parameters)
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory):
+    """Build the FMU: the bundled models' sources, with a shim of its own around theirs."""
+    folder = tmp_path_factory.mktemp("faulty")
+    models = folder / "models"
+    shutil.copytree(declaration.MODELS, models)
+    (models / "fmi3.c").rename(models / "healthy.h")
+    shutil.copy(FAULTY / "fmi3.c", models)
+    shutil.copytree(FAULTY, models / "faulty", ignore=shutil.ignore_patterns("fmi3.c"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NRS_CACHE", str(folder))
+        patch.setattr(declaration, "MODELS", models)
+        patch.setattr(building, "MODELS", models)
+        return build("faulty")
+
+
+class Life:
+    """The FIFO in which processes tell that they live, and hold open until they end."""
+
+    def __init__(self, path):
+        os.mkfifo(path)
+        self._end = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        self._poll = select.poll()
+        self._poll.register(self._end, select.POLLIN)
+
+    def until(self, word):
+        """Return all words up to the one that is waited for; with None, up to the last end."""
+        heard = b""
+        while word is None or word.encode() not in heard:
+            assert self._poll.poll(60_000), f"waited for {word or 'the end'} in vain after {heard}"
+            said = os.read(self._end, 4096)
+            if not said:
+                break
+            heard += said
+        return heard.decode().split()
+
+    def close(self):
+        os.close(self._end)
+
+
+@pytest.fixture
+def life(tmp_path, monkeypatch):
+    opened = Life(tmp_path / "life")
+    monkeypatch.setenv("FAULTY_LIFE", str(tmp_path / "life"))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def place(faulty, tmp_path, monkeypatch):
+    """Return a folder with the FMU, below which all temporary files come to lie."""
+    shutil.copy(faulty, tmp_path / "faulty.fmu")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    return tmp_path
+
+
+@pytest.fixture
+def start(place):
+    """Return a function that starts the command on a scenario; it records into run.mcap."""
+    with ExitStack() as stack:
+
+        def started(text):
+            (place / "s.toml").write_text(text, "utf-8")
+            command = subprocess.Popen(
+                [*NRS, "run", "s.toml", "-o", "run.mcap"],
+                cwd=place,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            stack.callback(command.wait)
+            stack.callback(command.kill)
+            return command
+
+        yield started
+
+
+def nothing_left(place, words):
+    """Assert that every process that told its id has been waited for, and no file remains."""
+    pids = [int(word) for word in words if word.isdigit()]
+    assert pids
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+    assert list((place / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "at", "cause"),
+    [
+        ("segfault", "0.5", "the FMU crashed with SIGSEGV, in step; it printed: fault 1 is due"),
+        ("abort", "0.5", "the FMU aborted (SIGABRT), in step; it printed: fault 2 is due"),
+        ("exit", "0.5", "the FMU exited with status 7, in step; it printed: fault 3 is due"),
+        (
+            "hang",
+            "0.5",
+            "the FMU did not return within 0.5 s (plant.deadline), in step; it printed: fault 4",
+        ),
+        ("discard", "0.5", "a step of 0.1 s ended with Discard"),
+        ("error", "0.5", "a step of 0.1 s ended with Error"),
+        ("fatal", "0.5", "a step of 0.1 s ended with Fatal"),
+        ("nan", "0.6", "its outputs are not finite: [nan, "),
+    ],
+)
+def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, cause):
+    deadline = "deadline = 0.5" if fault == "hang" else ""
+    command = start(scenario(fault, plant=deadline))
+    printed, errors = command.communicate(timeout=120)
+    assert command.returncode == 1
+    expected = f"robot 2 (faulty.fmu) at t = {at} s: {cause}"
+    assert f"failed: {expected}" in errors
+    assert "Traceback" not in errors
+    nothing_left(place, life.until(None))
+    done = subprocess.run(
+        [*NRS, "info", "run.mcap", "--json"], cwd=place, capture_output=True, check=True
+    )
+    told = json.loads(done.stdout)
+    assert (told["status"], told["ticks"], told["damage"]) == ("failed", 5, [])
+    assert told["messages"] == 3 * 6 + 4 * 5
+    assert told["reason"].startswith(expected)
+    assert "failed" in printed
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("segfault", "the FMU crashed with SIGSEGV, in exit initialization; it printed: fault 1"),
+        ("hang", "the FMU did not return within 0.5 s (plant.deadline), in exit initialization"),
+        ("fatal", "initialisation of robot 2 ended with Fatal"),
+    ],
+)
+def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
+    command = start(scenario(fault, at=BEFORE_THE_RUN, plant="deadline = 0.5"))
+    _, errors = command.communicate(timeout=120)
+    assert command.returncode == 2
+    assert cause in errors
+    assert errors.startswith("error: faulty.fmu: ")
+    assert "robot 2" in errors
+    nothing_left(place, life.until(None))
+    assert not (place / "run.mcap").exists()
+
+
+def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, monkeypatch):
+    monkeypatch.setenv("FAULTY_LOAD", "crash")
+    command = start(scenario())
+    _, errors = command.communicate(timeout=120)
+    assert command.returncode == 2
+    told = "error: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading\n"
+    assert errors == told
+    nothing_left(place, life.until(None))
+    assert not (place / "run.mcap").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
+def test_a_killed_parent_leaves_no_worker_behind(start, life):
+    command = start(scenario("hang", plant="deadline = 3600"))
+    words = life.until("hangs")
+    command.kill()
+    command.communicate(timeout=120)
+    assert command.returncode == -signal.SIGKILL
+    assert [word for word in words if word.isdigit()] != [str(command.pid)]
+    assert life.until(None) == [], "somebody else spoke"
+
+
+def test_without_isolation_the_fmu_runs_in_the_process_of_the_command(start, life):
+    command = start(scenario("exit", plant="isolate = false"))
+    command.communicate(timeout=120)
+    assert command.returncode == 7
+    assert life.until(None) == [str(command.pid)]
+
+
+def foreign(path, fmi):
+    """Write a bundled arm whose bytes are nobody's: with a comment in its archive."""
+    shutil.copy(build("two_link_arm", fmi), path)
+    with ZipFile(path, "a") as archive:
+        archive.comment = b"not ours"
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_isolation_changes_no_bit(tmp_path, fmi):
+    foreign(tmp_path / "arm.fmu", fmi)
+    assert not open_archive(tmp_path / "arm.fmu").ours
+    digests = []
+    for isolate in ("true", "false"):
+        text = scenario(fmu="arm.fmu", plant=f"isolate = {isolate}")
+        text = text.replace("seed = 1", "seed = 1\noutput_step = 0.05")
+        path = tmp_path / f"{isolate}.mcap"
+        assert run(parse_scenario(text, "s", tmp_path, "s"), path).status == "completed"
+        with Reader(path, verify=True) as reader:
+            digests.append(reader.digest)
+    assert digests[0] == digests[1]
+
+
+def test_only_what_was_built_here_is_ours(faulty, tmp_path):
+    assert find_archive("two_link_arm", Path()).ours
+    for fmi in (2, 3):
+        building.write("planar_robot", fmi, tmp_path / "copy.fmu")
+        assert find_archive("copy.fmu", tmp_path).ours
+    assert not open_archive(faulty).ours
+
+
+def bodies(n, **parameters):
+    """Return n robots at rest."""
+    zero, none = np.zeros(2), np.zeros((2, 0))
+    still = Disturbance(zero, zero, none, none, none)
+    return [
+        Body(robot, parameters, np.eye(2), np.eye(2), still, zero, zero, zero, zero)
+        for robot in range(1, n + 1)
+    ]
+
+
+def test_an_fmu_that_a_process_may_have_only_once_gets_a_process_for_each_robot(faulty, life):
+    archive = open_archive(faulty)
+    with ExitStack() as stack:
+        together = IsolatedPlants(stack, archive, bodies(3), {}, 10.0)
+        archive.description.coSimulation.canBeInstantiatedOnlyOncePerProcess = True
+        apart = IsolatedPlants(stack, archive, bodies(3), {}, 10.0)
+        references = np.arange(6.0).reshape(3, 2)
+        for plants in (together, apart):
+            plants.hold(references, references)
+            for k in range(3):
+                plants.advance(k * 0.1, 0.1)
+        assert np.array_equal(apart.q, together.q)
+        assert len(np.unique(apart.q)) == 6
+        assert np.array_equal(apart.tau, together.tau)
+    assert len(set(life.until(None))) == 1 + 3
+
+
+def test_once_per_process_needs_isolation(place, monkeypatch):
+    monkeypatch.setattr("plant_fmu.archive.Archive.once_per_process", True)
+    file = parse_scenario(scenario(plant="isolate = false"), "s", place, "s")
+    with pytest.raises(FmuError, match=r"only once per process, but 3 robots have it"):
+        run(file, place / "run.mcap")
+
+
+def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
+    with ExitStack() as stack:
+        plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, 10.0)
+        (pid,) = life.until("\n")
+        os.kill(int(pid), signal.SIGKILL)
+        with pytest.raises(StepError, match=r"robots 1, 2 .* at t = 0 s: the FMU was killed \(SIG"):
+            plants.advance(0.0, 0.1)
+
+
+def test_what_is_wrong_with_the_scenario_is_told_as_without_isolation(faulty):
+    with ExitStack() as stack, pytest.raises(FmuError, match="has no variable 'mm'"):
+        IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, 10.0)
+
+
+def test_progress_is_what_was_announced_last():
+    shared = memoryview(bytearray(SIZE))
+    writer, reader = Progress(shared), Progress(shared)
+    assert (reader.calls, reader.who, reader.act) == (0, "", "")
+    writer.enter("", "loading")
+    assert (reader.calls, reader.who, reader.act) == (1, "", "loading")
+    writer.enter("robot 12", "step")
+    assert (reader.calls, reader.who, reader.act) == (2, "robot 12", "step")
+    writer.rest()
+    assert (reader.calls, reader.who, reader.act) == (2, "", "")
