@@ -17,8 +17,9 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 test: .venv/.tested  ## install what the tests need and pass them
 	$(BIN)/pytest $(ARGS)
 
-benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop
+benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs
 	$(BIN)/python -m benchmarks.throughput
+	$(BIN)/python -m benchmarks.isolation
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
