@@ -11,25 +11,23 @@ from typing import Any
 
 from fmpy import calloc, free
 from fmpy.fmi2 import (
-    FMU2Slave,
     fmi2CallbackAllocateMemoryTYPE,
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
 )
-from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
 Call = Callable[..., int]
 Log = Callable[[str], None]
 
-WARNING = 1
+WARNING, DISCARD = 1, 2
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 
 @dataclass(frozen=True, slots=True)
 class Calls:
-    """The Co-Simulation calls of one loaded library."""
+    """The calls of one loaded library that Co-Simulation and Model Exchange share."""
 
     set: Call
     """(handle, references, address …): the values at the address go to the FMU."""
@@ -37,25 +35,46 @@ class Calls:
     """(handle, references, address …): the FMU's values go to the address."""
     counts_values: bool
     """Whether `set` and `get` end with the number of values, as in FMI 3.0."""
-    step: Call
-    """(handle, communication point in s, step in s, *step_tail)"""
-    step_tail: tuple[Any, ...]
     enter_initialization: Call
+    """(handle, start time in s)"""
     exit_initialization: Call
+    reset: Call
     free: Call
     instantiate: Callable[[Any, Log], None]
-    """Instantiates a copy of FMPy's slave, whose log goes where the second argument says."""
+    """Instantiates a copy of FMPy's instance, whose log goes where the second argument says."""
 
 
-def bind_fmi3(slave: FMU3Slave) -> Calls:
-    """Bind the calls of an FMI 3.0 library (FMI 3.0, sections 2.2 and 4.2)."""
+@dataclass(frozen=True, slots=True)
+class StepCall:
+    """The call that advances an instance for Co-Simulation."""
+
+    step: Call
+    """(handle, communication point in s, step in s, *tail)"""
+    tail: tuple[Any, ...]
+
+
+def bind_common(dll: Any, fmi: int) -> Calls:
+    """Bind what both interfaces share (FMI 2.0, section 2.1; FMI 3.0, section 2.2)."""
+    return _common_fmi2(dll) if fmi == 2 else _common_fmi3(dll)
+
+
+def bind_step(dll: Any, fmi: int) -> StepCall:
+    """Bind `doStep` (FMI 2.0, section 4.2.1; FMI 3.0, section 4.2.1)."""
+    arguments = (c_void_p, c_double, c_double)
+    if fmi == 2:
+        return StepCall(bind(dll, "fmi2DoStep", *arguments, c_int), (1,))
+    told = (c_bool(), c_bool(), c_bool(), c_double())
+    step = bind(dll, "fmi3DoStep", *arguments, c_bool, *[c_void_p] * 4)
+    return StepCall(step, (True, *(byref(value) for value in told)))
+
+
+def _common_fmi3(dll: Any) -> Calls:
     values = (c_void_p, c_void_p, c_size_t, c_void_p, c_size_t)
-    enter = _bind(
-        slave,
+    enter = bind(
+        dll,
         "fmi3EnterInitializationMode",
         *(c_void_p, c_bool, c_double, c_double, c_bool, c_double),
     )
-    told = (c_bool(), c_bool(), c_bool(), c_double())
 
     def instantiate(instance: Any, log: Log) -> None:
         instance.instantiate(
@@ -63,25 +82,21 @@ def bind_fmi3(slave: FMU3Slave) -> Calls:
         )
 
     return Calls(
-        set=_bind(slave, "fmi3SetFloat64", *values),
-        get=_bind(slave, "fmi3GetFloat64", *values),
+        set=bind(dll, "fmi3SetFloat64", *values),
+        get=bind(dll, "fmi3GetFloat64", *values),
         counts_values=True,
-        step=_bind(slave, "fmi3DoStep", c_void_p, c_double, c_double, c_bool, *[c_void_p] * 4),
-        step_tail=(True, *(byref(value) for value in told)),
-        enter_initialization=lambda handle: enter(handle, False, 0.0, 0.0, False, 0.0),
-        exit_initialization=_bind(slave, "fmi3ExitInitializationMode", c_void_p),
-        free=_bind(slave, "fmi3FreeInstance", c_void_p, result=None),
+        enter_initialization=lambda handle, start: enter(handle, False, 0.0, start, False, 0.0),
+        exit_initialization=bind(dll, "fmi3ExitInitializationMode", c_void_p),
+        reset=bind(dll, "fmi3Reset", c_void_p),
+        free=bind(dll, "fmi3FreeInstance", c_void_p, result=None),
         instantiate=instantiate,
     )
 
 
-def bind_fmi2(slave: FMU2Slave) -> Calls:
-    """Bind the calls of an FMI 2.0 library (FMI 2.0, sections 2.1 and 4.2)."""
+def _common_fmi2(dll: Any) -> Calls:
     values = (c_void_p, c_void_p, c_size_t, c_void_p)
-    setup = _bind(
-        slave, "fmi2SetupExperiment", c_void_p, c_int, c_double, c_double, c_int, c_double
-    )
-    enter = _bind(slave, "fmi2EnterInitializationMode", c_void_p)
+    setup = bind(dll, "fmi2SetupExperiment", c_void_p, c_int, c_double, c_double, c_int, c_double)
+    enter = bind(dll, "fmi2EnterInitializationMode", c_void_p)
 
     def instantiate(instance: Any, log: Log) -> None:
         callbacks = fmi2CallbackFunctions()
@@ -93,15 +108,17 @@ def bind_fmi2(slave: FMU2Slave) -> Calls:
         addLoggerProxy(byref(callbacks))
         instance.instantiate(loggingOn=True, callbacks=callbacks)
 
+    def initialize(handle: int, start: float) -> int:
+        return max(setup(handle, 0, 0.0, start, 0, 0.0), enter(handle))
+
     return Calls(
-        set=_bind(slave, "fmi2SetReal", *values),
-        get=_bind(slave, "fmi2GetReal", *values),
+        set=bind(dll, "fmi2SetReal", *values),
+        get=bind(dll, "fmi2GetReal", *values),
         counts_values=False,
-        step=_bind(slave, "fmi2DoStep", c_void_p, c_double, c_double, c_int),
-        step_tail=(1,),
-        enter_initialization=lambda handle: setup(handle, 0, 0.0, 0.0, 0, 0.0) or enter(handle),
-        exit_initialization=_bind(slave, "fmi2ExitInitializationMode", c_void_p),
-        free=_bind(slave, "fmi2FreeInstance", c_void_p, result=None),
+        enter_initialization=initialize,
+        exit_initialization=bind(dll, "fmi2ExitInitializationMode", c_void_p),
+        reset=bind(dll, "fmi2Reset", c_void_p),
+        free=bind(dll, "fmi2FreeInstance", c_void_p, result=None),
         instantiate=instantiate,
     )
 
@@ -111,8 +128,9 @@ def c_references(references: tuple[int, ...]) -> Any:
     return (c_uint * len(references))(*references)
 
 
-def _bind(slave: Any, name: str, *arguments: Any, result: Any = c_int) -> Call:
-    function = slave.dll[name]
+def bind(dll: Any, name: str, *arguments: Any, result: Any = c_int) -> Call:
+    """Return a library's function with fixed types; `AttributeError` where it has none."""
+    function = dll[name]
     function.argtypes, function.restype = arguments, result
     call: Call = function
     return call

@@ -5,16 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.plants import Array, Plants
+from plant_fmu.checkpoint import join, split
+from plant_fmu.plants import Array, DrivenPlants
 
 
 class Fleet:
-    """All plants of a host; see `plant_fmu.plants.Plants`."""
+    """All plants of a host; see `plant_fmu.plants.Plants` and `Checkpointed`."""
 
-    def __init__(self, groups: Sequence[tuple[NDArray[np.intp], Plants]], m: int) -> None:
+    def __init__(self, groups: Sequence[tuple[NDArray[np.intp], DrivenPlants]], m: int) -> None:
         """Join groups, each with the rows (ascending) that its plants have in the fleet."""
         rows = sum(len(rows) for rows, _ in groups)
         self._groups = groups
+        self.exact = all(plants.exact for _, plants in groups)
         self.q, self.qd, self.tau = (np.empty((rows, m)) for _ in range(3))
         self._gather()
 
@@ -27,6 +29,17 @@ class Fleet:
         """Advance from a time by a step, in s."""
         for _, plants in self._groups:
             plants.advance(start, step)
+        self._gather()
+
+    def save(self) -> bytes:
+        """Return the plants' times and states."""
+        return join([plants.save() for _, plants in self._groups])
+
+    def restore(self, data: bytes) -> None:
+        """Put back what `save` returned."""
+        parts = split(data, len(self._groups))
+        for (_, plants), part in zip(self._groups, parts, strict=True):
+            plants.restore(part)
         self._gather()
 
     def _gather(self) -> None:

@@ -29,14 +29,25 @@ class Instances:
         self.robots = list(robots)
         self.handles = [library.instantiate(_name(robot)) for robot in robots]
 
-    def initialise(self, values: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> None:
+    def initialise(
+        self,
+        values: Sequence[Mapping[str, Any]],
+        names: Mapping[str, str],
+        start: float = 0.0,
+    ) -> None:
         """Set each robot's values by our names of the variables, and end its initialisation."""
         calls = self.library.calls
         for row, told in enumerate(values):
             for ours, value in told.items():
                 self._start(row, names.get(ours, ours), value)
-            for call in (calls.enter_initialization, calls.exit_initialization):
-                self._expect_ok(row, "initialisation", call(self.handles[row]))
+            handle = self.handles[row]
+            self._expect_ok(row, "initialisation", calls.enter_initialization(handle, start))
+            self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
+
+    def reset(self) -> None:
+        """Return each FMU to where it was when it was instantiated."""
+        for row, handle in enumerate(self.handles):
+            self._expect_ok(row, "a reset", self.library.calls.reset(handle))
 
     def writes(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
         """Return the act that gives each FMU its row of an array (robots, numbers)."""
@@ -51,9 +62,7 @@ class Instances:
         if max(statuses, default=0) <= WARNING:
             return
         row = next(row for row, status in enumerate(statuses) if status > WARNING)
-        raise self.failure(
-            row, seconds, f"{act} ended with {STATUS[statuses[row]]}{self._last_words(row)}"
-        )
+        raise self.refusal(row, seconds, act, statuses[row])
 
     def expect_finite(self, rows: Array, seconds: float) -> None:
         """Raise `StepError` for the first robot with a non-finite number in its row."""
@@ -61,6 +70,12 @@ class Instances:
         if not finite.all():
             row = int(np.flatnonzero(~finite.all(axis=1))[0])
             raise self.failure(row, seconds, f"its outputs are not finite: {rows[row].tolist()}")
+
+    def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
+        """Return the error of an act that ended badly, with the FMU's last words."""
+        return self.failure(
+            row, seconds, f"{act} ended with {STATUS[status]}{self._last_words(row)}"
+        )
 
     def failure(self, row: int, seconds: float, cause: str) -> StepError:
         """Return the error that names a row's robot, the FMU, the time and the cause."""

@@ -4,9 +4,9 @@ Between two calls of `hold` each reference moves on as ε + (t − t_hold) υ, s
 said in between, however often the states are asked for.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disturbance:
-    """tau_d(t) = offset + rate t + Σ amplitude sin(frequency t + phase) on m axes, N m."""
+    """tau_d(t) = offset + rate t + Σ amplitude sin(frequency t + phase) on m axes, N m.
+
+    Those of several robots are one with a first axis of rows before the shapes below.
+    """
 
     offset: Array
     """(m,)"""
@@ -29,14 +32,31 @@ class Disturbance:
     phase: Array
     """(m, p) rad"""
 
+    @classmethod
+    def stack(cls, rows: Sequence[Self]) -> Self:
+        """Join robots' disturbances as rows; a row with fewer terms has zeros at its end."""
+        terms = max(row.amplitude.shape[1] for row in rows)
+
+        def padded(name: str) -> Array:
+            waves = [getattr(row, name) for row in rows]
+            return np.array([np.pad(w, ((0, 0), (0, terms - w.shape[1]))) for w in waves])
+
+        return cls(
+            np.array([row.offset for row in rows]),
+            np.array([row.rate for row in rows]),
+            *map(padded, ("amplitude", "frequency", "phase")),
+        )
+
     def __bool__(self) -> bool:
         """Whether it is anything but zero at all times."""
         return bool(self.offset.any() or self.rate.any() or self.amplitude.any())
 
     def at(self, seconds: float) -> Array:
-        """Return tau_d, (m,)."""
+        """Return tau_d, (m,); terms are added in order, so that zeros after them change no bit."""
+        torque = self.offset + self.rate * seconds
         waves = self.amplitude * np.sin(self.frequency * seconds + self.phase)
-        torque: Array = self.offset + self.rate * seconds + waves.sum(axis=1)
+        for term in range(waves.shape[-1]):
+            torque = torque + waves[..., term]
         return torque
 
 
@@ -65,8 +85,8 @@ class Body:
 class Plants(Protocol):
     """Some robots' plants, at one time; a row a robot.
 
-    `q`, `qd` and `tau` (rows, m) are their positions, velocities and applied torques then; they
-    are views that the next `advance` overwrites.
+    `q`, `qd` and `tau` (rows, m) are their positions, velocities and torques then, the torques of
+    the PD law alone; they are views that the next `advance` overwrites.
     """
 
     q: Array
@@ -78,3 +98,28 @@ class Plants(Protocol):
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s; `StepError` names the robot, FMU, time and cause."""
+
+
+class Checkpointed(Protocol):
+    """What can be put back to where it was, by the same or by another process.
+
+    A checkpoint is taken after an `advance` and before the next `hold`. Where it is `exact`, what
+    follows it is the same to the last bit; otherwise only to the FMU's own accuracy.
+    """
+
+    exact: bool
+
+    def save(self) -> bytes:
+        """Return the plants' time and states."""
+
+    def restore(self, data: bytes) -> None:
+        """Put back what `save` returned; `FmuError` where that was of other plants."""
+
+
+class DrivenPlants(Plants, Checkpointed, Protocol):
+    """Plants of one archive, with what is told to the user of how they are driven."""
+
+    kind: str
+    """The FMI interface: CoSimulation or ModelExchange."""
+    drive: str
+    why: str

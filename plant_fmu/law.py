@@ -1,0 +1,47 @@
+"""tau = kp (ε(t) − q) + kd (υ − qd), with ε(t) = ε + (t − t_hold) υ; tau_d(t) acts beside it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from plant_fmu.plants import Array, Body, Disturbance
+
+
+class Law:
+    """Some robots' PD laws and disturbances, a row a robot; see the module for the equation."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self._kp, self._kd = (np.array([getattr(b, gain) for b in bodies]) for gain in ("kp", "kd"))
+        self._feedback = np.concatenate([self._kp, self._kd], axis=2)
+        disturbance = Disturbance.stack([body.disturbance for body in bodies])
+        self._disturbance = disturbance or None
+        self.hold(
+            0.0,
+            np.array([body.position for body in bodies]),
+            np.array([body.velocity for body in bodies]),
+        )
+
+    def hold(self, since: float, position: Array, velocity: Array) -> None:
+        """Take references (rows, m) that move on from a time in s."""
+        self.since, self.position, self.velocity = since, position.copy(), velocity.copy()
+        self._at_hold = _times(self._kp, position) + _times(self._kd, velocity)
+        self._rate = _times(self._kp, velocity)
+
+    def position_at(self, seconds: float) -> Array:
+        """Return ε(t), (rows, m)."""
+        return self.position + (seconds - self.since) * self.velocity
+
+    def torque(self, seconds: float, state: Array) -> Array:
+        """Return tau, (rows, m), at the states (rows, 2 m) of q and then qd."""
+        return self._at_hold + (seconds - self.since) * self._rate - _times(self._feedback, state)
+
+    def effort(self, seconds: float, state: Array) -> Array:
+        """Return tau + tau_d, (rows, m): all that acts on the robots."""
+        torque = self.torque(seconds, state)
+        return torque if self._disturbance is None else torque + self._disturbance.at(seconds)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Multiply row by row: (rows, a, b) by (rows, b) is (rows, a)."""
+    product: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+    return product
