@@ -28,7 +28,7 @@ from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run as run_scenario
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import bodies, clock_of, plants
+from orchestrator.setting import bodies, clock_of
 from orchestrator.summary import describe, lines, measure
 from plant_fmu.archive import find_archive
 from plant_fmu.building import write as write_fmu
@@ -148,7 +148,7 @@ def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
     file = read_scenario(scenario)
     checked = check_scenario(file.scenario)
     with ExitStack() as stack:
-        groups = group_by_archive(plants(file.scenario), file.folder)
+        groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
     if as_json:
         _print_json(checked.as_json())

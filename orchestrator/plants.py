@@ -1,65 +1,88 @@
 """The robots' bodies become plants: each FMU is loaded once, for all robots that have it."""
 
 from collections import defaultdict
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from orchestrator.scenario import Plant
+from orchestrator.scenario import Plant, Scenario
 from plant_fmu.archive import Archive, find_archive
+from plant_fmu.driving import Driving
 from plant_fmu.errors import FmuError
 from plant_fmu.fleet import Fleet
 from plant_fmu.isolated import IsolatedPlants
 from plant_fmu.opening import open_plants
-from plant_fmu.plants import Body, Plants
-
-_Shared = tuple[str, tuple[tuple[str, str], ...], bool, float]
-"""What robots of one group have in common: FMU, names, isolate, deadline."""
+from plant_fmu.plants import Body, DrivenPlants
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """The robots that share an FMU, the names of its variables, and how it is run."""
+    """The robots whose plants differ in their parameters at most."""
 
+    field: str
+    """Where the scenario gives the plant."""
+    plant: Plant
     archive: Archive
-    names: dict[str, str]
     rows: list[int]
-    isolate: bool
-    deadline: float
+
+    @property
+    def driving(self) -> Driving:
+        """How the scenario wants the plant to be driven."""
+        return Driving(**{key.name: getattr(self.plant, key.name) for key in fields(Driving)})
 
 
-def group_by_archive(plants: Sequence[Plant], folder: Path) -> list[Group]:
-    """Read each FMU once; `FmuError` names what is wrong with one. Row i is robot i + 1."""
-    members: defaultdict[_Shared, list[int]] = defaultdict(list)
-    for row, plant in enumerate(plants):
-        names = tuple(sorted(plant.variables.items()))
-        members[plant.fmu, names, plant.isolate, plant.deadline].append(row)
-    return [
-        Group(find_archive(fmu, folder), dict(names), rows, isolate, deadline)
-        for (fmu, names, isolate, deadline), rows in members.items()
-    ]
+def group_by_archive(scenario: Scenario, folder: Path) -> list[Group]:
+    """Read each FMU once; `FmuError` names the field and what is wrong. Row i is robot i + 1."""
+    own = {
+        robot.id: (f"robots[{i}].plant", robot.plant)
+        for i, robot in enumerate(scenario.robots)
+        if robot.plant
+    }
+    members: defaultdict[str, list[int]] = defaultdict(list)
+    given: dict[str, tuple[str, Plant]] = {}
+    for row in range(scenario.n):
+        field, plant = own.get(row + 1, ("plant", scenario.plant))
+        alike = plant.model_dump_json(exclude={"parameters"})
+        given.setdefault(alike, (field, plant))
+        members[alike].append(row)
+    groups = []
+    for alike, (field, plant) in given.items():
+        with _named(field):
+            archive = find_archive(plant.fmu, folder)
+        groups.append(Group(field, plant, archive, members[alike]))
+    return groups
 
 
 def open_fleet(stack: ExitStack, groups: Sequence[Group], bodies: Sequence[Body]) -> Fleet:
     """Load, instantiate and initialise all plants at t_0; the stack ends them."""
-    opened = [
-        (np.array(group.rows), _open(stack, group, [bodies[row] for row in group.rows]))
-        for group in groups
-    ]
-    return Fleet(opened, len(bodies[0].q))
+    opened = []
+    for group in groups:
+        with _named(group.field):
+            opened.append(_open(stack, group, [bodies[row] for row in group.rows]))
+    rows = [np.array(group.rows) for group in groups]
+    return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
 
 
-def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> Plants:
+def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> DrivenPlants:
     """Open a group's plants: an FMU of ours in this process, one of others isolated if it may."""
-    archive = group.archive
-    if group.isolate and not archive.ours:
-        return IsolatedPlants(stack, archive, bodies, group.names, group.deadline)
+    archive, plant, driving = group.archive, group.plant, group.driving
+    if plant.isolate and not archive.ours:
+        return IsolatedPlants(stack, archive, bodies, plant.variables, driving, plant.deadline)
     if archive.once_per_process and len(bodies) > 1:
         raise FmuError(
             f"{archive.label}: can be instantiated only once per process, but {len(bodies)} robots "
             f"have it and plant.isolate is false"
         )
-    return open_plants(stack, archive, bodies, group.names)
+    return open_plants(stack, archive, bodies, plant.variables, driving)
+
+
+@contextmanager
+def _named(field: str) -> Iterator[None]:
+    """Put the field that gives a plant before what is wrong with it."""
+    try:
+        yield
+    except FmuError as error:
+        raise FmuError(f"{field}: {error}") from None

@@ -25,10 +25,10 @@ from orchestrator.setting import (
     bodies,
     clock_of,
     initial_estimates,
-    plants,
     target_of,
     topology_of,
 )
+from plant_fmu.fleet import Fleet
 from recordings.container import Closing, Compression
 from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import RUN
@@ -70,7 +70,7 @@ def run(
     algorithm = load_algorithm(
         scenario.algorithm.name, scenario.algorithm.alpha, scenario.algorithm.beta
     )
-    groups = group_by_archive(plants(scenario), file.folder)
+    groups = group_by_archive(scenario, file.folder)
     with ExitStack() as stack:
         fleet = open_fleet(stack, groups, bodies(scenario))
         bus = ZenohBus(uuid4().hex)
@@ -86,7 +86,7 @@ def run(
                 channels=channels(scenario.n),
                 schemas=schemas(),
                 metadata={
-                    RUN: _about_run(file, clock, groups),
+                    RUN: _about_run(file, clock, groups, fleet),
                     "nrs.versions": _versions(),
                 },
                 attachments={SCENARIO: ("application/toml", file.text.encode())},
@@ -111,18 +111,22 @@ def run(
     return Outcome(status, reason, output, done, recorder.messages, wall_seconds)
 
 
-def _about_run(file: ScenarioFile, clock: Clock, groups: list[Group]) -> dict[str, str]:
+def _about_run(
+    file: ScenarioFile, clock: Clock, groups: list[Group], fleet: Fleet
+) -> dict[str, str]:
     """Return the run's metadata record; its numbers are decimal, its times in ns."""
-    plants = [
+    about_plants = [
         {
             "fmu": group.archive.label,
             "name": group.archive.name,
             "fmi_version": group.archive.fmi_version,
-            "kind": "CoSimulation",
+            "kind": plants.kind,
+            "drive": plants.drive,
+            "why": plants.why,
             "sha256": group.archive.sha256,
             "robots": [row + 1 for row in group.rows],
         }
-        for group in groups
+        for group, plants in zip(groups, fleet.plants, strict=True)
     ]
     return {
         "name": file.name,
@@ -132,7 +136,7 @@ def _about_run(file: ScenarioFile, clock: Clock, groups: list[Group]) -> dict[st
         "ticks": str(clock.ticks),
         "sampling_period_ns": str(clock.period_ns),
         "output_step_ns": str(clock.output_ns),
-        "plants": json.dumps(plants),
+        "plants": json.dumps(about_plants),
     }
 
 

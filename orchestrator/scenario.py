@@ -120,6 +120,17 @@ class Plant(Table):
     fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
     parameters: dict[str, Gain] = Field({}, description="of the FMU, by name")
     variables: dict[str, str] = Field({}, description="the FMU's names where they differ from ours")
+    solver: Literal["cvode", "rk4"] | None = Field(
+        None, description="of Model Exchange; by default the most accurate way that the FMU offers"
+    )
+    rtol: Positive | None = Field(None, description="of cvode, relative; 1e-9 by default")
+    step: Positive | None = Field(None, description="s; the longest of rk4, 0.005 by default")
+    control: Literal["hold", "heun"] | None = Field(
+        None, description="of a torque from outside, in Co-Simulation: held, or corrected once"
+    )
+    control_step: Positive | None = Field(
+        None, description="s; the longest for which a torque is held, 0.005 by default"
+    )
     isolate: bool = Field(
         True, strict=True, description="run an FMU that is none of ours in a process of its own"
     )

@@ -13,7 +13,7 @@ from bus.topology import Topology
 from estimator_agents.estimate import Estimate
 from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, nanoseconds
-from orchestrator.scenario import Axis, Plant, Robot, Scenario, Uniform
+from orchestrator.scenario import Axis, Robot, Scenario, Uniform
 from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
@@ -40,12 +40,6 @@ def target_of(scenario: Scenario) -> Harmonic:
 def initial_estimates(scenario: Scenario) -> Estimate:
     """Return ε_i(t_0) and υ_i(t_0), (n, m)."""
     return Estimate(_initial(scenario, "position"), _initial(scenario, "velocity"))
-
-
-def plants(scenario: Scenario) -> list[Plant]:
-    """Return which plant each robot has, robot 1 first."""
-    own = {robot.id: robot.plant for robot in scenario.robots}
-    return [own.get(robot) or scenario.plant for robot in range(1, scenario.n + 1)]
 
 
 def bodies(scenario: Scenario) -> list[Body]:

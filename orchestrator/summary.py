@@ -41,7 +41,7 @@ def describe(reader: Reader) -> dict[str, Any]:
 def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
     """Return a run's summary as short lines by name."""
     plants = (
-        f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['kind']}, "
+        f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['drive']}, "
         f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
         for plant in told["plants"]
     )

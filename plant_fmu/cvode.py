@@ -122,7 +122,7 @@ class Cvode:
             self._expect(_set_stop(self._solver, until))
             flag = _solve(self._solver, until, self._states, byref(self._reached), self._task)
             self._expect(flag)
-            memmove(robot.states.ctypes.data, self._states_at, robot.states.nbytes)
+            memmove(robot.states_at, self._states_at, robot.states.nbytes)
             event = robot.complete(self._reached.value) or flag == _ROOT_FOUND
         return event
 
@@ -130,7 +130,7 @@ class Cvode:
         """Copy the robot's states, and the errors allowed in them, to where CVODE finds them."""
         robot = self._robot
         allowed: Array = self._rtol * robot.nominals()
-        memmove(self._states_at, robot.states.ctypes.data, robot.states.nbytes)
+        memmove(self._states_at, robot.states_at, robot.states.nbytes)
         memmove(self._allowed_at, allowed.ctypes.data, allowed.nbytes)
 
     def _evaluation(

@@ -48,6 +48,8 @@ class Exchanged:
         self._input = self._address_of(self._effort, names, "tau")
         self.states = np.zeros(description.numberOfContinuousStates)
         self.indicators = np.zeros(description.numberOfEventIndicators)
+        self.states_at = self.states.ctypes.data
+        self.indicators_at = self.indicators.ctypes.data
         self.tells_steps = bool(library.interface.needsCompletedIntegratorStep)
         """Whether the FMU wants to hear of each step of the solver."""
         self.time, self.next_event = 0.0, np.inf
@@ -94,7 +96,7 @@ class Exchanged:
     def arrive(self, time: float) -> None:
         """Take a time and the states as they are for the robot's own."""
         self.time = time
-        self._expect(self.move(time, self.states.ctypes.data), "moving to new states")
+        self._expect(self.move(time, self.states_at), "moving to new states")
         if not np.isfinite(self.state).all():
             raise self.failure(f"its outputs are not finite: {self.state[0].tolist()}")
 
@@ -135,7 +137,7 @@ class Exchanged:
         self.next_event = told.next_event
         status = max(
             calls.enter_continuous_time_mode(handle),
-            calls.get_states(handle, self.states.ctypes.data, self.states.size),
+            calls.get_states(handle, self.states_at, self.states.size),
             self._apply_law(self.time),
         )
         self._expect(status, "an event")

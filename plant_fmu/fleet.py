@@ -16,7 +16,9 @@ class Fleet:
         """Join groups, each with the rows (ascending) that its plants have in the fleet."""
         rows = sum(len(rows) for rows, _ in groups)
         self._groups = groups
-        self.exact = all(plants.exact for _, plants in groups)
+        self.plants = [plants for _, plants in groups]
+        """Of each group."""
+        self.exact = all(plants.exact for plants in self.plants)
         self.q, self.qd, self.tau = (np.empty((rows, m)) for _ in range(3))
         self._gather()
 
@@ -27,18 +29,18 @@ class Fleet:
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""
-        for _, plants in self._groups:
+        for plants in self.plants:
             plants.advance(start, step)
         self._gather()
 
     def save(self) -> bytes:
         """Return the plants' times and states."""
-        return join([plants.save() for _, plants in self._groups])
+        return join([plants.save() for plants in self.plants])
 
     def restore(self, data: bytes) -> None:
         """Put back what `save` returned."""
-        parts = split(data, len(self._groups))
-        for (_, plants), part in zip(self._groups, parts, strict=True):
+        parts = split(data, len(self.plants))
+        for plants, part in zip(self.plants, parts, strict=True):
             plants.restore(part)
         self._gather()
 

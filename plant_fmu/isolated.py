@@ -5,6 +5,7 @@ instance a process; these advance at the same time. What a worker does is what t
 do, to the bit.
 """
 
+import json
 import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -12,13 +13,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from plant_fmu.archive import Archive
+from plant_fmu.checkpoint import join, split
+from plant_fmu.driving import Driving
 from plant_fmu.plants import Array, Body
-from plant_fmu.sharing import ADVANCE, ADVANCED_BY, Memory, Task, frame
+from plant_fmu.sharing import ADVANCE, ADVANCED_BY, RESTORE, SAVE, Memory, Task, frame
 from plant_fmu.worker_process import Worker
 
 
 class IsolatedPlants:
-    """Plants in worker processes; see `plant_fmu.plants.Plants`."""
+    """Plants in worker processes; see `plant_fmu.plants.DrivenPlants`."""
 
     def __init__(
         self,
@@ -26,6 +29,7 @@ class IsolatedPlants:
         archive: Archive,
         bodies: Sequence[Body],
         names: Mapping[str, str],
+        driving: Driving,
         deadline: float,
     ) -> None:
         """Start the workers, and open one plant for each body; the stack ends them.
@@ -48,7 +52,7 @@ class IsolatedPlants:
             own = bodies[first : first + size]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
-            task.write_bytes(pickle.dumps(Task(archive, own, names, path, place, number)))
+            task.write_bytes(pickle.dumps(Task(archive, own, names, driving, path, place, number)))
             worker = Worker(
                 task,
                 self._memory.progress[number],
@@ -57,8 +61,9 @@ class IsolatedPlants:
                 [body.robot for body in own],
             )
             self._workers.append(stack.enter_context(worker))
-        for worker in self._workers:
-            worker.answer()
+        (told, *_) = [json.loads(worker.answer()) for worker in self._workers]
+        self.kind, self.drive, self.why = told["kind"], told["drive"], told["why"]
+        self.exact: bool = told["exact"]
 
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""
@@ -73,3 +78,17 @@ class IsolatedPlants:
         for worker in self._workers:
             worker.answer(start)
         self._new = False
+
+    def save(self) -> bytes:
+        """Return the plants' time and states."""
+        return join(self._all([frame(SAVE)] * len(self._workers)))
+
+    def restore(self, data: bytes) -> None:
+        """Put back what `save` returned."""
+        self._all([frame(RESTORE, part) for part in split(data, len(self._workers))])
+
+    def _all(self, requests: Sequence[bytes]) -> list[bytes]:
+        """Ask each worker its own, all at once; return their answers."""
+        for worker, request in zip(self._workers, requests, strict=True):
+            worker.ask(request)
+        return [worker.answer() for worker in self._workers]

@@ -51,14 +51,6 @@ class Disturbance:
         """Whether it is anything but zero at all times."""
         return bool(self.offset.any() or self.rate.any() or self.amplitude.any())
 
-    def at(self, seconds: float) -> Array:
-        """Return tau_d, (m,); terms are added in order, so that zeros after them change no bit."""
-        torque = self.offset + self.rate * seconds
-        waves = self.amplitude * np.sin(self.frequency * seconds + self.phase)
-        for term in range(waves.shape[-1]):
-            torque = torque + waves[..., term]
-        return torque
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:

@@ -7,9 +7,10 @@ here is the call that did it. The one who makes the calls writes, the one who wa
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from itertools import count
-from typing import Any
+from typing import Any, cast
 
-from plant_fmu.calls import Call, Calls
+from plant_fmu.calls import Call
+from plant_fmu.library import Bound
 
 SIZE = 64
 _COUNT, _WHO, _ACT = slice(0, 8), slice(8, 40), slice(40, SIZE)
@@ -47,15 +48,18 @@ class Progress:
         """Announce that no call is made for now."""
         self._memory[_WHO], self._memory[_ACT] = _field("", _WHO), _field("", _ACT)
 
-    def announcing(self, calls: Calls, names: Mapping[int, str]) -> Calls:
-        """Return the calls of a handle so that each announces itself; `names` is who has which."""
-        whos = _Fields(names)
+    def announcing(self, calls: Bound, names: Mapping[int, str]) -> Bound:
+        """Return a dataclass of calls of a handle so that each announces itself.
+
+        `names` is who has which handle; `instantiate`, which makes handles, stays as it is.
+        """
+        whos, of = _Fields(names), cast(Any, calls)
         announced: dict[str, Any] = {
             field.name: self._announcing(getattr(calls, field.name), field.name, whos)
-            for field in fields(calls)
+            for field in fields(of)
             if callable(getattr(calls, field.name)) and field.name != "instantiate"
         }
-        return replace(calls, **announced)
+        return cast(Bound, replace(of, **announced))
 
     def _announcing(self, call: Call, act: str, whos: Mapping[int, bytes]) -> Call:
         memory, number, following = self._memory, self._count, self._next

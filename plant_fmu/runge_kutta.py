@@ -12,6 +12,7 @@ from plant_fmu.exchanged import Exchanged
 from plant_fmu.grid import parts
 from plant_fmu.plants import Array
 
+WEIGHTS = np.array([1, 2, 2, 1]) / 6
 WIDTH = 1e-12
 """s, or relative to t where that is more: how narrowly the time of a state event is found."""
 
@@ -24,6 +25,8 @@ class RungeKutta:
         self._robot, self._step = robot, step
         self._slopes = np.empty((4, robot.states.size))
         self._stage = np.empty(robot.states.size)
+        self._slopes_at = [slope.ctypes.data for slope in self._slopes]
+        self._stage_at = self._stage.ctypes.data
         self.restart()
 
     def restart(self) -> None:
@@ -70,13 +73,11 @@ class RungeKutta:
         self._slope(1, half, before + h / 2 * k[0])
         self._slope(2, half, before + h / 2 * k[1])
         self._slope(3, end, before + h * k[2])
-        states[:] = before + h / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
+        states[:] = before + h * (WEIGHTS @ k)
 
     def _slope(self, stage: int, time: float, states: Array) -> None:
         self._stage[:] = states
-        status = self._robot.derivatives(
-            time, self._stage.ctypes.data, self._slopes[stage].ctypes.data
-        )
+        status = self._robot.derivatives(time, self._stage_at, self._slopes_at[stage])
         if status > WARNING:
             raise self._robot.refusal("evaluating the derivatives", status)
 
@@ -87,7 +88,7 @@ class RungeKutta:
         """Return which indicators are positive at a time and the robot's states."""
         robot = self._robot
         if robot.indicators.size:
-            status = robot.signs(time, robot.states.ctypes.data, robot.indicators.ctypes.data)
+            status = robot.signs(time, robot.states_at, robot.indicators_at)
             if status > WARNING:
                 raise robot.refusal("evaluating the event indicators", status)
         return robot.indicators > 0

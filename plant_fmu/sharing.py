@@ -8,16 +8,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from struct import Struct
+from typing import BinaryIO
 
 import numpy as np
 
 from plant_fmu.archive import Archive
+from plant_fmu.driving import Driving
 from plant_fmu.plants import Array, Body
 from plant_fmu.progress import SIZE, Progress
 
 HEAD = Struct("=cI")
 ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")
 """Whether the references are new; start and step in s."""
+SAVE, RESTORE = b"c", b"r"
+"""A checkpoint is asked for, or given."""
 DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
 """An answer; the last two with the text of an `FmuError` or a `StepError`."""
 
@@ -27,6 +31,13 @@ def frame(kind: bytes, payload: bytes = b"") -> bytes:
     return HEAD.pack(kind, len(payload)) + payload
 
 
+def send(pipe: BinaryIO, whole: bytes) -> None:
+    """Write a frame to an unbuffered pipe, which takes what it has room for at a time."""
+    rest = memoryview(whole)
+    while rest:
+        rest = rest[pipe.write(rest) :]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """What one worker is told at its start."""
@@ -34,6 +45,7 @@ class Task:
     archive: Archive
     bodies: Sequence[Body]
     names: Mapping[str, str]
+    driving: Driving
     memory: Path
     place: tuple[int, int, int]
     """Its first row, and the numbers of all robots and of all workers."""

@@ -5,22 +5,23 @@ whatever call the FMU is then; and after an error it makes no further call, not 
 FMU (FMI 3.0, section 2.3: nothing may be called after fmi3Fatal).
 """
 
+import json
 import os
 import pickle
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from ctypes import CDLL, c_void_p
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from bus.errors import CosimError
 from plant_fmu.archive import Archive
 from plant_fmu.errors import FmuError
-from plant_fmu.library import Library
+from plant_fmu.library import Bound, Kind, Library
 from plant_fmu.opening import open_plants
-from plant_fmu.plants import Plants
 from plant_fmu.progress import Progress
 from plant_fmu.sharing import (
     ADVANCE,
@@ -29,20 +30,26 @@ from plant_fmu.sharing import (
     BAD_STEP,
     DONE,
     HEAD,
+    RESTORE,
+    SAVE,
     Memory,
     Task,
     frame,
+    send,
 )
 
 
 class AnnouncedLibrary(Library):
     """A library whose every call is announced before it is made."""
 
-    def __init__(self, progress: Progress, archive: Archive, folder: Path) -> None:
-        progress.enter("", "loading")
-        super().__init__(archive, folder)
+    def __init__(self, progress: Progress, archive: Archive, folder: Path, kind: Kind) -> None:
         self._progress, self._names = progress, dict[int, str]()
-        self.calls = progress.announcing(self.calls, self._names)
+        progress.enter("", "loading")
+        super().__init__(archive, folder, kind)
+
+    def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
+        """Return the calls that a binder makes of the library; see `Library`."""
+        return self._progress.announcing(super().bind(binder), self._names)
 
     def instantiate(self, name: str) -> int:
         """Return the handle of a new instance; see `Library`."""
@@ -64,8 +71,16 @@ class Share:
         self._state = memory.q[rows], memory.qd[rows], memory.tau[rows]
         self._progress = memory.progress[task.worker]
         library = partial(AnnouncedLibrary, self._progress)
-        self._plants: Plants = open_plants(stack, task.archive, task.bodies, task.names, library)
+        self._plants = open_plants(
+            stack, task.archive, task.bodies, task.names, task.driving, library
+        )
         self._mirror()
+
+    def told(self) -> bytes:
+        """Return what the user is told of the plants, as JSON."""
+        plants = self._plants
+        names = ("kind", "drive", "why", "exact")
+        return json.dumps({name: getattr(plants, name) for name in names}).encode()
 
     def advance(self, request: bytes) -> bytes:
         """Take the references if they are new, and advance; the answer is in the memory."""
@@ -73,6 +88,16 @@ class Share:
         if new:
             self._plants.hold(*self._reference)
         self._plants.advance(start, step)
+        self._mirror()
+        return b""
+
+    def save(self, _request: bytes) -> bytes:
+        """Return the plants' checkpoint."""
+        return self._plants.save()
+
+    def restore(self, request: bytes) -> bytes:
+        """Put the plants back to a checkpoint."""
+        self._plants.restore(request)
         self._mirror()
         return b""
 
@@ -88,15 +113,15 @@ def serve(task: Task, requests: BinaryIO, replies: BinaryIO) -> None:
     with ExitStack() as stack:
         try:
             share = Share(stack, task)
-            acts = {ADVANCE: share.advance}
-            replies.write(frame(DONE))
+            acts = {ADVANCE: share.advance, SAVE: share.save, RESTORE: share.restore}
+            send(replies, frame(DONE, share.told()))
             while head := requests.read(HEAD.size):
                 kind, length = HEAD.unpack(head)
                 answer = acts[kind](requests.read(length))
-                replies.write(frame(DONE, answer))
+                send(replies, frame(DONE, answer))
         except CosimError as error:
             kind = BAD_FMU if isinstance(error, FmuError) else BAD_STEP
-            replies.write(frame(kind, str(error).encode()))
+            send(replies, frame(kind, str(error).encode()))
             os._exit(1)
 
 

@@ -19,7 +19,7 @@ from typing import Self
 
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.progress import Progress
-from plant_fmu.sharing import BAD_FMU, BAD_STEP, DONE, HEAD
+from plant_fmu.sharing import BAD_FMU, BAD_STEP, DONE, HEAD, send
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
@@ -69,7 +69,7 @@ class Worker:
         """Send a frame."""
         self._busy = True
         with suppress(BrokenPipeError):  # the answer will tell how it ended
-            self._pipes[0].write(request)
+            send(self._pipes[0], request)
 
     def answer(self, seconds: float | None = None) -> bytes:
         """Wait for what was asked at a time, in s, and return what the answer carries.

@@ -22,7 +22,6 @@ from orchestrator.setting import (
     bodies,
     clock_of,
     initial_estimates,
-    plants,
     target_of,
     topology_of,
 )
@@ -207,7 +206,7 @@ class Loop:
     def __init__(self, stack, file, bus, writer):
         scenario = file.scenario
         self.clock = clock_of(scenario)
-        groups = group_by_archive(plants(scenario), file.folder)
+        groups = group_by_archive(scenario, file.folder)
         fleet = open_fleet(stack, groups, bodies(scenario))
         choice = scenario.algorithm
         self.agents = Agents(
