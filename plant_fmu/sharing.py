@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from struct import Struct
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def frame(kind: bytes, payload: bytes = b"") -> bytes:
     return HEAD.pack(kind, len(payload)) + payload
 
 
-def send(pipe: BinaryIO, whole: bytes) -> None:
+def send(pipe: IO[bytes], whole: bytes) -> None:
     """Write a frame to an unbuffered pipe, which takes what it has room for at a time."""
     rest = memoryview(whole)
     while rest:

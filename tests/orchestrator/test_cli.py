@@ -47,7 +47,9 @@ def test_run_ends_with_a_summary(recording):
     assert lines["messages"].startswith("376")
     assert re.fullmatch("[0-9a-f]{64}", lines["digest"])
     assert lines["recording"] == str(path)
-    assert lines["plants"].startswith("two_link_arm (FMI 3.0, CoSimulation, 6 robots)")
+    assert lines["plants"].startswith(
+        "two_link_arm (FMI 3.0, reference-driven Co-Simulation, 6 robots)"
+    )
     assert "sup |eps - eps_0|inf = " in lines["estimates"]
 
 

@@ -25,7 +25,7 @@ from orchestrator.setting import (
     target_of,
     topology_of,
 )
-from orchestrator.summary import measure, scenario_of
+from orchestrator.summary import describe, lines, measure, scenario_of
 from recordings.reading import Reader
 from recordings.recorder import Recorder
 from recordings.tables import samples, states
@@ -198,6 +198,43 @@ def test_the_digest_is_that_of_the_scenario_alone(paper, tmp_path):
     assert digest_of(paper(SHORT, ("seed = 1", "seed = 2")), tmp_path / "c.mcap") != first
     sizes = {path.stat().st_size for path in tmp_path.glob("*.mcap")}
     assert len(sizes) >= 3
+
+
+def test_each_robot_is_driven_as_the_scenario_says(paper, tmp_path):
+    """Two solvers and a held torque in one run, beside the run that the FMU itself integrates."""
+    own = """
+[[robots]]
+id = 2
+plant = { fmu = "two_link_arm", solver = "rk4", step = 0.002 }
+
+[[robots]]
+id = 5
+plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
+"""
+    adaptive = ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nsolver = "cvode"\nrtol = 1e-10')
+    driven = paper(SHORT, adaptive, ("# [[robots]]", f"{own}\n# [[robots]]"))
+    q = {}
+    for name, file in (("driven", driven), ("alone", paper(SHORT))):
+        with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
+            q[name] = rows_of(states(reader), 6)["q"]
+            told = describe(reader)
+            lines_of = lines(told, measure(reader))
+        if name == "driven":
+            by_robots = {tuple(plant["robots"]): plant for plant in told["plants"]}
+            assert {robots: plant["kind"] for robots, plant in by_robots.items()} == {
+                (1, 3, 4, 6): "ModelExchange",
+                (2,): "ModelExchange",
+                (5,): "CoSimulation",
+            }
+            assert by_robots[1, 3, 4, 6]["drive"] == "Model Exchange, CVODE rtol 1e-10"
+            assert by_robots[2,]["drive"] == "Model Exchange, RK4 step 0.002 s"
+            assert by_robots[5,]["drive"].startswith("torque held for 0.002 s (error about 0.0")
+            assert by_robots[5,]["why"].endswith("the scenario asks for it")
+            assert "torque held for 0.002 s" in lines_of["plants"]
+    error = np.abs(q["driven"] - q["alone"]).max(axis=(0, 2))
+    assert error[[0, 2, 3, 5]].max() < 1e-7
+    assert error[1] < 1e-6
+    assert 1e-4 < error[4] < 0.1
 
 
 class Loop:

@@ -1,0 +1,377 @@
+"""Every way of driving a plant: one class of tests for all, and the paper's arms against DOP853."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from plant_fmu.archive import Archive, open_archive
+from plant_fmu.building import build
+from plant_fmu.driving import Driving, choose, offers
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.fleet import Fleet
+from plant_fmu.opening import open_plants
+from plant_fmu.plants import Body, Disturbance, DrivenPlants
+from tests.orchestrator.arms import KD, KP, W, simulate, target
+
+Array = NDArray[np.float64]
+Open = Callable[..., DrivenPlants]
+H, ALPHA, BETA, PARTS = 0.1, 0.9, 1.1, 5
+DRIVES = {
+    "reference": Driving(),
+    "cvode": Driving(solver="cvode"),
+    "rk4": Driving(solver="rk4"),
+    "heun": Driving(control="heun", control_step=0.001),
+    "hold": Driving(control="hold"),
+}
+each_drive = pytest.mark.parametrize("driving", DRIVES.values(), ids=DRIVES)
+each_version = pytest.mark.parametrize("fmi", [2, 3])
+
+
+def disturbance() -> Disturbance:
+    """The paper's: 2 sin t and 2 cos 2t."""
+    none = np.zeros(2)
+    return Disturbance(
+        none, none, np.full((2, 1), 2.0), np.array([[1.0], [2.0]]), np.array([[0.0], [np.pi / 2]])
+    )
+
+
+def bodies(n: int = 6) -> list[Body]:
+    """The paper's arms near the target: from afar, a torque that is held errs by far more."""
+    draw, (position, velocity) = np.random.default_rng(7), target(0.0)
+    near = {"q": position, "qd": velocity, "position": position, "velocity": velocity}
+    return [
+        Body(
+            robot=row + 1,
+            parameters={},
+            kp=KP * np.eye(2),
+            kd=KD * np.eye(2),
+            disturbance=disturbance(),
+            **{name: value + draw.uniform(-0.5, 0.5, 2) for name, value in near.items()},
+        )
+        for row in range(n)
+    ]
+
+
+@pytest.fixture
+def opened() -> Iterator[Open]:
+    """Return a function that opens plants of the bundled arm."""
+    with ExitStack() as stack:
+
+        def plants(fmi: int, driving: Driving, of: list[Body]) -> DrivenPlants:
+            return open_plants(stack, open_archive(build("two_link_arm", fmi)), of, {}, driving)
+
+        yield plants
+
+
+@pytest.fixture(scope="module")
+def oracle() -> tuple[list[tuple[Array, Array]], Array]:
+    """Return what six arms hold at each t_k, and their q there, for 4 s."""
+    start = bodies()
+    first = [np.array([getattr(b, name) for b in start]) for name in ("position", "velocity")]
+    states = [np.array([getattr(b, name) for b in start]) for name in ("q", "qd")]
+    times, q, estimates = simulate(1, ALPHA, BETA, H, 4, *first, *states)
+    share, held = W / W.sum(axis=1, keepdims=True), [(first[0], first[1])]
+    for t, (position, velocity) in zip(times[1:], estimates[1:], strict=True):
+        e0, v0 = target(t)
+        held.append(
+            (
+                position + ALPHA * (share @ np.vstack([e0, position]) - position),
+                velocity + BETA * (share @ np.vstack([v0, velocity]) - velocity),
+            )
+        )
+    return held, q
+
+
+def play(plants: DrivenPlants | Fleet, held: Any, first: int, last: int) -> Array:
+    """Return q, qd and tau at the ends of the intervals from one tick to another."""
+    rows = []
+    for k in range(first, last):
+        plants.hold(*held[k])
+        for part in range(PARTS):
+            plants.advance(k * H + part * H / PARTS, H / PARTS)
+        rows.append(np.concatenate([plants.q, plants.qd, plants.tau], axis=1))
+    return np.array(rows)
+
+
+BOUNDS = {"reference": 1e-8, "cvode": 1e-7, "rk4": 1e-6, "heun": 5e-5, "hold": 5e-3}
+"""rad"""
+
+
+class TestEveryDrive:
+    """What the plants promise, however they are driven."""
+
+    @each_version
+    @pytest.mark.parametrize("name", DRIVES)
+    def test_it_follows_dop853(self, opened: Open, oracle: Any, name: str, fmi: int) -> None:
+        held, q = oracle
+        plants = opened(fmi, DRIVES[name], bodies())
+        error = np.abs(play(plants, held, 0, len(held) - 1)[:, :, :2] - q[1:]).max()
+        assert error < BOUNDS[name]
+
+    @each_drive
+    def test_it_begins_at_the_states_that_it_was_told(self, opened: Open, driving: Driving) -> None:
+        of = bodies(2)
+        plants = opened(3, driving, of)
+        for row, body in enumerate(of):
+            np.testing.assert_array_equal(plants.q[row], body.q)
+            np.testing.assert_array_equal(plants.qd[row], body.qd)
+            tau = KP * (body.position - body.q) + KD * (body.velocity - body.qd)
+            np.testing.assert_allclose(plants.tau[row], tau, rtol=1e-12)
+
+    @each_drive
+    def test_its_torque_is_the_laws_at_the_time_it_has_reached(
+        self, opened: Open, oracle: Any, driving: Driving
+    ) -> None:
+        held, _ = oracle
+        plants = opened(3, driving, bodies())
+        play(plants, held, 0, 2)
+        position, velocity = held[1]
+        tau = KP * (position + H * velocity - plants.q) + KD * (velocity - plants.qd)
+        np.testing.assert_allclose(plants.tau, tau, rtol=1e-9, atol=1e-9)
+
+    @each_drive
+    def test_a_robot_moves_alike_to_the_last_bit_in_any_company(
+        self, opened: Open, oracle: Any, driving: Driving
+    ) -> None:
+        held, _ = oracle
+        calm = np.zeros((2, 3))
+        all_of = bodies()
+        all_of[0] = replace(
+            all_of[0], disturbance=Disturbance(np.ones(2), np.ones(2), calm, calm, calm)
+        )
+        alone = [(position[3:4], velocity[3:4]) for position, velocity in held]
+        together = play(opened(3, driving, all_of), held, 0, 3)
+        by_itself = play(opened(3, driving, all_of[3:4]), alone, 0, 3)
+        np.testing.assert_array_equal(together[:, 3:4], by_itself)
+
+    @each_version
+    @each_drive
+    def test_it_goes_on_from_a_checkpoint_to_the_last_bit(
+        self, opened: Open, oracle: Any, driving: Driving, fmi: int
+    ) -> None:
+        held, _ = oracle
+        plants, other = (opened(fmi, driving, bodies()) for _ in range(2))
+        assert plants.exact
+        play(plants, held, 0, 2)
+        saved, there = plants.save(), plants.tau.copy()
+        onwards = play(plants, held, 2, 4)
+        for resumed in (plants, other):
+            resumed.restore(saved)
+            np.testing.assert_array_equal(resumed.tau, there)
+            np.testing.assert_array_equal(play(resumed, held, 2, 4), onwards)
+
+    @each_drive
+    def test_a_checkpoint_of_others_is_refused(self, opened: Open, driving: Driving) -> None:
+        two, three = (opened(3, driving, bodies(n)) for n in (2, 3))
+        with pytest.raises(FmuError, match="not one of these plants"):
+            two.restore(three.save())
+        with pytest.raises(FmuError, match="not one of these plants"):
+            two.restore(two.save()[:-3])
+
+    @each_drive
+    def test_a_step_that_fails_names_the_robot_the_fmu_and_the_time(
+        self, opened: Open, driving: Driving
+    ) -> None:
+        plants = opened(3, driving, bodies(2))
+        wild = np.array([[0.0, 0.0], [1e200, 0.0]])
+        words = r"robot 2 \(.*two_link_arm.*\) at t = 0"
+        with np.errstate(all="ignore"), pytest.raises(StepError, match=words):  # noqa: PT012
+            plants.hold(np.zeros((2, 2)), wild)
+            plants.advance(0.0, H)
+
+
+RESUME = """
+import sys
+from contextlib import ExitStack
+from tests.plant_fmu.test_drives import DRIVES, H, bodies, build, open_archive, open_plants, play
+import numpy as np
+held = [(np.full((2, 2), 0.1 * k), np.full((2, 2), 0.3)) for k in range(6)]
+with ExitStack() as stack:
+    archive = open_archive(build("two_link_arm", int(sys.argv[2])))
+    plants = open_plants(stack, archive, bodies(2), {}, DRIVES[sys.argv[1]])
+    plants.restore(bytes.fromhex(sys.stdin.read()))
+    print(play(plants, held, 3, 6).tobytes().hex())
+"""
+
+
+@each_version
+@pytest.mark.parametrize("name", ["reference", "cvode", "heun"])
+def test_a_fresh_process_goes_on_to_the_last_bit(opened: Open, name: str, fmi: int) -> None:
+    held = [(np.full((2, 2), 0.1 * k), np.full((2, 2), 0.3)) for k in range(6)]
+    plants = opened(fmi, DRIVES[name], bodies(2))
+    play(plants, held, 0, 3)
+    saved = plants.save()
+    onwards = play(plants, held, 3, 6)
+    done = subprocess.run(
+        [sys.executable, "-c", RESUME, name, str(fmi)],
+        input=saved.hex(), capture_output=True, text=True, check=True,
+        cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+    assert done.stdout.strip() == onwards.tobytes().hex()
+
+
+def test_a_fleet_is_saved_and_put_back_with_all_its_groups(opened: Open, oracle: Any) -> None:
+    held, _ = oracle
+    of = bodies()
+    fleet, other = (
+        Fleet(
+            [
+                (np.array([0, 2, 4]), opened(2, DRIVES["cvode"], of[0::2])),
+                (np.array([1, 3, 5]), opened(3, DRIVES["reference"], of[1::2])),
+            ],
+            2,
+        )
+        for _ in range(2)
+    )
+    play(fleet, held, 0, 2)
+    other.restore(fleet.save())
+    np.testing.assert_array_equal(other.q, fleet.q)
+    assert fleet.exact
+    np.testing.assert_array_equal(play(other, held, 2, 4), play(fleet, held, 2, 4))
+
+
+# An FMU from elsewhere, made of a bundled one
+
+
+@pytest.fixture
+def altered(tmp_path: Path) -> Callable[..., Archive]:
+    """Return a function that gives the bundled arm with some of its description replaced."""
+
+    def archive(fmi: int, *replacements: tuple[str, str]) -> Archive:
+        path = tmp_path / f"altered{fmi}.fmu"
+        with ZipFile(build("two_link_arm", fmi)) as old, ZipFile(path, "w") as new:
+            for name in old.namelist():
+                data = old.read(name)
+                if name == "modelDescription.xml":
+                    for was, becomes in replacements:
+                        assert was.encode() in data
+                        data = data.replace(was.encode(), becomes.encode())
+                new.writestr(name, data)
+        return open_archive(path)
+
+    return archive
+
+
+STATELESS = {
+    2: (('canGetAndSetFMUstate="true"', ""), ('canSerializeFMUstate="true"', "")),
+    3: (('canGetAndSetFMUState="true"', ""), ('canSerializeFMUState="true"', "")),
+}
+
+
+@each_version
+@pytest.mark.parametrize("name", ["reference", "cvode", "rk4", "hold"])
+def test_without_states_of_its_own_it_goes_on_nearly(
+    altered: Callable[..., Archive], oracle: Any, name: str, fmi: int
+) -> None:
+    held, _ = oracle
+    archive = altered(fmi, *STATELESS[fmi])
+    with ExitStack() as stack:
+        plants, other = (open_plants(stack, archive, bodies(), {}, DRIVES[name]) for _ in range(2))
+        assert not plants.exact
+        play(plants, held, 0, 2)
+        other.restore(plants.save())
+        np.testing.assert_allclose(other.tau, plants.tau, rtol=1e-9, atol=1e-9)
+        for resumed in (plants, other):
+            resumed.restore(plants.save())
+        onwards = play(plants, held, 2, 4)
+        np.testing.assert_allclose(play(other, held, 2, 4), onwards, rtol=1e-8, atol=1e-8)
+
+
+@each_version
+def test_each_way_is_offered_where_the_fmu_has_what_it_takes(
+    altered: Callable[..., Archive], fmi: int
+) -> None:
+    def ways(*replacements: tuple[str, str]) -> list[str]:
+        return [offer.way for offer in offers(altered(fmi, *replacements), {})]
+
+    assert ways() == ["reference", "cvode", "rk4", "heun", "hold"]
+    assert ways(("position_ref", "wanted")) == ["cvode", "rk4", "heun", "hold"]
+    assert ways(*STATELESS[fmi]) == ["reference", "cvode", "rk4", "hold"]
+    assert ways(('"qd', '"speed')) == []
+    tau = {2: '"tau[', 3: '"tau"'}[fmi]
+    assert ways((tau, tau.replace("tau", "torque"))) == ["reference"]
+
+
+def test_what_is_asked_for_is_taken_or_refused(altered: Callable[..., Archive]) -> None:
+    archive = altered(3)
+    assert choose(archive, {}, Driving(solver="rk4")).way == "rk4"
+    refused = {
+        Driving(solver="cvode", control="hold"): r"solver = 'cvode' and plant.control = 'hold' exc",
+        Driving(control_step=0.01): r"control_step = 0.01 has no use, .* 'reference'; .* 'hold'",
+        Driving(
+            solver="cvode", step=0.01
+        ): r"plant.step = 0.01 has no use, .* by 'cvode'; .* 'rk4'",
+    }
+    for driving, words in refused.items():
+        with pytest.raises(FmuError, match=words):
+            choose(archive, {}, driving)
+    with pytest.raises(FmuError, match=r"'heun'; .* reference, cvode, rk4, hold, .* canGetAndSet"):
+        choose(altered(3, *STATELESS[3]), {}, Driving(control="heun"))
+    with pytest.raises(FmuError, match=r"has no variable 'effort'"):
+        choose(archive, {"tau": "effort"}, Driving())
+
+
+@each_version
+def test_a_torque_that_is_not_told_is_the_laws(
+    altered: Callable[..., Archive], oracle: Any, opened: Open, fmi: int
+) -> None:
+    held, _ = oracle
+    with ExitStack() as stack:
+        silent = open_plants(
+            stack, altered(fmi, ('"tau_applied', '"something')), bodies(), {}, Driving()
+        )
+        told = play(opened(fmi, Driving(), bodies()), held, 0, 2)
+        np.testing.assert_allclose(play(silent, held, 0, 2), told, rtol=1e-10, atol=1e-9)
+
+
+def test_a_disturbance_that_it_cannot_take_is_refused(altered: Callable[..., Archive]) -> None:
+    archive = altered(3, ('"disturbance_rate', '"drift'))
+    calm = replace(bodies(1)[0], disturbance=Disturbance(*np.zeros((2, 2)), *np.zeros((3, 2, 0))))
+    with ExitStack() as stack:
+        open_plants(stack, archive, [calm], {}, Driving())
+        with pytest.raises(FmuError, match=r"disturbance of robot 1: .* no variable disturbance_r"):
+            open_plants(stack, archive, bodies(1), {}, Driving())
+
+
+# How large a step may be, and what it costs
+
+
+@each_version
+def test_a_control_step_beyond_the_limit_is_refused_with_the_figure(opened: Open, fmi: int) -> None:
+    for control in ("hold", "heun"):
+        with pytest.raises(
+            FmuError, match=r"control_step = 0.05 s is beyond .* about 0.034 s .* 1:"
+        ):
+            opened(fmi, Driving(control=control, control_step=0.05), bodies(1))
+    with pytest.raises(
+        FmuError, match=r"^step = 0.06 s is beyond the stability limit of about 0.04"
+    ):
+        opened(fmi, Driving(solver="rk4", step=0.06), bodies(1))
+
+
+def test_the_limit_is_that_of_the_robot_whose_gains_are_the_highest(opened: Open) -> None:
+    of = bodies(3)
+    of[1] = replace(of[1], kd=1000 * np.eye(2))
+    with pytest.raises(FmuError, match=r"about 0.01 s estimated for robot 2"):
+        opened(3, Driving(control="hold", control_step=0.02), of)
+
+
+@pytest.mark.parametrize("step", [0.005, 0.001])
+@pytest.mark.parametrize("control", ["hold", "heun"])
+def test_the_error_that_is_stated_is_about_the_error_that_is_made(
+    opened: Open, oracle: Any, control: Any, step: float
+) -> None:
+    held, q = oracle
+    plants = opened(3, Driving(control=control, control_step=step), bodies())
+    stated = float(plants.drive.partition("about ")[2].partition(" rad")[0])
+    made = np.abs(play(plants, held, 0, len(held) - 1)[:, :, :2] - q[1:]).max()
+    assert made / 3 < stated < 10 * made

@@ -1,0 +1,122 @@
+"""Events of Model Exchange against closed forms: a joint that bounces, is loaded, or turns over."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from plant_fmu.archive import Archive, open_archive
+from plant_fmu.driving import Driving
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.opening import open_plants
+from plant_fmu.plants import Body, Disturbance, DrivenPlants
+from tests.plant_fmu import hinge
+
+Array = NDArray[np.float64]
+Play = Callable[..., tuple[DrivenPlants, Array]]
+H = 0.1
+SOLVERS = (Driving(solver="cvode"), Driving(solver="rk4"))
+
+
+@pytest.fixture(scope="module", params=[2, 3], ids=["fmi2", "fmi3"])
+def archive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Archive:
+    return open_archive(hinge.build(request.param, tmp_path_factory.mktemp("hinge")))
+
+
+@pytest.fixture(params=SOLVERS, ids=["cvode", "rk4"])
+def play(archive: Archive, request: pytest.FixtureRequest) -> Iterator[Play]:
+    """Return a function that plays a scene, and gives the plants and q at k h."""
+    with ExitStack() as stack:
+
+        def played(
+            ticks: int, torque: float, q: float = 0.0, qd: float = 0.0, **parameters: float
+        ) -> tuple[DrivenPlants, Array]:
+            none, wave = np.zeros(1), np.zeros((1, 0))
+            body = Body(
+                robot=1,
+                parameters=parameters,
+                kp=np.zeros((1, 1)),
+                kd=np.zeros((1, 1)),
+                disturbance=Disturbance(np.array([torque]), none, wave, wave, wave),
+                q=np.array([q]),
+                qd=np.array([qd]),
+                position=none,
+                velocity=none,
+            )
+            plants = open_plants(stack, archive, [body], {}, request.param)
+            rows = [plants.q[0, 0]]
+            for k in range(ticks):
+                plants.hold(none[None], none[None])
+                plants.advance(k * H, H)
+                rows.append(plants.q[0, 0])
+            return plants, np.array(rows)
+
+        yield played
+
+
+def bounces(times: Array, q: float, g: float, e: float) -> Array:
+    """Return q(t) of a body that falls from rest at q and keeps e of its speed at each bounce."""
+    first, speed, heights = np.sqrt(2 * q / g), np.sqrt(2 * q * g), []
+    for t in times:
+        begin, v = first, e * speed
+        while t > begin + 2 * v / g:
+            begin, v = begin + 2 * v / g, e * v
+        fall = t - begin
+        heights.append(q - g * t**2 / 2 if t < first else v * fall - g * fall**2 / 2)
+    return np.array(heights)
+
+
+def test_a_state_event_is_found_where_it_is(play: Play) -> None:
+    _, q = play(12, -9.8, q=1.0, wall=1.0, e=0.8)
+    np.testing.assert_allclose(q, bounces(np.arange(13) * H, 1.0, 9.8, 0.8), rtol=0, atol=1e-7)
+
+
+def test_a_time_event_comes_when_it_was_planned(play: Play) -> None:
+    at, t = 0.2337, np.arange(9) * H
+    _, q = play(8, 3.0, load=1.0, t_load=at)
+    late = np.clip(t - at, 0, None)
+    np.testing.assert_allclose(q, 3 * t**2 / 2 - 3 * late**2 / 4, atol=1e-9)
+
+
+def test_a_time_event_on_a_sampling_time_comes_after_it(play: Play) -> None:
+    t = np.arange(6) * H
+    _, q = play(5, 3.0, load=1.0, t_load=0.2)
+    late = np.clip(t - 0.2, 0, None)
+    np.testing.assert_allclose(q, 3 * t**2 / 2 - 3 * late**2 / 4, atol=1e-9)
+
+
+def test_a_step_event_is_heard(play: Play) -> None:
+    t = np.arange(11) * H
+    _, q = play(10, 2.0, q=1.0, qd=15.0, turn=1.0)
+    assert q.max() <= np.pi
+    free = 1 + 15 * t + t**2
+    np.testing.assert_allclose(np.exp(1j * q), np.exp(1j * free), atol=1e-7)
+
+
+def test_an_fmu_that_ends_the_simulation_is_an_error_that_says_when(play: Play) -> None:
+    with pytest.raises(StepError, match=r"robot 1 .* at t = 0\.2\d* s: the FMU ended the simul"):
+        play(8, 1.0, end=1.0, t_load=0.2)
+
+
+def test_without_states_of_its_own_it_goes_on_from_its_continuous_ones(play: Play) -> None:
+    """With q and qd as continuous states nothing else is to be kept, but the FMU does not say."""
+    plants, _ = play(3, -9.8, q=1.0, qd=1.0)
+    none = np.zeros((1, 1))
+    saved = plants.save()
+    told = []
+    for _ in range(2):
+        plants.hold(none, none)
+        plants.advance(3 * H, H)
+        told.append(np.concatenate([plants.q[0], plants.qd[0]]))
+        plants.restore(saved)
+    assert not plants.exact
+    np.testing.assert_allclose(told[1], told[0], atol=1e-12)
+    with pytest.raises(FmuError, match="not one of these plants"):
+        plants.restore(saved[:-1])
+
+
+def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:
+    with ExitStack() as stack, pytest.raises(FmuError, match=r"'hold'; .* cvode, rk4, .* CoSimul"):
+        open_plants(stack, archive, [], {}, Driving(control="hold"))
