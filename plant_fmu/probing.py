@@ -4,12 +4,13 @@ A push e_j from rest changes q̇ by M⁻¹ e_j T over a short T, beside what gra
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from plant_fmu.errors import FmuError
+from plant_fmu.errors import FmuError, StepError
 from plant_fmu.grid import parts
 from plant_fmu.plants import Array, Body, Disturbance, Plants
 from plant_fmu.stability import Propagate, step_limit
@@ -59,13 +60,19 @@ def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: flo
 
 
 def _inverse_inertias(probe: Probe, body: Body, step: float) -> Iterator[Array]:
-    """Yield M⁻¹ at a robot's initial posture and at some that are drawn."""
+    """Yield M⁻¹ at a robot's initial posture, and at some that are drawn and not refused."""
     m = len(body.q)
-    draw = np.random.Generator(np.random.Philox(SEED))
-    for q in (body.q, *draw.uniform(-np.pi, np.pi, (POSTURES, m))):
-        rest = _pushed(probe, body, q, np.zeros(m), step)
-        pushed = [_pushed(probe, body, q, push, step) for push in np.eye(m)]
-        yield (np.array(pushed) - rest).T / step
+    yield _inverse_inertia(probe, body, body.q, step)
+    for q in np.random.Generator(np.random.Philox(SEED)).uniform(-np.pi, np.pi, (POSTURES, m)):
+        with suppress(FmuError, StepError):
+            yield _inverse_inertia(probe, body, q, step)
+
+
+def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float) -> Array:
+    m = len(q)
+    rest = _pushed(probe, body, q, np.zeros(m), step)
+    inverse: Array = np.array([_pushed(probe, body, q, push, step) - rest for push in np.eye(m)]).T
+    return inverse / step
 
 
 def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float) -> Array:

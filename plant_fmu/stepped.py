@@ -90,7 +90,8 @@ class Stepped:
             self._states.restore(rows, self.time)
             self.read()
         else:
-            self.start_again(self._moved(np.array([numbers(row, 2 * m) for row in rows])), time)
+            state = np.array([numbers(row, 2 * m) for row in rows])
+            self.start_again(self._moved(state), self.time)
             self.law.hold(float(since), position, velocity)
 
     def _start(self, bodies: Sequence[Body], time: float) -> None:
