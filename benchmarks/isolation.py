@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from plant_fmu.archive import find_archive
+from plant_fmu.driving import Driving
 from plant_fmu.isolated import IsolatedPlants
 from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, Disturbance, Plants
@@ -46,7 +47,7 @@ def measure(n: int, intervals: int) -> dict[str, float]:
     """Return the µs of a robot-interval in a worker and here, and the median of their ratio."""
     archive = find_archive("two_link_arm", Path())
     with ExitStack() as stack:
-        isolated = IsolatedPlants(stack, archive, bodies(n), {}, 10.0)
+        isolated = IsolatedPlants(stack, archive, bodies(n), {}, Driving(), 10.0)
         here = open_plants(stack, archive, bodies(n), {})
         rounds = [
             [timed(plants, n, i * intervals, intervals) for plants in (isolated, here)]

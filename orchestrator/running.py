@@ -71,7 +71,7 @@ def run(
         scenario.algorithm.name, scenario.algorithm.alpha, scenario.algorithm.beta
     )
     groups = group_by_archive(scenario, file.folder)
-    with ExitStack() as stack:
+    with ExitStack() as stack, np.errstate(all="ignore"):
         fleet = open_fleet(stack, groups, bodies(scenario))
         bus = ZenohBus(uuid4().hex)
         stack.callback(bus.close)
@@ -98,9 +98,8 @@ def run(
         reason, done = "", 0
         started = perf_counter()
         try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                for done in run_ticks(clock, node, host, recorder, watch):  # noqa: B007
-                    pass
+            for done in run_ticks(clock, node, host, recorder, watch):  # noqa: B007
+                pass
         except Interrupted:
             at = seconds(clock.t(done))
             status, reason = "interrupted", f"stopped by the user after t = {at:g} s"

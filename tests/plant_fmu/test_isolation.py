@@ -23,6 +23,7 @@ from orchestrator.scenario_file import parse_scenario
 from plant_fmu import building, declaration
 from plant_fmu.archive import find_archive, open_archive
 from plant_fmu.building import build
+from plant_fmu.driving import Driving
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.isolated import IsolatedPlants
 from plant_fmu.plants import Body, Disturbance
@@ -215,7 +216,7 @@ def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
     _, errors = command.communicate(timeout=120)
     assert command.returncode == 2
     assert cause in errors
-    assert errors.startswith("error: faulty.fmu: ")
+    assert errors.startswith("error: plant: faulty.fmu: ")
     assert "robot 2" in errors
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
@@ -226,7 +227,7 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, 
     command = start(scenario())
     _, errors = command.communicate(timeout=120)
     assert command.returncode == 2
-    told = "error: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading\n"
+    told = "error: plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading\n"
     assert errors == told
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
@@ -293,9 +294,9 @@ def bodies(n, **parameters):
 def test_an_fmu_that_a_process_may_have_only_once_gets_a_process_for_each_robot(faulty, life):
     archive = open_archive(faulty)
     with ExitStack() as stack:
-        together = IsolatedPlants(stack, archive, bodies(3), {}, 10.0)
+        together = IsolatedPlants(stack, archive, bodies(3), {}, Driving(), 10.0)
         archive.description.coSimulation.canBeInstantiatedOnlyOncePerProcess = True
-        apart = IsolatedPlants(stack, archive, bodies(3), {}, 10.0)
+        apart = IsolatedPlants(stack, archive, bodies(3), {}, Driving(), 10.0)
         references = np.arange(6.0).reshape(3, 2)
         for plants in (together, apart):
             plants.hold(references, references)
@@ -316,7 +317,7 @@ def test_once_per_process_needs_isolation(place, monkeypatch):
 
 def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
     with ExitStack() as stack:
-        plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, 10.0)
+        plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
         (pid,) = life.until("\n")
         os.kill(int(pid), signal.SIGKILL)
         with pytest.raises(StepError, match=r"robots 1, 2 .* at t = 0 s: the FMU was killed \(SIG"):
@@ -325,7 +326,7 @@ def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
 
 def test_what_is_wrong_with_the_scenario_is_told_as_without_isolation(faulty):
     with ExitStack() as stack, pytest.raises(FmuError, match="has no variable 'mm'"):
-        IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, 10.0)
+        IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, Driving(), 10.0)
 
 
 def test_progress_is_what_was_announced_last():
