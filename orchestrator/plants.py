@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from orchestrator.scenario import Plant, Scenario
+from orchestrator.scenario import Pattern, Plant, Scenario
 from plant_fmu.archive import Archive, find_archive
 from plant_fmu.driving import Driving
 from plant_fmu.errors import FmuError
 from plant_fmu.fleet import Fleet
 from plant_fmu.isolated import IsolatedPlants
+from plant_fmu.naming import Pattern as NamePattern
+from plant_fmu.naming import Spec
 from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, DrivenPlants
 
@@ -27,6 +29,14 @@ class Group:
     plant: Plant
     archive: Archive
     rows: list[int]
+
+    @property
+    def names(self) -> dict[str, Spec]:
+        """What the scenario gives for quantities of ours."""
+        return {
+            ours: NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+            for ours, name in self.plant.variables.items()
+        }
 
     @property
     def driving(self) -> Driving:
@@ -70,13 +80,13 @@ def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> DrivenPlant
     """Open a group's plants: an FMU of ours in this process, one of others isolated if it may."""
     archive, plant, driving = group.archive, group.plant, group.driving
     if plant.isolate and not archive.ours:
-        return IsolatedPlants(stack, archive, bodies, plant.variables, driving, plant.deadline)
+        return IsolatedPlants(stack, archive, bodies, group.names, driving, plant.deadline)
     if archive.once_per_process and len(bodies) > 1:
         raise FmuError(
             f"{archive.label}: can be instantiated only once per process, but {len(bodies)} robots "
             f"have it and plant.isolate is false"
         )
-    return open_plants(stack, archive, bodies, plant.variables, driving)
+    return open_plants(stack, archive, bodies, group.names, driving)
 
 
 @contextmanager

@@ -6,7 +6,16 @@ n is the number of robots and m the number of the target's axes.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -22,13 +31,38 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
+VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
+VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
+DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
+FORMS = frozenset({NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN})
+
+
 def _form(value: Any) -> str:
     """Return which form of a value was written, so that its errors speak of that form alone."""
     if isinstance(value, dict | Uniform):
-        return "draw"
+        return DRAW
     if not isinstance(value, list | tuple):
-        return "number"
-    return "matrix" if any(isinstance(row, list | tuple) for row in value) else "vector"
+        return NUMBER
+    return MATRIX if any(isinstance(row, list | tuple) for row in value) else VECTOR
+
+
+def _parameter_form(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ROWS if any(isinstance(row, list | tuple) for row in value) else VALUES
+    return {bool: TRUTH, str: TEXT}.get(type(value), NUMBER)
+
+
+def _name_form(value: Any) -> str:
+    if isinstance(value, dict | Pattern):
+        return PATTERN
+    return NAMES if isinstance(value, list | tuple) else TEXT
+
+
+def _indexed(pattern: str) -> str:
+    if "{i}" not in pattern:
+        raise ValueError("a name with {i} for the index, and {j} for a second one")
+    return pattern
 
 
 class Uniform(Table):
@@ -37,19 +71,58 @@ class Uniform(Table):
     uniform: tuple[Number, Number] = Field(description="[low, high)")
 
 
+def _not_empty(names: tuple[str, ...]) -> tuple[str, ...]:
+    if not names:
+        raise ValueError("at least one name")
+    return names
+
+
+def _whole_or(value: Any, number: ValidatorFunctionWrapHandler) -> float | int:
+    """Leave a whole number what it is, for an FMU may ask for one."""
+    return value if type(value) is int else number(value)
+
+
+class Pattern(Table):
+    """Names that are alike but for an index: joint1.phi, joint2.phi, …"""
+
+    pattern: Annotated[str, AfterValidator(_indexed)] = Field(
+        description="a name with {i} for the index, and {j} for a second one"
+    )
+    base: Literal[0, 1] = Field(1, description="what the index counts from")
+
+
 Gain = Annotated[
-    Annotated[Number, Tag("number")]
-    | Annotated[Vector, Tag("vector")]
-    | Annotated[Matrix, Tag("matrix")],
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[Vector, Tag(VECTOR)]
+    | Annotated[Matrix, Tag(MATRIX)],
     Discriminator(_form),
 ]
 InitialRows = Annotated[
-    Annotated[Uniform, Tag("draw")] | Annotated[Matrix, Tag("matrix")], Discriminator(_form)
+    Annotated[Uniform, Tag(DRAW)] | Annotated[Matrix, Tag(MATRIX)], Discriminator(_form)
 ]
 InitialRow = Annotated[
-    Annotated[Uniform, Tag("draw")] | Annotated[Vector, Tag("vector")], Discriminator(_form)
+    Annotated[Uniform, Tag(DRAW)] | Annotated[Vector, Tag(VECTOR)], Discriminator(_form)
 ]
-FORMS = frozenset({"number", "vector", "matrix", "draw"})
+Text = Annotated[str, Field(strict=True)]
+Exact = Annotated[Number, WrapValidator(_whole_or)]
+Entry = Annotated[
+    Annotated[Exact, Tag(NUMBER)] | Annotated[bool, Tag(TRUTH)] | Annotated[Text, Tag(TEXT)],
+    Discriminator(_parameter_form),
+]
+Parameter = Annotated[
+    Annotated[Exact, Tag(NUMBER)]
+    | Annotated[bool, Tag(TRUTH)]
+    | Annotated[Text, Tag(TEXT)]
+    | Annotated[tuple[Entry, ...], Tag(VALUES)]
+    | Annotated[tuple[tuple[Entry, ...], ...], Tag(ROWS)],
+    Discriminator(_parameter_form),
+]
+Name = Annotated[
+    Annotated[Text, Tag(TEXT)]
+    | Annotated[tuple[Text, ...], AfterValidator(_not_empty), Tag(NAMES)]
+    | Annotated[Pattern, Tag(PATTERN)],
+    Discriminator(_name_form),
+]
 
 
 class Run(Table):
@@ -118,8 +191,12 @@ class Plant(Table):
     """A robot's dynamics."""
 
     fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
-    parameters: dict[str, Gain] = Field({}, description="of the FMU, by name")
-    variables: dict[str, str] = Field({}, description="the FMU's names where they differ from ours")
+    parameters: dict[str, Parameter] = Field({}, description="of the FMU, by name, in its units")
+    variables: dict[str, Name] = Field(
+        {},
+        description="what the FMU has for q, qd, tau …, where that is not found by itself: a name, "
+        "the stem of a family, a slice such as x[0:2], a list of names, or a pattern",
+    )
     solver: Literal["cvode", "rk4"] | None = Field(
         None, description="of Model Exchange; by default the most accurate way that the FMU offers"
     )

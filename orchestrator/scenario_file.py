@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -87,6 +87,8 @@ def _describe(fault: Any) -> str:
         return f"{field}: expected a table, got {value!r}"
     if kind == "union_tag_invalid":
         return f"{field}: expected {_forms(fault)}, got {value!r}"
+    if kind == "tuple_type":
+        return f"{field}: expected a list, got {value!r}"
     expected = fault["msg"].replace("Input should be", "expected")
     expected = expected.replace("Tuple should have", "expected").replace(
         "Value error, ", "expected "
@@ -96,14 +98,7 @@ def _describe(fault: Any) -> str:
 
 def _forms(fault: Any) -> str:
     """Name the forms that a value may have."""
-    names = {
-        "'number'": "a number",
-        "'vector'": "a list of numbers",
-        "'matrix'": "a list of lists of numbers",
-        "'draw'": "{uniform = [low, high]}",
-    }
-    tags = fault["ctx"]["expected_tags"].split(", ")
-    return " or ".join(names[tag] for tag in tags)
+    return " or ".join(tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
 
 
 def _dotted(path: Sequence[int | str]) -> str:
@@ -114,12 +109,11 @@ def _dotted(path: Sequence[int | str]) -> str:
 
 def _keys_at(path: Sequence[int | str]) -> list[str]:
     """Return the keys that the table at a path may have."""
-    model: type[BaseModel] = Scenario
+    annotation: Any = Scenario
     for part in path:
-        if isinstance(part, int):
-            continue
-        model = next(_tables(model.model_fields[part].annotation))
-    return list(model.model_fields)
+        if isinstance(part, str) and get_origin(annotation) is not dict:
+            annotation = next(_tables(annotation)).model_fields[part].annotation
+    return list(next(_tables(annotation)).model_fields)
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:

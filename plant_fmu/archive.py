@@ -1,19 +1,21 @@
 """An FMU is a zip archive: its model description says what it offers, its digest who it is."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from io import BufferedReader
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
-from zipfile import BadZipFile
 
 import fmpy
 from fmpy.model_description import ModelDescription
 
 from plant_fmu.building import build, built_here
+from plant_fmu.entries import GIB, MOST_BYTES, opened, unpack
 from plant_fmu.errors import FmuError
+from plant_fmu.reading import read_description
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,19 +81,12 @@ class Archive:
 
 
 def open_archive(path: Path, label: str | None = None) -> Archive:
-    """Read an FMU; `FmuError` when it is missing, damaged, or of an FMI version we do not run."""
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        description = fmpy.read_model_description(path)
-    except FileNotFoundError:
-        raise FmuError(f"{path}: no such FMU") from None
-    except BadZipFile:
-        raise FmuError(f"{path}: is no FMU, for it is no zip archive or a damaged one") from None
-    except Exception as error:  # FMPy raises bare Exceptions and lxml's
-        raise FmuError(f"{path}: its model description cannot be read: {error}") from None
-    if description.fmiMajorVersion not in (2, 3):
-        raise FmuError(f"{path}: is FMI {description.fmiVersion}; FMI 2.0 and 3.0 can be run")
-    return Archive(label or str(path), path, digest, description)
+    """Read an FMU; `FmuError` when it is missing, damaged, unfit, or not for this platform."""
+    label = label or str(path)
+    with _file(path, label) as file, opened(file, label) as archive:
+        description = read_description(archive, label)
+        _expect_binary(description, archive.namelist(), label)
+        return Archive(label, path, _digest(file), description)
 
 
 def find_archive(fmu: str, folder: Path) -> Archive:
@@ -108,8 +103,47 @@ def find_archive(fmu: str, folder: Path) -> Archive:
 def unpacked(archive: Archive) -> Iterator[Path]:
     """Unpack an archive into a temporary folder that ends with the context."""
     with TemporaryDirectory(prefix="nrs-") as folder:
-        try:
-            fmpy.extract(archive.path, unzipdir=folder)
-        except (BadZipFile, OSError) as error:
-            raise FmuError(f"{archive.label}: cannot be unpacked: {error}") from None
+        with _file(archive.path, archive.label) as file:
+            if _digest(file) != archive.sha256:
+                raise FmuError(f"{archive.label}: has changed since it was read")
+            unpack(file, Path(folder), archive.label)
         yield Path(folder)
+
+
+@contextmanager
+def _file(path: Path, label: str) -> Iterator[BufferedReader]:
+    """Open a file of bearable size."""
+    try:
+        file = path.open("rb")
+    except FileNotFoundError:
+        raise FmuError(f"{label}: no such FMU") from None
+    except (OSError, ValueError) as error:
+        raise FmuError(f"{label}: cannot be read: {error}") from None
+    with file:
+        size = file.seek(0, 2)
+        if size > MOST_BYTES:
+            raise FmuError(f"{label}: is {size / GIB:.1f} GiB, more than {MOST_BYTES / GIB:g} GiB")
+        yield file
+
+
+def _digest(file: BufferedReader) -> str:
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _expect_binary(description: ModelDescription, names: Sequence[str], label: str) -> None:
+    """Raise `FmuError` unless there is a library of one of the FMU's interfaces."""
+    here = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
+    offers = [o for o in (description.coSimulation, description.modelExchange) if o is not None]
+    if not offers:
+        raise FmuError(f"{label}: offers neither CoSimulation nor ModelExchange")
+    libraries = {
+        f"binaries/{here}/{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers
+    }
+    if libraries.isdisjoint(names):
+        parts = [PurePosixPath(name).parts for name in names]
+        there = sorted({p[1] for p in parts if len(p) > 2 and p[0] == "binaries"})
+        raise FmuError(
+            f"{label}: has no library {' or '.join(sorted(libraries))} for this platform; it has "
+            f"libraries for {', '.join(there) or 'none'}"
+        )

@@ -22,6 +22,7 @@ Call = Callable[..., int]
 Log = Callable[[str], None]
 
 WARNING, DISCARD = 1, 2
+_INTEGER = {2: {"Enumeration": "Integer"}, 3: {"Enumeration": "Int64"}}
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 
@@ -35,6 +36,10 @@ class Calls:
     """(handle, references, address …): the FMU's values go to the address."""
     counts_values: bool
     """Whether `set` and `get` end with the number of values, as in FMI 3.0."""
+    set_typed: Callable[[str], Call]
+    """Like `set`, for the type of its argument, by FMI's name of it: Boolean, Int32 …"""
+    enter_configuration: Call
+    exit_configuration: Call
     enter_initialization: Call
     """(handle, start time in s)"""
     exit_initialization: Call
@@ -85,6 +90,9 @@ def _common_fmi3(dll: Any) -> Calls:
         set=bind(dll, "fmi3SetFloat64", *values),
         get=bind(dll, "fmi3GetFloat64", *values),
         counts_values=True,
+        set_typed=lambda kind: bind(dll, f"fmi3Set{_INTEGER[3].get(kind, kind)}", *values),
+        enter_configuration=bind(dll, "fmi3EnterConfigurationMode", c_void_p),
+        exit_configuration=bind(dll, "fmi3ExitConfigurationMode", c_void_p),
         enter_initialization=lambda handle, start: enter(handle, False, 0.0, start, False, 0.0),
         exit_initialization=bind(dll, "fmi3ExitInitializationMode", c_void_p),
         reset=bind(dll, "fmi3Reset", c_void_p),
@@ -115,6 +123,9 @@ def _common_fmi2(dll: Any) -> Calls:
         set=bind(dll, "fmi2SetReal", *values),
         get=bind(dll, "fmi2GetReal", *values),
         counts_values=False,
+        set_typed=lambda kind: bind(dll, f"fmi2Set{_INTEGER[2].get(kind, kind)}", *values),
+        enter_configuration=_nothing,
+        exit_configuration=_nothing,
         enter_initialization=initialize,
         exit_initialization=bind(dll, "fmi2ExitInitializationMode", c_void_p),
         reset=bind(dll, "fmi2Reset", c_void_p),
@@ -138,3 +149,8 @@ def bind(dll: Any, name: str, *arguments: Any, result: Any = c_int) -> Call:
 
 def _text(message: bytes | None) -> str:
     return (message or b"").decode("utf-8", "replace").strip()
+
+
+def _nothing(_handle: int) -> int:
+    """Stand for the calls that FMI 2.0 does not have."""
+    return 0

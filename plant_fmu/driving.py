@@ -14,7 +14,9 @@ from typing import Literal
 from plant_fmu.archive import Archive
 from plant_fmu.errors import FmuError
 from plant_fmu.library import Kind
-from plant_fmu.quantities import has, takes
+from plant_fmu.naming import Spec
+from plant_fmu.presence import has, takes
+from plant_fmu.variables import NO_SIZES
 
 Way = Literal["reference", "cvode", "rk4", "heun", "hold"]
 
@@ -53,14 +55,17 @@ _OPTIONS: dict[Way, str] = {"cvode": "rtol", "rk4": "step", "heun": "control_ste
 _OPTIONS["hold"] = "control_step"
 
 
-def offers(archive: Archive, names: Mapping[str, str]) -> tuple[Offer, ...]:
+def offers(
+    archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int, int] = NO_SIZES
+) -> tuple[Offer, ...]:
     """Return the ways that an FMU offers, the most accurate first."""
     told = archive.description
-    has_state = has(archive, names, "q", "qd")
-    torque = has_state and takes(archive, names, "tau")
+    has_state = has(archive, names, "q", "qd", sizes=sizes)
+    torque = has_state and takes(archive, names, "tau", sizes=sizes)
     steps, equations = told.coSimulation, told.modelExchange
     offered: list[Offer] = []
-    if steps and has_state and takes(archive, names, "position_ref", "velocity_ref"):
+    references = takes(archive, names, "position_ref", "velocity_ref", sizes=sizes)
+    if steps and has_state and references:
         reason = "it takes references and holds the PD law: exact to its own tolerance"
         offered.append(Offer("reference", "CoSimulation", reason))
     if equations and torque and told.numberOfContinuousStates:
@@ -78,7 +83,12 @@ def offers(archive: Archive, names: Mapping[str, str]) -> tuple[Offer, ...]:
     return tuple(offered)
 
 
-def choose(archive: Archive, names: Mapping[str, str], driving: Driving) -> Offer:
+def choose(
+    archive: Archive,
+    names: Mapping[str, Spec],
+    driving: Driving,
+    sizes: Mapping[int, int] = NO_SIZES,
+) -> Offer:
     """Return the way that a scenario asks for, or the most accurate that an FMU offers.
 
     `FmuError` says what the FMU offers and lacks, or which option has no use.
@@ -89,7 +99,7 @@ def choose(archive: Archive, names: Mapping[str, str], driving: Driving) -> Offe
             f"{driving.control!r} exclude each other: one is of Model Exchange, the other of "
             f"Co-Simulation"
         )
-    offered = offers(archive, names)
+    offered = offers(archive, names, sizes)
     asked = driving.solver or driving.control
     fitting = [offer for offer in offered if asked in {None, offer.way}]
     if not fitting:
@@ -99,17 +109,17 @@ def choose(archive: Archive, names: Mapping[str, str], driving: Driving) -> Offe
 
 
 def _refusal(
-    archive: Archive, names: Mapping[str, str], offered: tuple[Offer, ...], asked: Way | None
+    archive: Archive, names: Mapping[str, Spec], offered: tuple[Offer, ...], asked: Way | None
 ) -> str:
     """Say what an FMU offers, and what it would have to have for more."""
     ways = ", ".join(offer.way for offer in offered) or "none"
     wanted = f"cannot be driven by {asked!r}" if asked else "cannot be driven"
     lacking = [
-        f"{names.get(name, name)} (an input)"
+        f"{name} (an input)"
         for name in ("tau", "position_ref", "velocity_ref")
         if not takes(archive, names, name)
     ]
-    lacking += [names.get(name, name) for name in ("q", "qd") if not has(archive, names, name)]
+    lacking += [name for name in ("q", "qd") if not has(archive, names, name)]
     lacking += sorted({"CoSimulation", "ModelExchange"}.difference(archive.kinds))
     told = archive.description.coSimulation
     if told and not told.canGetAndSetFMUstate:

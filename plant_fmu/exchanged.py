@@ -5,19 +5,15 @@ q and qd are the FMU's variables at (t, x), whatever its states are. Events are 
 the indicators z(t, x), step events as the FMU wants after a step, and jumps of the reference.
 """
 
-from collections.abc import Mapping
-from ctypes import c_void_p
-
 import numpy as np
 
-from plant_fmu.calls import WARNING, c_references
+from plant_fmu.calls import WARNING
 from plant_fmu.errors import StepError
 from plant_fmu.instances import Instances
 from plant_fmu.law import Law
 from plant_fmu.model_calls import ModelCalls
 from plant_fmu.plants import Array
-from plant_fmu.quantities import vector
-from plant_fmu.variables import references
+from plant_fmu.quantities import View
 
 ITERATIONS = 1000
 """After so many iterations of one event it is taken to have no end."""
@@ -36,23 +32,26 @@ class Exchanged:
         row: int,
         calls: ModelCalls,
         law: Law,
-        names: Mapping[str, str],
     ) -> None:
         """Take the instance of a row, initialised; the law is that of this robot alone."""
         library, m = instances.library, law.position.shape[1]
         description = library.archive.description
         self._instances, self._row, self._calls, self._law = instances, row, calls, law
         self._handle = instances.handles[row]
+        self.time, self.next_event = 0.0, np.inf
         self.state, self._effort = np.zeros((1, 2 * m)), np.zeros((1, m))
-        self._outputs = self._address_of(self.state, names, "q", "qd")
-        self._input = self._address_of(self._effort, names, "tau")
+        self._outputs = View([instances.vector(ours, m) for ours in ("q", "qd")], self.state)
+        self._input = View([instances.vector("tau", m)], self._effort)
+        self._read = instances.arguments(row, self._outputs, 0)
+        self._write = instances.arguments(row, self._input, 0)
+        if not self._input.is_complete:
+            self._expect(library.calls.get(*self._write), "access to tau")
         self.states = np.zeros(description.numberOfContinuousStates)
         self.indicators = np.zeros(description.numberOfEventIndicators)
         self.states_at = self.states.ctypes.data
         self.indicators_at = self.indicators.ctypes.data
         self.tells_steps = bool(library.interface.needsCompletedIntegratorStep)
         """Whether the FMU wants to hear of each step of the solver."""
-        self.time, self.next_event = 0.0, np.inf
 
     def begin(self, time: float) -> None:
         """Leave initialisation, which ends in event mode."""
@@ -144,20 +143,12 @@ class Exchanged:
 
     def _apply_law(self, time: float) -> int:
         """Read q and qd, and give the FMU the torque that the law has for them."""
-        handle, calls = self._handle, self._instances.library.calls
-        read = calls.get(handle, *self._outputs)
+        calls = self._instances.library.calls
+        read = calls.get(*self._read)
+        self._outputs.take()
         self._effort[:] = self._law.effort(time, self.state)
-        return max(read, calls.set(handle, *self._input))
-
-    def _address_of(
-        self, values: Array, names: Mapping[str, str], *quantities: str
-    ) -> tuple[object, ...]:
-        """Return what `get` and `set` are told of quantities, and of where their values are."""
-        library, m = self._instances.library, self._law.position.shape[1]
-        found = [vector(library.archive, names, name, m) for name in quantities]
-        which = c_references(references(found))
-        count = (values.size,) if library.calls.counts_values else ()
-        return which, len(which), c_void_p(values.ctypes.data), *count
+        self._input.give()
+        return max(read, calls.set(*self._write))
 
     def _expect(self, status: int, act: str) -> None:
         if status > WARNING:

@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from plant_fmu.assigning import assignments, sizes_of
 from plant_fmu.calls import STATUS, WARNING, Call, c_references
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.library import Library
-from plant_fmu.plants import Array
-from plant_fmu.variables import Quantity, find_quantity, references
+from plant_fmu.naming import Spec
+from plant_fmu.plants import Array, Body
+from plant_fmu.quantities import Quantity, View
+from plant_fmu.variables import find_quantity
 
 Transfer = Callable[[float], None]
 """Moves rows of an array to or from the FMUs at a time in s; `StepError` when one refuses."""
@@ -23,24 +26,33 @@ Transfer = Callable[[float], None]
 class Instances:
     """The robots' instances of one loaded FMU."""
 
-    def __init__(self, library: Library, robots: Sequence[int]) -> None:
-        """Instantiate the FMU for each robot; `FmuError` with its words when it refuses."""
-        self.library = library
-        self.robots = list(robots)
-        self.handles = [library.instantiate(_name(robot)) for robot in robots]
+    def __init__(self, library: Library, bodies: Sequence[Body], names: Mapping[str, Spec]) -> None:
+        """Instantiate the FMU for each robot; `FmuError` with its words when it refuses.
+
+        `names` are what the user wrote for quantities of ours.
+        """
+        self.library, self._names = library, names
+        self.robots = [body.robot for body in bodies]
+        self.handles = [library.instantiate(_name(robot)) for robot in self.robots]
+        self._sizes = sizes_of(assignments(library.archive, bodies[0].parameters))
+
+    def vector(self, ours: str, m: int) -> Quantity:
+        """Return a quantity that must hold m numbers."""
+        archive = self.library.archive
+        return find_quantity(archive, ours, self._names, size=m, sizes=self._sizes)
 
     def initialise(
-        self,
-        values: Sequence[Mapping[str, Any]],
-        names: Mapping[str, str],
-        start: float = 0.0,
+        self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]], start: float = 0.0
     ) -> None:
-        """Set each robot's values by our names of the variables, and end its initialisation."""
+        """Set each robot's parameters and its values of our quantities; end its initialisation."""
         calls = self.library.calls
-        for row, told in enumerate(values):
-            for ours, value in told.items():
-                self._start(row, names.get(ours, ours), value)
+        for row, (body, told) in enumerate(zip(bodies, values, strict=True)):
             handle = self.handles[row]
+            assigned = assignments(self.library.archive, body.parameters)
+            for assignment in assigned:
+                for status in assignment.acts(calls, handle):
+                    self._expect_ok(row, f"setting {assignment.name}", status)
+            self._start(row, told, sizes_of(assigned))
             self._expect_ok(row, "initialisation", calls.enter_initialization(handle, start))
             self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
 
@@ -50,12 +62,35 @@ class Instances:
             self._expect_ok(row, "a reset", self.library.calls.reset(handle))
 
     def writes(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
-        """Return the act that gives each FMU its row of an array (robots, numbers)."""
-        return self._transfer(self.library.calls.set, quantities, rows)
+        """Return the act that gives each FMU its row of an array (robots, numbers), in SI."""
+        view, what = View(quantities, rows), _listed(quantities)
+        if not view.is_complete:
+            self._transfer(self.library.calls.get, view, what)(0.0)
+        move = self._transfer(self.library.calls.set, view, what)
+
+        def write(seconds: float) -> None:
+            view.give()
+            move(seconds)
+
+        return write
 
     def reads(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
-        """Return the act that fills an array's rows (robots, numbers) from the FMUs."""
-        return self._transfer(self.library.calls.get, quantities, rows)
+        """Return the act that fills an array's rows (robots, numbers) from the FMUs, in SI."""
+        view = View(quantities, rows)
+        move = self._transfer(self.library.calls.get, view, _listed(quantities))
+
+        def read(seconds: float) -> None:
+            move(seconds)
+            view.take()
+
+        return read
+
+    def arguments(self, row: int, view: View, at: int) -> tuple[Any, ...]:
+        """Return what `get` and `set` are told of a row's FMU, and of a row of its own numbers."""
+        which = c_references(view.references)
+        address = view.theirs.ctypes.data + at * view.theirs.strides[0]
+        count = (view.theirs.shape[1],) if self.library.calls.counts_values else ()
+        return self.handles[row], which, len(which), c_void_p(address), *count
 
     def expect(self, statuses: list[int], act: str, seconds: float) -> None:
         """Raise `StepError` for the first robot whose FMU answered worse than a warning."""
@@ -82,33 +117,26 @@ class Instances:
         fmu = self.library.archive.label
         return StepError(f"robot {self.robots[row]} ({fmu}) at t = {seconds:g} s: {cause}")
 
-    def _transfer(self, call: Call, quantities: Sequence[Quantity], rows: Array) -> Transfer:
-        which = c_references(references(quantities))
-        count = (sum(q.size for q in quantities),) if self.library.calls.counts_values else ()
-        stride, base = rows.strides[0], rows.ctypes.data
-        arguments = [
-            (handle, which, len(which), c_void_p(base + row * stride), *count)
-            for row, handle in enumerate(self.handles)
-        ]
-        act = f"access to {', '.join(quantity.name for quantity in quantities)}"
+    def _transfer(self, call: Call, view: View, what: str) -> Transfer:
+        arguments = [self.arguments(row, view, row) for row in range(len(self.handles))]
 
         def transfer(seconds: float) -> None:
-            self.expect(list(starmap(call, arguments)), act, seconds)
+            self.expect(list(starmap(call, arguments)), f"access to {what}", seconds)
 
         return transfer
 
-    def _start(self, row: int, name: str, value: Any) -> None:
-        archive, calls = self.library.archive, self.library.calls
-        quantity = find_quantity(archive, name)
-        values = np.ascontiguousarray(value, float).ravel()
-        if len(values) != quantity.size:
-            raise FmuError(
-                f"{archive.label}: {name} takes {quantity.size} numbers, got {len(values)}"
-            )
-        which = c_references(quantity.references)
-        count = (len(values),) if calls.counts_values else ()
-        status = calls.set(self.handles[row], which, len(which), values.ctypes.data, *count)
-        self._expect_ok(row, f"setting {name}", status)
+    def _start(self, row: int, told: Mapping[str, Any], sizes: Mapping[int, int]) -> None:
+        """Set one robot's values of our quantities, in SI, all at once."""
+        archive = self.library.archive
+        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in told.items()}
+        quantities = [
+            find_quantity(archive, ours, self._names, size=len(value), sizes=sizes)
+            for ours, value in values.items()
+        ]
+        view = View(quantities, np.concatenate(list(values.values()))[None])
+        view.give()
+        status = self.library.calls.set(*self.arguments(row, view, 0))
+        self._expect_ok(row, f"setting {_listed(quantities)}", status)
 
     def _expect_ok(self, row: int, act: str, status: int) -> None:
         if status > WARNING:
@@ -123,3 +151,7 @@ class Instances:
 
 def _name(robot: int) -> str:
     return f"robot {robot}"
+
+
+def _listed(quantities: Sequence[Quantity]) -> str:
+    return ", ".join(quantity.name for quantity in quantities)

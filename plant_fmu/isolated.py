@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from plant_fmu.archive import Archive
 from plant_fmu.checkpoint import join, split
 from plant_fmu.driving import Driving
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
 from plant_fmu.sharing import ADVANCE, ADVANCED_BY, RESTORE, SAVE, Memory, Task, frame
 from plant_fmu.worker_process import Worker
@@ -28,7 +29,7 @@ class IsolatedPlants:
         stack: ExitStack,
         archive: Archive,
         bodies: Sequence[Body],
-        names: Mapping[str, str],
+        names: Mapping[str, Spec],
         driving: Driving,
         deadline: float,
     ) -> None:

@@ -14,6 +14,7 @@ from plant_fmu.instances import Instances
 from plant_fmu.law import Law
 from plant_fmu.library import Library
 from plant_fmu.model_calls import bind_model
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
 from plant_fmu.solvers import Solver
 from plant_fmu.states import States
@@ -31,7 +32,7 @@ class ModelExchangePlants:
         self,
         library: Library,
         bodies: Sequence[Body],
-        names: Mapping[str, str],
+        names: Mapping[str, Spec],
         solve: Callable[[Exchanged], Solver],
         *,
         drive: str,
@@ -39,10 +40,10 @@ class ModelExchangePlants:
     ) -> None:
         """Instantiate and initialise one plant for each body; `FmuError` says what is wrong."""
         self.drive, self.why = drive, why
-        self._names, self._solve = names, solve
+        self._solve = solve
         n, m = len(bodies), len(bodies[0].q)
         self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
-        self._instances = Instances(library, [body.robot for body in bodies])
+        self._instances = Instances(library, bodies, names)
         self._calls = library.bind(bind_model)
         self.exact = bool(library.interface.canSerializeFMUstate)
         self._states = States(self._instances) if self.exact else None
@@ -101,11 +102,11 @@ class ModelExchangePlants:
         self._gather()
 
     def _start(self, bodies: Sequence[Body], time: float) -> None:
-        instances, names = self._instances, self._names
-        instances.initialise([_told(body) for body in bodies], names, time)
+        instances = self._instances
+        instances.initialise(bodies, [_told(body) for body in bodies], time)
         self._bodies, self._laws = list(bodies), [Law([body]) for body in bodies]
         self._robots = [
-            Exchanged(instances, row, self._calls, law, names) for row, law in enumerate(self._laws)
+            Exchanged(instances, row, self._calls, law) for row, law in enumerate(self._laws)
         ]
         for robot in self._robots:
             robot.begin(time)
@@ -132,4 +133,4 @@ def _move(robot: Exchanged, solver: Solver, end: float) -> None:
 
 
 def _told(body: Body) -> dict[str, Array]:
-    return {**body.parameters, "q": body.q, "qd": body.qd}
+    return {"q": body.q, "qd": body.qd}

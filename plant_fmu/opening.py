@@ -6,11 +6,13 @@ from pathlib import Path
 
 from plant_fmu import stability
 from plant_fmu.archive import Archive, unpacked
+from plant_fmu.assigning import assignments, sizes_of
 from plant_fmu.cvode import Cvode
 from plant_fmu.driving import RTOL, STEP, Driving, choose
 from plant_fmu.exchanged import Exchanged
 from plant_fmu.library import Kind, Library
 from plant_fmu.model_exchange import ModelExchangePlants
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Body, DrivenPlants
 from plant_fmu.probing import expect_stable, measured_error
 from plant_fmu.reference_driven import ReferenceDrivenPlants
@@ -27,16 +29,17 @@ def open_plants(
     stack: ExitStack,
     archive: Archive,
     bodies: Sequence[Body],
-    names: Mapping[str, str],
+    names: Mapping[str, Spec],
     driving: Driving = _ANY,
     load: Load = Library,
 ) -> DrivenPlants:
     """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
 
-    `names` gives the FMU's name for a quantity of ours where it has another. `FmuError` says what
-    is wrong with the FMU or with what it was told.
+    `names` gives what a quantity of ours is in the FMU where it is not found by our name.
+    `FmuError` says what is wrong with the FMU or with what it was told.
     """
-    offer = choose(archive, names, driving)
+    sizes = sizes_of(assignments(archive, bodies[0].parameters))
+    offer = choose(archive, names, driving, sizes)
     asked = driving.solver or driving.control
     why = f"{offer.reason}; " + (
         "the scenario asks for it" if asked else "the FMU offers nothing more accurate"
@@ -56,7 +59,7 @@ def open_plants(
 
 
 def _by_cvode(
-    library: Library, bodies: Sequence[Body], names: Mapping[str, str], rtol: float, why: str
+    library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], rtol: float, why: str
 ) -> DrivenPlants:
     def solve(robot: Exchanged) -> Cvode:
         solver = Cvode(robot, rtol)
@@ -68,7 +71,7 @@ def _by_cvode(
 
 
 def _by_runge_kutta(
-    library: Library, bodies: Sequence[Body], names: Mapping[str, str], step: float, why: str
+    library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], step: float, why: str
 ) -> DrivenPlants:
     def plants(of: Sequence[Body]) -> ModelExchangePlants:
         drive = f"Model Exchange, RK4 step {step:g} s"
@@ -83,7 +86,7 @@ def _by_runge_kutta(
 def _by_held_torque(
     library: Library,
     bodies: Sequence[Body],
-    names: Mapping[str, str],
+    names: Mapping[str, Spec],
     step: float,
     heun: bool,
     why: str,

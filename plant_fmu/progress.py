@@ -12,6 +12,8 @@ from typing import Any, cast
 from plant_fmu.calls import Call
 from plant_fmu.library import Bound
 
+MAKERS = frozenset({"instantiate", "set_typed"})
+"""Calls that take no handle: the one makes handles, the other calls."""
 SIZE = 64
 _COUNT, _WHO, _ACT = slice(0, 8), slice(8, 40), slice(40, SIZE)
 
@@ -51,14 +53,17 @@ class Progress:
     def announcing(self, calls: Bound, names: Mapping[int, str]) -> Bound:
         """Return a dataclass of calls of a handle so that each announces itself.
 
-        `names` is who has which handle; `instantiate`, which makes handles, stays as it is.
+        `names` is who has which handle.
         """
         whos, of = _Fields(names), cast(Any, calls)
+        typed = getattr(of, "set_typed", None)
         announced: dict[str, Any] = {
             field.name: self._announcing(getattr(calls, field.name), field.name, whos)
             for field in fields(of)
-            if callable(getattr(calls, field.name)) and field.name != "instantiate"
+            if callable(getattr(calls, field.name)) and field.name not in MAKERS
         }
+        if typed:
+            announced["set_typed"] = lambda kind: self._announcing(typed(kind), f"set {kind}", whos)
         return cast(Bound, replace(of, **announced))
 
     def _announcing(self, call: Call, act: str, whos: Mapping[int, bytes]) -> Call:

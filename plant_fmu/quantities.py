@@ -1,44 +1,109 @@
-"""Which of our quantities an FMU has, by the names that the scenario gives where they differ."""
+"""A quantity of ours is some numbers of an FMU's variables: ours = factor · theirs[index].
 
-from collections.abc import Mapping
+Values are always passed flat, in row-major order, so that scalars (FMI 2) and arrays (FMI 3) look
+alike. An array can only be passed whole, with those of its numbers that are not ours.
+"""
 
-from plant_fmu.archive import Archive
-from plant_fmu.errors import FmuError
-from plant_fmu.variables import Quantity, find_quantity
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
 
-
-def has(archive: Archive, names: Mapping[str, str], *quantities: str) -> bool:
-    """Whether an FMU has all of these; `FmuError` where it lacks one that the scenario names."""
-    for ours in quantities:
-        try:
-            find_quantity(archive, names.get(ours, ours))
-        except FmuError:
-            if ours in names:
-                raise
-            return False
-    return True
+import numpy as np
+from numpy.typing import NDArray
 
 
-def takes(archive: Archive, names: Mapping[str, str], *quantities: str) -> bool:
-    """Whether an FMU has all of these as inputs."""
-    inputs = {
-        variable.valueReference
-        for variable in archive.description.modelVariables
-        if variable.causality == "input" and variable.type in {"Real", "Float64"}
-    }
-    return has(archive, names, *quantities) and all(
-        inputs.issuperset(find_quantity(archive, names.get(ours, ours)).references)
-        for ours in quantities
-    )
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some successive numbers of a variable; times the factor they are in SI."""
+
+    reference: int
+    length: int
+    """Of the whole variable."""
+    first: int
+    size: int
+    factor: float
+    start: tuple[float, ...]
+    """Of the whole variable, for the numbers that are not ours; empty when all are."""
 
 
-def vector(archive: Archive, names: Mapping[str, str], ours: str, m: int) -> Quantity:
-    """Return a quantity that must hold m numbers."""
-    name = names.get(ours, ours)
-    quantity = find_quantity(archive, name)
-    if quantity.size != m:
-        raise FmuError(
-            f"{archive.label}: {name} holds {quantity.size} numbers, expected {m}, one "
-            f"for each of the target's axes"
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """The FMU's numbers that stand for one quantity of ours."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers there are."""
+        return sum(part.size for part in self.parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Where the numbers of quantities stand among those of their variables, each taken once.
+
+    ours = factor * theirs[index], with `theirs` flat over the variables.
+    """
+
+    references: tuple[int, ...]
+    start: NDArray[np.float64]
+    """(length,) of theirs: the start values of what is not ours, else 0."""
+    index: NDArray[np.intp]
+    """(size,)"""
+    factor: NDArray[np.float64]
+    """(size,)"""
+
+    @classmethod
+    def of(cls, quantities: Iterable[Quantity]) -> Self:
+        """Lay out quantities one after another."""
+        parts = [part for quantity in quantities for part in quantity.parts]
+        offsets: dict[int, int] = {}
+        start: list[float] = []
+        for part in parts:
+            if part.reference not in offsets:
+                offsets[part.reference] = len(start)
+                start += part.start or [0.0] * part.length
+        firsts = [offsets[part.reference] + part.first for part in parts]
+        return cls(
+            tuple(offsets),
+            np.array(start, float),
+            np.concatenate(
+                [np.arange(first, first + p.size) for first, p in zip(firsts, parts, strict=True)]
+            ),
+            np.repeat([part.factor for part in parts], [part.size for part in parts]),
         )
-    return quantity
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether ours are theirs, number by number."""
+        return np.array_equal(self.index, np.arange(len(self.start))) and bool(
+            (self.factor == 1.0).all()
+        )
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all of theirs are among ours."""
+        return len(np.unique(self.index)) == len(self.start)
+
+
+class View:
+    """Rows of ours (robots, numbers), and the FMUs' own numbers that they stand for."""
+
+    def __init__(self, quantities: Iterable[Quantity], ours: NDArray[np.float64]) -> None:
+        layout = Layout.of(quantities)
+        self._ours, self._layout = ours, layout
+        self._is_direct, self.is_complete = layout.is_direct, layout.is_complete
+        self.references = layout.references
+        self.theirs = ours if self._is_direct else np.tile(layout.start, (len(ours), 1))
+        """(robots, numbers): what is passed; ours themselves where the FMUs have just these."""
+
+    def give(self) -> None:
+        """Bring ours into theirs."""
+        if not self._is_direct:
+            self.theirs[:, self._layout.index] = self._ours / self._layout.factor
+
+    def take(self) -> None:
+        """Bring theirs into ours."""
+        if not self._is_direct:
+            np.multiply(self.theirs[:, self._layout.index], self._layout.factor, out=self._ours)

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from plant_fmu.archive import Archive
+from plant_fmu.assigning import assignments, sizes_of
 from plant_fmu.errors import FmuError
 from plant_fmu.library import Library
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
-from plant_fmu.quantities import has
+from plant_fmu.presence import has
 from plant_fmu.stepped import Stepped
 from plant_fmu.variables import find_quantity
 
@@ -31,7 +33,7 @@ class ReferenceDrivenPlants:
     drive = "reference-driven Co-Simulation"
 
     def __init__(
-        self, library: Library, bodies: Sequence[Body], names: Mapping[str, str], why: str
+        self, library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], why: str
     ) -> None:
         """Instantiate and initialise one plant for each body; `FmuError` says what is wrong.
 
@@ -78,11 +80,10 @@ class ReferenceDrivenPlants:
             self.tau[:] = stepped.law.torque(stepped.time, stepped.state)
 
 
-def _told(body: Body, archive: Archive, names: Mapping[str, str]) -> dict[str, Array]:
+def _told(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
     """Return what one robot's FMU is told before its run, by our names of the variables."""
     gains = {gain: getattr(body, gain) for gain in GAINS if has(archive, names, gain)}
     return {
-        **body.parameters,
         **gains,
         **(_disturbance(body, archive, names) if body.disturbance else {}),
         "q": body.q,
@@ -92,7 +93,7 @@ def _told(body: Body, archive: Archive, names: Mapping[str, str]) -> dict[str, A
     }
 
 
-def _disturbance(body: Body, archive: Archive, names: Mapping[str, str]) -> dict[str, Array]:
+def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
     """Return the disturbance by our names, its terms padded with zeros to the FMU's number."""
     lacking = [name for name in DISTURBANCE if not has(archive, names, name)]
     if lacking:
@@ -105,9 +106,10 @@ def _disturbance(body: Body, archive: Archive, names: Mapping[str, str]) -> dict
         "disturbance_rate": body.disturbance.rate,
     }
     m, p = body.disturbance.amplitude.shape
+    sizes = sizes_of(assignments(archive, body.parameters))
     for wave in WAVES:
         ours = f"disturbance_{wave}"
-        terms = find_quantity(archive, names.get(ours, ours)).size // m
+        terms = find_quantity(archive, ours, names, sizes=sizes).size // m
         if p > terms:
             raise FmuError(
                 f"{archive.label}: takes up to {terms} sines and cosines of a disturbance "

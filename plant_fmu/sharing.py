@@ -14,6 +14,7 @@ import numpy as np
 
 from plant_fmu.archive import Archive
 from plant_fmu.driving import Driving
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
 from plant_fmu.progress import SIZE, Progress
 
@@ -44,7 +45,7 @@ class Task:
 
     archive: Archive
     bodies: Sequence[Body]
-    names: Mapping[str, str]
+    names: Mapping[str, Spec]
     driving: Driving
     memory: Path
     place: tuple[int, int, int]

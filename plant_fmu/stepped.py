@@ -11,8 +11,8 @@ from plant_fmu.checkpoint import doubles, join, numbers, split
 from plant_fmu.instances import Instances
 from plant_fmu.law import Law
 from plant_fmu.library import Library
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
-from plant_fmu.quantities import vector
 from plant_fmu.states import States
 
 Told = Callable[[Body], Mapping[str, Any]]
@@ -25,20 +25,19 @@ class Stepped:
         self,
         library: Library,
         bodies: Sequence[Body],
-        names: Mapping[str, str],
+        names: Mapping[str, Spec],
         told: Told,
         outputs: Sequence[str],
     ) -> None:
         """Instantiate and initialise; `told` says what an FMU is told of a body, by our names."""
-        self._names, self._told = names, told
+        self._told = told
         self.m = len(bodies[0].q)
         self.outputs = np.zeros((len(bodies), len(outputs) * self.m))
         self.state = self.outputs[:, : 2 * self.m]
         """q, then qd: the first two outputs."""
-        self.instances = Instances(library, [body.robot for body in bodies])
-        archive = library.archive
+        self.instances = Instances(library, bodies, names)
         self._read = self.instances.reads(
-            [vector(archive, names, name, self.m) for name in outputs], self.outputs
+            [self.instances.vector(name, self.m) for name in outputs], self.outputs
         )
         self._step = library.bind(bind_step)
         self.exact = bool(library.interface.canSerializeFMUstate)
@@ -66,8 +65,7 @@ class Stepped:
     def inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
         """Return rows for inputs of m numbers each, and the act that gives them to the FMUs."""
         rows = np.zeros((len(self.outputs), len(quantities) * self.m))
-        archive = self.instances.library.archive
-        found = [vector(archive, self._names, name, self.m) for name in quantities]
+        found = [self.instances.vector(name, self.m) for name in quantities]
         return rows, self.instances.writes(found, rows)
 
     def save(self) -> bytes:
@@ -96,7 +94,7 @@ class Stepped:
 
     def _start(self, bodies: Sequence[Body], time: float) -> None:
         self._bodies, self.law, self.time = list(bodies), Law(bodies), time
-        self.instances.initialise([self._told(body) for body in bodies], self._names, time)
+        self.instances.initialise(bodies, [self._told(body) for body in bodies], time)
         self.read()
 
     def _moved(self, state: Array) -> list[Body]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from plant_fmu.grid import parts
 from plant_fmu.library import Library
+from plant_fmu.naming import Spec
 from plant_fmu.plants import Array, Body
 from plant_fmu.states import States
 from plant_fmu.stepped import Stepped
@@ -24,7 +25,7 @@ class TorqueHeldPlants:
         self,
         library: Library,
         bodies: Sequence[Body],
-        names: Mapping[str, str],
+        names: Mapping[str, Spec],
         control_step: float,
         *,
         heun: bool,
@@ -87,4 +88,4 @@ class TorqueHeldPlants:
 
 
 def _told(body: Body) -> dict[str, Array]:
-    return {**body.parameters, "q": body.q, "qd": body.qd}
+    return {"q": body.q, "qd": body.qd}

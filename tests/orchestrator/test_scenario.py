@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.clock import Clock, nanoseconds
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario import Uniform, json_schema
+from orchestrator.scenario import Pattern, Uniform, json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies, draw, gain, initial_estimates, target_of
 from tests.orchestrator.arms import target
@@ -116,6 +116,38 @@ BAD = {
         ('name = "dcea1"', 'name = "dcea3"'),
         "algorithm.name: expected one of dcea1, dcea2, got 'dcea3'",
     ),
+    "variable's name": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = 3'),
+        "plant.variables.q: expected a valid string, got 3",
+    ),
+    "no variable's name": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = []'),
+        "plant.variables.q: expected at least one name, got []",
+    ),
+    "pattern without an index": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = { pattern = "q" }'),
+        "plant.variables.q.pattern: expected a name with {i} for the index, and {j} for a second",
+    ),
+    "pattern's base": (
+        ('fmu = "two_link_arm"', 'fmu = "a"\nvariables.q = { pattern = "q{i}", base = 2 }'),
+        "plant.variables.q.base: expected 0 or 1, got 2",
+    ),
+    "pattern's key": (
+        ('fmu = "two_link_arm"', 'fmu = "a"\nvariables.q = { pattern = "q{i}", bse = 0 }'),
+        "plant.variables.q.bse: unknown key; did you mean 'base'?",
+    ),
+    "infinite parameter": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = inf'),
+        "plant.parameters.m1: expected a finite number, got inf",
+    ),
+    "table for a parameter": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = [1, { a = 2 }]'),
+        "plant.parameters.m1[1]: expected a valid number, got {'a': 2}",
+    ),
+    "ragged parameter": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = [1, [2]]'),
+        "plant.parameters.m1[0]: expected a list, got 1",
+    ),
     "TOML": (("[run]", "[run"), "paper.toml: not valid TOML: Expected ']'"),
 }
 
@@ -181,6 +213,24 @@ def test_the_schema_knows_every_key():
     schema = json.dumps(json_schema())
     for key in ("sampling_period", "adjacency", "pinning", "uniform", "robots", "cosines", "kp"):
         assert f'"{key}"' in schema
+
+
+def test_a_plant_names_variables_and_gives_parameters_in_many_forms(paper):
+    plant = paper(
+        (
+            'fmu = "two_link_arm"',
+            'fmu = "two_link_arm"\n'
+            'parameters = { a = true, b = "text", c = [1, 2.0, false], d = [[1, 2], [3, 4]] }\n'
+            'variables = { q = "x[0:2]", qd = ["w1", "w2"], tau = { pattern = "u{i}", base = 0 } }',
+        )
+    ).scenario.plant
+    assert plant.parameters == {"a": True, "b": "text", "c": (1, 2.0, False), "d": ((1, 2), (3, 4))}
+    assert [type(number) for number in plant.parameters["c"]] == [int, float, bool]
+    assert plant.variables == {
+        "q": "x[0:2]",
+        "qd": ("w1", "w2"),
+        "tau": Pattern(pattern="u{i}", base=0),
+    }
 
 
 def test_draws_depend_on_seed_purpose_and_robot_alone(paper):

@@ -296,7 +296,7 @@ def test_each_way_is_offered_where_the_fmu_has_what_it_takes(
     assert ways() == ["reference", "cvode", "rk4", "heun", "hold"]
     assert ways(("position_ref", "wanted")) == ["cvode", "rk4", "heun", "hold"]
     assert ways(*STATELESS[fmi]) == ["reference", "cvode", "rk4", "hold"]
-    assert ways(('"qd', '"speed')) == []
+    assert ways(('"qd', '"speed'), ('"der(q', '"rate(q')) == []
     tau = {2: '"tau[', 3: '"tau"'}[fmi]
     assert ways((tau, tau.replace("tau", "torque"))) == ["reference"]
 

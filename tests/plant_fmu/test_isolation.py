@@ -325,7 +325,7 @@ def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
 
 
 def test_what_is_wrong_with_the_scenario_is_told_as_without_isolation(faulty):
-    with ExitStack() as stack, pytest.raises(FmuError, match="has no variable 'mm'"):
+    with ExitStack() as stack, pytest.raises(FmuError, match="has no parameter 'mm'"):
         IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, Driving(), 10.0)
 
 

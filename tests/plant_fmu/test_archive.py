@@ -1,0 +1,434 @@
+"""An archive from a stranger is read, or refused with its cause; it never does anything else."""
+
+import random
+import re
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import fmpy
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from plant_fmu import entries, reading
+from plant_fmu.archive import open_archive, unpacked
+from plant_fmu.building import build
+from plant_fmu.errors import FmuError
+from plant_fmu.variables import find_quantity
+from tests.plant_fmu.archives import NAME, description, rewritten
+
+FUZZ = settings(
+    derandomize=True,
+    database=None,
+    deadline=None,
+    max_examples=150,
+    phases=(Phase.generate,),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder in which all temporary folders of a test lie."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(FmuError) as error:
+        open_archive(path, "arm.fmu")
+    assert str(error.value).startswith("arm.fmu: ")
+    return str(error.value).removeprefix("arm.fmu: ")
+
+
+def with_entry(path: Path, entry: ZipInfo | str, content: bytes = b"") -> Path:
+    """Write the two-link arm's archive with one entry more."""
+    path.write_bytes(build("two_link_arm").read_bytes())
+    with ZipFile(path, "a") as archive:
+        archive.writestr(entry, content)
+    return path
+
+
+# What is sound
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_archive_is_read_and_unpacked_and_nothing_is_left(temporary, fmi):
+    here = Path.cwd()
+    archive = open_archive(build("two_link_arm", fmi))
+    assert (archive.name, archive.fmi_version) == ("two_link_arm", f"{fmi}.0")
+    assert archive.kinds == ("CoSimulation", "ModelExchange")
+    with unpacked(archive) as folder:
+        assert folder.parent == temporary
+        with ZipFile(archive.path) as content:
+            expected = {name: content.read(name) for name in content.namelist()}
+        files = {str(p.relative_to(folder)): p for p in folder.rglob("*") if p.is_file()}
+        assert {name: file.read_bytes() for name, file in files.items()} == expected
+    assert not list(temporary.iterdir())
+    assert Path.cwd() == here
+
+
+def test_the_folder_ends_with_an_interrupt(temporary):
+    archive = open_archive(build("two_link_arm"))
+    with suppress(KeyboardInterrupt), unpacked(archive) as folder:
+        assert list(temporary.iterdir()) == [folder]
+        raise KeyboardInterrupt
+    assert not list(temporary.iterdir())
+
+
+def test_an_archive_that_has_changed_is_not_unpacked(tmp_path, temporary):
+    path = with_entry(tmp_path / "arm.fmu", "resources/a.txt")
+    archive = open_archive(path, "arm.fmu")
+    with_entry(path, "resources/b.txt")
+    with (
+        pytest.raises(FmuError, match=r"arm\.fmu: has changed since it was read"),
+        unpacked(archive),
+    ):
+        pass
+    assert not list(temporary.iterdir())
+
+
+def test_a_description_against_the_schema_still_serves(tmp_path):
+    def invalid(text: str) -> str:
+        text = text.replace("<ModelStructure>", "<ModelStructure><Strange/>")
+        return text.replace(' modelName="two_link_arm"', ' unheardOf="1"')
+
+    path = rewritten(tmp_path / "arm.fmu", 2, invalid)
+    with pytest.raises(fmpy.model_description.ValidationError):
+        fmpy.read_model_description(path)
+    assert find_quantity(open_archive(path), "q").size == 2
+
+
+# What is refused
+
+
+def test_what_is_no_archive(tmp_path):
+    path = tmp_path / "arm.fmu"
+    assert refused(path) == "no such FMU"
+    assert refused(tmp_path).startswith("cannot be read: ")
+    for content in (b"", b"PK\5\6", b"none", build("two_link_arm").read_bytes()[:-30]):
+        path.write_bytes(content)
+        assert refused(path).startswith("is no FMU, for it is no zip archive or a damaged one")
+    ZipFile(path, "w").close()
+    assert refused(path) == "is no FMU, for it has no modelDescription.xml"
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/x", "C:/x", "C:x", "a\\b", "resources/../../x", "..", "../x", "resources/x:y"]
+)
+def test_a_path_that_leads_elsewhere(tmp_path, name):
+    entry = ZipInfo("placeholder")
+    entry.filename = name
+    message = refused(with_entry(tmp_path / "arm.fmu", entry))
+    assert re.match(
+        r"is refused: its entry .* has a path that (is not relative|leads out)", message
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            {"external_attr": 0o120777 << 16},
+            "is neither a file nor a folder but a link or a device",
+        ),
+        (
+            {"external_attr": 0o020666 << 16},
+            "is neither a file nor a folder but a link or a device",
+        ),
+        ({"compress_type": ZIP_BZIP2}, "is compressed by another method than deflate"),
+    ],
+)
+def test_an_entry_that_fmi_does_not_know(tmp_path, change, reason):
+    entry = ZipInfo("resources/x")
+    for attribute, value in change.items():
+        setattr(entry, attribute, value)
+    message = refused(with_entry(tmp_path / "arm.fmu", entry, b"/etc/passwd"))
+    assert message == f"is refused: its entry 'resources/x' {reason}"
+
+
+def test_an_encrypted_entry(tmp_path):
+    path = with_entry(tmp_path / "arm.fmu", "resources/x", b"x")
+    content = bytearray(path.read_bytes())
+    content[content.rindex(b"PK\1\2") + 8] |= 1
+    path.write_bytes(content)
+    assert refused(path) == "is refused: its entry 'resources/x' is encrypted"
+
+
+def test_an_entry_twice(tmp_path):
+    with pytest.warns(UserWarning, match="Duplicate name"):
+        path = with_entry(tmp_path / "arm.fmu", NAME, description(3).encode())
+    assert refused(path) == "is refused: its entry 'modelDescription.xml' is there more than once"
+
+
+def test_a_bad_checksum(tmp_path):
+    entry = ZipInfo("resources/x")
+    entry.compress_type = ZIP_STORED
+    path = with_entry(tmp_path / "arm.fmu", entry, b"sound content")
+    path.write_bytes(path.read_bytes().replace(b"sound content", b"other content"))
+    assert refused(path) == "is a damaged zip archive: 'resources/x' has a bad checksum"
+
+
+def test_a_bomb(tmp_path):
+    entry = ZipInfo("resources/x")
+    entry.compress_type = ZIP_DEFLATED
+    message = refused(with_entry(tmp_path / "arm.fmu", entry, bytes(entries.BOMB_BYTES)))
+    assert re.fullmatch(
+        r"is refused: its \d+ bytes unpack to \d+, more than 200 times as many", message
+    )
+
+
+def test_a_bomb_that_understates_its_size(tmp_path):
+    entry = ZipInfo("resources/x")
+    entry.compress_type = ZIP_DEFLATED
+    path = with_entry(tmp_path / "arm.fmu", entry, bytes(100_000))
+    sizes = (100_000).to_bytes(4, "little")
+    path.write_bytes(path.read_bytes().replace(sizes, (10).to_bytes(4, "little")))
+    assert refused(path).startswith("is a damaged zip archive: ")
+
+
+def declaring(path: Path, size: int) -> Path:
+    """Write an archive whose last entry declares a size."""
+    path = with_entry(path, "resources/x", b"x")
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"PK\1\2") + 24
+    content[at : at + 4] = size.to_bytes(4, "little")
+    path.write_bytes(content)
+    return path
+
+
+def test_too_much_of_anything(tmp_path, monkeypatch):
+    path = tmp_path / "arm.fmu"
+    assert refused(declaring(path, 3 << 30)) == "is refused: it unpacks to 3.0 GiB, more than 1 GiB"
+    monkeypatch.setattr(entries, "MOST_ENTRIES", 5)
+    message = refused(with_entry(path, "resources/x"))
+    assert re.fullmatch(r"is refused: it has \d+ entries, more than 5", message)
+    with path.open("wb") as file:
+        file.truncate((1 << 30) + 1)
+    assert refused(path) == "is 1.0 GiB, more than 1 GiB"
+
+
+def test_a_description_too_large(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "MOST_BYTES", 1 << 10)
+    assert refused(rewritten(tmp_path / "arm.fmu", 3, str)).startswith(
+        "its modelDescription.xml is "
+    )
+
+
+@pytest.mark.parametrize(
+    ("fmi", "edit", "message"),
+    [
+        (2, lambda text: text.replace("</fmiModel", "<fmiModel"), r"line \d+, column \d+"),
+        (2, lambda text: text.replace("<ModelVariables>", "<Model Variables"), r"line \d+"),
+        (2, lambda _: "", "Document is empty, line 1"),
+        (
+            2,
+            lambda text: text.replace('fmiVersion="2.0"', 'fmiVersion="1.0"'),
+            "is of FMI 1.0; FMI",
+        ),
+        (2, lambda text: text.replace('fmiVersion="2.0"', ""), "is of FMI without version"),
+        (2, lambda text: text.replace("fmiModelDescription", "html"), "is a html, expected fmiMod"),
+        (
+            2,
+            lambda text: text.replace("<Real", "<Float64"),
+            r"line \d+: variable 'time' has no type",
+        ),
+        (3, lambda text: text.replace("Float64", "Real"), r"line \d+: variable 'time' has no type"),
+        (
+            3,
+            lambda text: text.replace('valueReference="1"', 'valueReference="-1"'),
+            r"variable 'tau' has the value reference '-1'",
+        ),
+        (
+            3,
+            lambda text: text.replace('valueReference="1"', 'valueReference="4294967296"'),
+            r"variable 'tau' has the value reference '4294967296'",
+        ),
+        (
+            2,
+            lambda text: text.replace('causality="input"', 'causality="inptu"', 1),
+            r"\(line \d+, column 0\): .*'inptu'",
+        ),
+        (
+            2,
+            lambda text: re.sub("<ModelVariables>.*</ModelVariables>", "", text, flags=re.DOTALL),
+            "ModelVariables",
+        ),
+    ],
+)
+def test_a_description_that_cannot_be_used(tmp_path, fmi, edit, message):
+    told = refused(rewritten(tmp_path / "arm.fmu", fmi, edit))
+    assert re.match(
+        f"its modelDescription.xml (cannot be used|is not valid XML): .*{message}", told
+    )
+
+
+def test_entities_are_not_expanded_and_nothing_is_fetched(tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    for entity in (f'SYSTEM "{secret.as_uri()}"', '"&a;&a;"', '"two"'):
+        doctype = f'<!DOCTYPE x [<!ENTITY a "{"a" * 100}"><!ENTITY b {entity}>]>'
+
+        def expanding(text: str, doctype: str = doctype) -> str:
+            text = text.replace("<fmiModel", f"{doctype}<fmiModel", 1)
+            return text.replace('modelName="', 'modelName="&b;', 1)
+
+        told = refused(rewritten(tmp_path / "arm.fmu", 3, expanding))
+        assert "secret" not in told
+        assert told.startswith("its modelDescription.xml ")
+
+
+@pytest.mark.parametrize(("fmi", "here"), [(2, fmpy.platform), (3, fmpy.platform_tuple)])
+def test_another_platform(tmp_path, fmi, here):
+    path = tmp_path / "arm.fmu"
+    with ZipFile(build("two_link_arm", fmi)) as source, ZipFile(path, "w") as target:
+        for name in source.namelist():
+            target.writestr(name.replace(f"binaries/{here}", "binaries/win32"), source.read(name))
+    library = f"binaries/{here}/two_link_arm{fmpy.sharedLibraryExtension}"
+    assert refused(path) == (
+        f"has no library {library} for this platform; it has libraries for win32"
+    )
+
+
+def test_a_library_outside_of_the_archive(tmp_path):
+    def outside(text: str) -> str:
+        return text.replace('modelIdentifier="', 'modelIdentifier="../../../')
+
+    assert "has no library" in refused(rewritten(tmp_path / "arm.fmu", 3, outside))
+
+
+def test_an_fmu_without_an_interface(tmp_path):
+    def none(text: str) -> str:
+        return re.sub(r"<(ModelExchange|CoSimulation)[^>]*/>", "", text)
+
+    path = rewritten(tmp_path / "arm.fmu", 3, none)
+    assert refused(path) == "offers neither CoSimulation nor ModelExchange"
+
+
+# Anything else
+
+
+def outcome(path: Path, temporary: Path) -> str:
+    """Open, look for quantities and unpack; return how it ended, having left nothing behind."""
+    before = sorted(p for p in path.parent.rglob("*") if p != path)
+    try:
+        archive = open_archive(path, "arm.fmu")
+        with suppress(FmuError), unpacked(archive) as folder:
+            assert all(p.resolve().is_relative_to(folder) for p in folder.rglob("*"))
+        for name in ("q", "qd", "tau", "kp", "position_ref"):
+            with suppress(FmuError):
+                find_quantity(archive, name)
+    except FmuError:
+        return "refused"
+    finally:
+        assert not list(temporary.iterdir())
+        assert sorted(p for p in path.parent.rglob("*") if p != path) == before
+    return "read"
+
+
+@FUZZ
+@given(data=st.data(), fmi=st.sampled_from([2, 3]))
+def test_damaged_bytes(tmp_path, temporary, data, fmi):
+    content = bytearray(build("two_link_arm", fmi).read_bytes())
+    directory = content.index(b"PK\1\2")
+    for _ in range(data.draw(st.integers(1, 4))):
+        first = data.draw(st.sampled_from([0, directory, len(content) - 22]))
+        at = data.draw(st.integers(first, len(content) - 1))
+        content[at] ^= data.draw(st.integers(1, 255))
+    if data.draw(st.booleans()):
+        del content[data.draw(st.integers(0, len(content))) :]
+    path = tmp_path / "arm.fmu"
+    path.write_bytes(content)
+    outcome(path, temporary)
+
+
+@FUZZ
+@given(
+    name=st.text(st.sampled_from("./\\:~a\0é$ \n"), min_size=1, max_size=12)
+    | st.sampled_from([NAME, f"{NAME}/x", "sources", "binaries/x" * 40, "sources/core.c/x", "./x"]),
+    mode=st.sampled_from([0, 0o100644, 0o120777, 0o040755, 0o010644]),
+    content=st.binary(max_size=20),
+)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_any_entry(tmp_path, temporary, name, mode, content):
+    entry = ZipInfo("placeholder")
+    entry.filename, entry.external_attr = name, mode << 16
+    outcome(with_entry(tmp_path / "arm.fmu", entry, content), temporary)
+
+
+VALUES = (
+    *("", "0", "-1", "1e999", "nan", "9" * 5000, "1" * 18, "4294967295", "true", "2 3"),
+    *("q", "é", "&#x110000;", "a" * 100_000, "../../x", "{i}", "q[1]", "constant", "deg"),
+)
+DIMENSIONS = (
+    *('start="0"', 'start="-2"', f'start="{"9" * 30}"', 'start="x"', ""),
+    *('valueReference="1"', 'valueReference="999"', 'start="2" valueReference="1"'),
+)
+
+
+def deleted_attribute(text: str, chance: random.Random) -> str:
+    found = list(re.finditer(r' \w+="[^"]*"', text))
+    match = chance.choice(found)
+    return text[: match.start()] + text[match.end() :]
+
+
+def changed_attribute(text: str, chance: random.Random) -> str:
+    match = chance.choice(list(re.finditer(r'="([^"]*)"', text)))
+    value = chance.choice(VALUES)
+    return text[: match.start(1)] + value + text[match.end(1) :]
+
+
+def changed_type(text: str, chance: random.Random) -> str:
+    old = chance.choice(["Real", "Float64", "ScalarVariable", "ModelVariables", "BaseUnit", "Unit"])
+    new = chance.choice(["Real", "Float32", "String", "Enumeration", "Binary", "Clock", "x", "!--"])
+    return text.replace(f"<{old}", f"<{new}", chance.choice([1, 5, -1]))
+
+
+def doubled_element(text: str, chance: random.Random) -> str:
+    match = chance.choice(list(re.finditer(r"<(\w+)[^>]*/>", text)))
+    return text[: match.end()] + match[0] * chance.choice([1, 2, 200]) + text[match.end() :]
+
+
+def changed_dimension(text: str, chance: random.Random) -> str:
+    new = chance.choice(DIMENSIONS)
+    return re.sub(r'<Dimension start="\d"', f"<Dimension {new}", text, count=chance.choice([0, 1]))
+
+
+def changed_characters(text: str, chance: random.Random) -> str:
+    at = chance.randrange(len(text))
+    return text[:at] + chance.choice(["<", ">", "&", '"', "\0", "</x>", "<x>" * 300]) + text[at:]
+
+
+EDITS: list[Callable[[str, random.Random], str]] = [
+    deleted_attribute,
+    changed_attribute,
+    changed_type,
+    doubled_element,
+    changed_dimension,
+    changed_characters,
+]
+
+
+@settings(FUZZ, max_examples=300)
+@given(
+    fmi=st.sampled_from([2, 3]),
+    edits=st.lists(st.sampled_from(EDITS), min_size=1, max_size=3),
+    seed=st.integers(0, 1 << 32),
+    encoding=st.sampled_from(["utf-8"] * 8 + ["utf-16", "latin-1", "utf-7"]),
+)
+def test_any_description(tmp_path, temporary, fmi, edits, seed, encoding):
+    chance = random.Random(seed)
+    text = description(fmi)
+    for edit in edits:
+        text = edit(text, chance)
+    path = tmp_path / "arm.fmu"
+    folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
+    with ZipFile(path, "w") as archive:
+        archive.writestr(NAME, text.encode(encoding, "replace"))
+        archive.writestr(f"binaries/{folder}/two_link_arm{fmpy.sharedLibraryExtension}", b"")
+    outcome(path, temporary)

@@ -1,0 +1,174 @@
+"""Parameters reach the FMU in its types, structural ones first; what cannot be given is refused."""
+
+import re
+import shutil
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plant_fmu.archive import Archive, open_archive, unpacked
+from plant_fmu.assigning import assignments, sizes_of
+from plant_fmu.errors import FmuError
+from plant_fmu.instances import Instances
+from plant_fmu.library import Library
+from plant_fmu.opening import open_plants
+from plant_fmu.plants import Body, Disturbance
+from plant_fmu.quantities import Part, Quantity
+from tests.plant_fmu.archives import reals, rewritten, with_variables
+from tests.plant_fmu.typed_fmu import build_typed
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+
+NAMES = {"q": "x[0:2]", "qd": "x[2:4]", "position_ref": "u[0:2]", "velocity_ref": "u[2:4]"}
+
+
+@pytest.fixture(scope="module")
+def typed(tmp_path_factory: pytest.TempPathFactory) -> Archive:
+    return open_archive(build_typed(tmp_path_factory.mktemp("typed")), "typed.fmu")
+
+
+@pytest.fixture
+def given(typed: Archive) -> Callable[..., list[float]]:
+    """Return a function that gives an instance parameters, and reads a variable back."""
+
+    def read(parameters: dict[str, Any], reference: int, length: int = 1) -> list[float]:
+        with ExitStack() as stack:
+            library = stack.enter_context(
+                Library(typed, stack.enter_context(unpacked(typed)), "CoSimulation")
+            )
+            bodies = [body(parameters)]
+            instances = Instances(library, bodies, {})
+            instances.initialise(bodies, [{"kp": np.eye(2)}])
+            rows = np.empty((1, length))
+            part = Part(reference, length, 0, length, 1.0, ())
+            instances.reads([Quantity("read", (part,))], rows)(0.0)
+            return rows[0].tolist()
+
+    return read
+
+
+def body(parameters: dict[str, Any]) -> Body:
+    none = np.zeros(2)
+    return Body(
+        robot=1,
+        parameters=parameters,
+        kp=np.eye(2),
+        kd=np.eye(2),
+        disturbance=Disturbance(none, none, *np.zeros((3, 2, 0))),
+        q=np.array([5.0, 6.0]),
+        qd=np.array([7.0, 8.0]),
+        position=none,
+        velocity=none,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reference", "read"),
+    [
+        ("brake", True, 6, [1]),
+        ("gear", -3, 7, [-3]),
+        ("gear", np.int64(7), 7, [7]),
+        ("mode", "free", 8, [4]),
+        ("mode", 1, 8, [1]),
+        ("table", "ab", 9, [ord("a") + ord("b")]),
+        ("ratios", [1, 2.5, 3, 4], 10, [1, 2.5, 3, 4]),
+        ("pins", [[1, 2], [3, 255]], 11, [1, 2, 3, 255]),
+        ("pins", [1, 2, 3, 4], 11, [1, 2, 3, 4]),
+        ("kd", np.array([[1.0, 2.0], [3.0, 4.0]]), 4, [1, 2, 3, 4]),
+        ("n", 6, 0, [6]),
+    ],
+)
+def test_a_value_arrives_in_the_variables_type(given, name, value, reference, read):
+    assert given({name: value}, reference, len(read)) == read
+
+
+def test_structural_parameters_come_first_and_decide_the_sizes(typed, given):
+    assert given({"ratios": [1.0, 2.0], "n": 2}, 10, 2) == [1, 2]
+    assert sizes_of(assignments(typed, {"ratios": [1.0, 2.0], "n": 2})) == {0: 2}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("brake", 1, "brake is of type Boolean, expected true or false, got 1"),
+        ("gear", 1.0, "gear is of type Int32, expected a whole number, got 1.0"),
+        ("gear", True, "gear is of type Int32, expected a whole number, got True"),
+        ("gear", 1 << 31, "gear is of type Int32, expected a number of 32 bits, got 2147483648"),
+        ("pins", [[1, 2], [3, -1]], "pins is of type UInt8, expected a number of 8 bits, got -1"),
+        ("pins", [1, 2, 3], "pins takes 2 x 2 values, got 3"),
+        ("pins", [[1, 2, 3, 4]], "pins takes 2 x 2 values, got 1 x 4"),
+        (
+            "pins",
+            [[1], [2], [3], [4, 5]],
+            "pins is of type UInt8, expected a whole number, got [1]",
+        ),
+        ("ratios", 1.0, "ratios takes 4 values, got 1"),
+        ("ratios", [1, 2, 3, "4"], "ratios is of type Float32, expected a number, got '4'"),
+        ("kp", [[True, 0], [0, 1]], "kp is of type Float64, expected a number, got True"),
+        ("gear", [1, 2], "gear takes 1 value, got 2"),
+        ("mode", "fre", "mode is of type Enumeration, expected servo, free, got 'fre'"),
+        ("mode", 2, "mode is of type Enumeration, expected servo, free, got 2"),
+        ("mode", 1.0, "mode is of type Enumeration, expected servo, free, got 1.0"),
+        ("table", 3, "table is of type String, expected a text, got 3"),
+        ("table", "a\0b", "table is of type String, expected a text, got 'a\\x00b'"),
+        ("gearr", 1, "has no parameter 'gearr'; did you mean 'gear'?"),
+        ("sum", 1.0, "'sum' cannot be set, for it is calculated from other parameters"),
+        ("tau_applied", [1, 2], "'tau_applied' cannot be set, for it is an output that the FMU"),
+        ("energy", 1.0, "'energy' cannot be set, for it is a local that the FMU calculates"),
+        ("pi", 3.0, "'pi' cannot be set, for it is a constant"),
+        ("time", 3.0, "'time' cannot be set, for it is the time"),
+        ("blob", "00", "'blob' cannot be set, for it is of type Binary"),
+    ],
+)
+def test_what_cannot_be_given_is_refused_with_the_reason(typed, name, value, message):
+    with pytest.raises(FmuError) as error:
+        assignments(typed, {name: value})
+    assert str(error.value).startswith(f"typed.fmu: {message}")
+
+
+def test_a_refusal_of_the_fmus_names_the_parameter_and_the_robot(tmp_path):
+    def whole(text: str) -> str:
+        return re.sub(
+            r'(name="m1".*?)<Real unit="kg" start="0.5"', r"\1<Integer", text, flags=re.DOTALL
+        )
+
+    archive = open_archive(rewritten(tmp_path / "arm.fmu", 2, whole), "arm.fmu")
+    with ExitStack() as stack:
+        message = r"arm\.fmu: setting m1 of robot 1 ended with Error"
+        with pytest.raises(FmuError, match=message):
+            open_plants(stack, archive, [body({"m1": 2})], {})
+
+
+def test_a_family_takes_a_list(tmp_path):
+    xml = reals("m1", "m2", "k[1,1]", "k[1,2]", "arm.l1", "arm.l2").replace(
+        "<ScalarVariable", '<ScalarVariable causality="parameter" variability="fixed"'
+    )
+    archive = open_archive(with_variables(tmp_path / "arm.fmu", 2, xml), "arm.fmu")
+    first, second = assignments(archive, {"m": [1.0, 2.0], "k": [[3.0, 4.0]]})
+    assert (first.references, list(first.values)) == ((0, 1), [1, 2])
+    assert (second.references, list(second.values)) == ((2, 3), [3, 4])
+    with pytest.raises(FmuError, match=r"has no parameter 'l'"):
+        assignments(archive, {"l": [1.0, 2.0]})
+
+
+def test_slices_of_arrays_are_driven_and_read_as_parts_of_them(typed):
+    """A step makes x what u is; what of u is not ours stays as it is."""
+    with ExitStack() as stack:
+        plants = open_plants(stack, typed, [body({"n": 4})], NAMES)
+        assert plants.q.tolist() == [[5, 6]]
+        assert plants.qd.tolist() == [[7, 8]]
+        plants.hold(np.array([[1.5, 2.5]]), np.array([[3.5, 4.5]]))
+        plants.advance(0.0, 0.1)
+        assert plants.q.tolist() == [[1.5, 2.5]]
+        assert plants.qd.tolist() == [[3.5, 4.5]]
+        names = {**NAMES, "position_ref": "u[4:6]", "qd": "x[4:6]"}
+        plants = open_plants(stack, typed, [body({"n": 6})], names)
+        plants.hold(np.array([[1.5, 2.5]]), np.array([[3.5, 4.5]]))
+        plants.advance(0.0, 0.1)
+        assert plants.q.tolist() == [[0, 0]]
+        assert plants.qd.tolist() == [[1.5, 2.5]]
+        with pytest.raises(FmuError, match=r"u\[2:4\] for velocity_ref is beyond the 3 numbers"):
+            open_plants(stack, typed, [body({"n": 3})], {**NAMES, "qd": "x[0:2]"})
