@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from plant_fmu.archive import Archive, open_archive
-from plant_fmu.driving import Driving
+from plant_fmu.driving import Driving, choose
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, Disturbance, DrivenPlants
@@ -118,5 +118,5 @@ def test_without_states_of_its_own_it_goes_on_from_its_continuous_ones(play: Pla
 
 
 def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:
-    with ExitStack() as stack, pytest.raises(FmuError, match=r"'hold'; .* cvode, rk4, .* CoSimul"):
-        open_plants(stack, archive, [], {}, Driving(control="hold"))
+    with pytest.raises(FmuError, match=r"'hold'; .* cvode, rk4, .* CoSimul"):
+        choose(archive, {}, Driving(control="hold"))
