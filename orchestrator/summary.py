@@ -49,6 +49,7 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
         "robots": f"{told['robots']}, {told['joints']} joints each",
         "plants": "; ".join(plants),
+        "driven": "; ".join(dict.fromkeys(plant["why"] for plant in told["plants"])),
         "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
         "messages": f"{told['messages']}",
         "estimates": f"sup |eps - eps_0|inf = {measured.position_estimate:.4g}, "

@@ -4,7 +4,7 @@ The functions are bound once from the loaded library, with fixed argument types,
 methods cost more than the calls themselves. Values are passed by the address of an array.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +23,22 @@ Log = Callable[[str], None]
 
 WARNING, DISCARD = 1, 2
 _INTEGER = {2: {"Enumeration": "Integer"}, 3: {"Enumeration": "Int64"}}
-STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+ENDED, EARLY = 6, 7
+"""What we answer for a step of FMI 3.0 whose status is fine, but which cannot be gone on from."""
+_ANSWERS = (
+    *("OK", "Warning", "Discard", "Error", "Fatal", "Pending"),
+    *("the wish to end the simulation", "an early return, which nobody allowed"),
+)
+
+
+def is_fine(statuses: Sequence[int]) -> bool:
+    """Whether no call answered worse than a warning, or what no FMI status is."""
+    return max(statuses, default=0) <= WARNING and min(statuses, default=0) >= 0
+
+
+def answer(status: int) -> str:
+    """Return what a call ended with."""
+    return _ANSWERS[status] if 0 <= status < len(_ANSWERS) else f"status {status}, which is none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +69,7 @@ class StepCall:
     """The call that advances an instance for Co-Simulation."""
 
     step: Call
-    """(handle, communication point in s, step in s, *tail)"""
-    tail: tuple[Any, ...]
+    """(handle, communication point in s, step in s)"""
 
 
 def bind_common(dll: Any, fmi: int) -> Calls:
@@ -67,10 +81,19 @@ def bind_step(dll: Any, fmi: int) -> StepCall:
     """Bind `doStep` (FMI 2.0, section 4.2.1; FMI 3.0, section 4.2.1)."""
     arguments = (c_void_p, c_double, c_double)
     if fmi == 2:
-        return StepCall(bind(dll, "fmi2DoStep", *arguments, c_int), (1,))
-    told = (c_bool(), c_bool(), c_bool(), c_double())
-    step = bind(dll, "fmi3DoStep", *arguments, c_bool, *[c_void_p] * 4)
-    return StepCall(step, (True, *(byref(value) for value in told)))
+        do_step = bind(dll, "fmi2DoStep", *arguments, c_int)
+        return StepCall(lambda handle, start, step: do_step(handle, start, step, 1))
+    event, ended, early, reached = c_bool(), c_bool(), c_bool(), c_double()
+    told = tuple(byref(value) for value in (event, ended, early, reached))
+    do_step = bind(dll, "fmi3DoStep", *arguments, c_bool, *[c_void_p] * 4)
+
+    def step(handle: int, start: float, step: float) -> int:
+        status = do_step(handle, start, step, True, *told)
+        if status <= WARNING and (ended or early):
+            return ENDED if ended else EARLY
+        return status
+
+    return StepCall(step)
 
 
 def _common_fmi3(dll: Any) -> Calls:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plant_fmu.assigning import assignments, sizes_of
-from plant_fmu.calls import STATUS, WARNING, Call, c_references
+from plant_fmu.calls import Call, answer, c_references, is_fine
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.library import Library
 from plant_fmu.naming import Spec
@@ -94,9 +94,9 @@ class Instances:
 
     def expect(self, statuses: list[int], act: str, seconds: float) -> None:
         """Raise `StepError` for the first robot whose FMU answered worse than a warning."""
-        if max(statuses, default=0) <= WARNING:
+        if is_fine(statuses):
             return
-        row = next(row for row, status in enumerate(statuses) if status > WARNING)
+        row = next(row for row, status in enumerate(statuses) if not is_fine([status]))
         raise self.refusal(row, seconds, act, statuses[row])
 
     def expect_finite(self, rows: Array, seconds: float) -> None:
@@ -109,7 +109,7 @@ class Instances:
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
         return self.failure(
-            row, seconds, f"{act} ended with {STATUS[status]}{self._last_words(row)}"
+            row, seconds, f"{act} ended with {answer(status)}{self._last_words(row)}"
         )
 
     def failure(self, row: int, seconds: float, cause: str) -> StepError:
@@ -139,10 +139,10 @@ class Instances:
         self._expect_ok(row, f"setting {_listed(quantities)}", status)
 
     def _expect_ok(self, row: int, act: str, status: int) -> None:
-        if status > WARNING:
+        if not is_fine([status]):
             raise FmuError(
                 f"{self.library.archive.label}: {act} of robot {self.robots[row]} ended with "
-                f"{STATUS[status]}{self._last_words(row)}"
+                f"{answer(status)}{self._last_words(row)}"
             )
 
     def _last_words(self, row: int) -> str:

@@ -56,8 +56,8 @@ class Stepped:
 
     def step(self, start: float, step: float) -> None:
         """Step all instances, and read their outputs."""
-        do_step, tail = self._step.step, self._step.tail
-        statuses = [do_step(handle, start, step, *tail) for handle in self.instances.handles]
+        do_step = self._step.step
+        statuses = [do_step(handle, start, step) for handle in self.instances.handles]
         self.instances.expect(statuses, f"a step of {step:g} s", start)
         self.time = start + step
         self.read()

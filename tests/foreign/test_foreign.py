@@ -3,15 +3,18 @@
 Each runs with no mapping at all, within its drive's stated error.
 """
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
+from plant_fmu.building import write
 from recordings.reading import Reader
 from recordings.tables import states
 from tests.orchestrator.arms import simulate
@@ -83,3 +86,77 @@ def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, keys, change, bound):
         1, 0.9, 1.1, 0.1, 3, first["position"], first["velocity"], first["q"], first["qd"]
     )
     assert np.abs(table["q"] - q).max() < bound
+
+
+FLEET = """
+[[robots]]
+id = 2
+plant = {{ fmu = "planar_robot" }}
+initial = {{ q = [1.0, 0.5], qd = [0.0, 0.0] }}
+disturbance = {{ axes = [{{}}, {{}}] }}
+[[robots]]
+id = 3
+plant = {{ fmu = "PythonArm.fmu" }}
+[[robots]]
+id = 4
+plant = {{ fmu = "ServoArm.fmu" }}
+disturbance = {{ axes = [{{}}, {{}}] }}
+[[robots]]
+id = 5
+plant = {{ fmu = "CasadiArm.fmu" }}
+[[robots]]
+id = 6
+plant = {{ fmu = "{arm}", solver = "rk4", isolate = false }}
+controller = {{ kp = 200.0, kd = [300.0, 300.0] }}
+"""
+
+
+def test_six_robots_on_five_different_fmus(tmp_path):
+    """Each arm is as far off DOP853 as its own drive; the point mass follows its own equation."""
+    for build in (pythonfmu, pythonfmu3, casadi):
+        build(tmp_path)
+    write("two_link_arm", 2, tmp_path / "arm2.fmu")
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    text = text.replace("duration = 30.0", "duration = 2.0")
+    for name, rows in NEAR_THE_TARGET.items():
+        text = text.replace(f"\n{name} = {{ uniform = [-25.0, 25.0] }}", f"\n{name} = {rows}")
+    text += FLEET.format(arm="arm2.fmu")
+    outcome = run(parse_scenario(text, "fleet", tmp_path, "fleet"), tmp_path / "run.mcap")
+    assert outcome.status == "completed", outcome.reason
+    with Reader(outcome.path) as reader:
+        table = np.concatenate(list(states(reader)))
+        plants = {tuple(p["robots"]): p for p in json.loads(reader.metadata["nrs.run"]["plants"])}
+    assert {robots: plant["drive"].split(" for ")[0] for robots, plant in plants.items()} == {
+        (1,): "reference-driven Co-Simulation",
+        (2,): "reference-driven Co-Simulation",
+        (3,): "torque held",
+        (4,): "reference-driven Co-Simulation",
+        (5,): "Model Exchange, CVODE rtol 1e-09",
+        (6,): "Model Exchange, RK4 step 0.005 s",
+    }
+    assert len({plant["sha256"] for plant in plants.values()}) == 6
+    table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
+    first = table[0]
+    _, q, _ = simulate(
+        1, 0.9, 1.1, 0.1, 2, first["position"], first["velocity"], first["q"], first["qd"]
+    )
+    error = np.abs(table["q"] - q).max(axis=(0, 2))
+    bounds = {1: 1e-7, 3: 5e-3, 4: 1e-6, 5: 1e-6, 6: 1e-6}
+    assert all(error[robot - 1] < bound for robot, bound in bounds.items()), error
+    assert np.abs(table["q"][:, 1] - point_mass(table[:, 1])).max() < 1e-7
+
+
+def point_mass(rows):
+    """Return q at t_k of m q̈ = kp (ε − q) + kd (υ − q̇) − d q̇ under the references recorded."""
+    x, story = np.concatenate([rows["q"][0], rows["qd"][0]]), [rows["q"][0]]
+    for k in range(len(rows) - 1):
+        velocity = rows["velocity"][k + 1]
+        start = rows["position"][k + 1] - 0.1 * velocity
+
+        def rates(t, x, start=start, velocity=velocity):
+            effort = 200 * (start + t * velocity - x[:2]) + 300 * (velocity - x[2:])
+            return np.concatenate([x[2:], (effort - 0.5 * x[2:]) / 2])
+
+        x = solve_ivp(rates, (0, 0.1), x, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
+        story.append(x[:2])
+    return np.array(story)

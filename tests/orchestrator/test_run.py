@@ -430,6 +430,42 @@ def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
     np.testing.assert_allclose(last["tau"], 0, atol=1e-3)
 
 
+def test_links_of_an_arm_are_as_many_as_the_scenario_says(tmp_path):
+    """Seven links, set by the structural parameter, follow seven axes."""
+    text = """
+[run]
+duration = 6.0
+sampling_period = 0.1
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 1.1
+[controller]
+kp = 200.0
+kd = 300.0
+[network]
+adjacency = [[0, 0], [1, 0]]
+pinning = [1, 0]
+[target]
+axes = [{}, {}, {}, {}, {}, {}, {}]
+[plant]
+fmu = "n_link_arm"
+parameters = { n = 7, g = 0.0 }
+[initial]
+position = { uniform = [-1, 1] }
+velocity = { uniform = [-1, 1] }
+q = { uniform = [-1, 1] }
+qd = { uniform = [-1, 1] }
+"""
+    outcome = run(parse_scenario(text, "links", SCENARIOS, "links"), tmp_path / "run.mcap")
+    assert outcome.status == "completed", outcome.reason
+    with Reader(outcome.path) as reader:
+        q = rows_of(states(reader), 2)["q"]
+    assert q.shape == (61, 2, 7)
+    assert np.abs(q[0]).max() > 0.5
+    assert np.abs(q[-1]).max() < 0.05
+
+
 def test_a_robots_own_disturbance_is_its_own(paper, tmp_path):
     own = "[[robots]]\nid = 3\ndisturbance = { axes = [{ offset = 50.0 }, {}] }\n#"
     tables = []

@@ -34,7 +34,10 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C co
 
 NRS = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
 FAULTY = Path(__file__).with_name("faulty")
-FAULTS = ("none", "segfault", "abort", "exit", "hang", "discard", "error", "fatal", "nan")
+FAULTS = (
+    *("none", "segfault", "abort", "exit", "hang", "discard", "error", "fatal", "nan"),
+    *("end", "early", "no status"),
+)
 BEFORE_THE_RUN = -1.0
 
 SCENARIO = """
@@ -182,6 +185,9 @@ def nothing_left(place, words):
         ("error", "0.5", "a step of 0.1 s ended with Error"),
         ("fatal", "0.5", "a step of 0.1 s ended with Fatal"),
         ("nan", "0.6", "its outputs are not finite: [nan, "),
+        ("end", "0.5", "a step of 0.1 s ended with the wish to end the simulation"),
+        ("early", "0.5", "a step of 0.1 s ended with an early return, which nobody allowed"),
+        ("no status", "0.5", "a step of 0.1 s ended with status -1, which is none"),
     ],
 )
 def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, cause):

@@ -23,7 +23,8 @@
 #undef fmi3DoStep
 #undef fmi3ExitInitializationMode
 
-enum { NONE, SEGFAULT, ABORT, EXIT, HANG, DISCARD, ERROR, FATAL, NOT_A_NUMBER };
+enum { NONE, SEGFAULT, ABORT, EXIT, HANG, DISCARD, ERROR, FATAL, NOT_A_NUMBER, ENDS, RETURNS_EARLY,
+       NO_STATUS };
 
 static int life = -1;
 
@@ -71,6 +72,8 @@ static fmi3Status fail(Component *component)
     case NOT_A_NUMBER:
         values->q[0] = NAN;
         break;
+    case NO_STATUS:
+        return (fmi3Status)-1;
     }
     return fmi3OK;
 }
@@ -92,7 +95,10 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step,
     const Values *values = &component->core.state.values;
     const fmi3Status done =
         healthy_step(instance, time, step, no_set_state, event, terminate, early, last);
-    if (done == fmi3OK && values->fault != NONE && time + step > values->fault_time)
+    if (done == fmi3OK && values->fault != NONE && time + step > values->fault_time) {
+        *terminate = values->fault == ENDS;
+        *early = values->fault == RETURNS_EARLY;
         return fail(component);
+    }
     return done;
 }
