@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from plant_fmu.archive import find_archive
-from plant_fmu.driving import Driving
-from plant_fmu.isolated import IsolatedPlants
-from plant_fmu.opening import open_plants
+from plant_fmu.archives.archive import find_archive
+from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.opening import open_plants
+from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.plants import Body, Disturbance, Plants
 
 H = 0.1

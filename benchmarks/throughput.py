@@ -20,7 +20,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from orchestrator.running import run
 from orchestrator.scenario_file import ScenarioFile, parse_scenario
-from plant_fmu.archive import find_archive, unpacked
+from plant_fmu.archives.archive import find_archive, unpacked
 
 H = 0.1
 ROUNDS = 5

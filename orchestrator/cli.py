@@ -30,11 +30,11 @@ from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies, clock_of
 from orchestrator.summary import describe, lines, measure
-from plant_fmu.archive import find_archive
-from plant_fmu.building import write as write_fmu
-from plant_fmu.declaration import bundled_models, declaration
-from plant_fmu.urdf import read_urdf
-from plant_fmu.urdf_fmu import GRAVITY, write_urdf
+from plant_fmu.archives.archive import find_archive
+from plant_fmu.bundled.building import write as write_fmu
+from plant_fmu.bundled.declaration import bundled_models, declaration
+from plant_fmu.bundled.urdf import read_urdf
+from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
 from recordings.export import export_csv
 from recordings.reading import Reader
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from orchestrator.scenario import Pattern, Plant, Scenario
-from plant_fmu.archive import Archive, find_archive
-from plant_fmu.driving import Driving
+from plant_fmu.archives.archive import Archive, find_archive
+from plant_fmu.archives.naming import Pattern as NamePattern
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
 from plant_fmu.fleet import Fleet
-from plant_fmu.isolated import IsolatedPlants
-from plant_fmu.naming import Pattern as NamePattern
-from plant_fmu.naming import Spec
-from plant_fmu.opening import open_plants
+from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.plants import Body, DrivenPlants
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.checkpoint import join, split
+from plant_fmu.drives.checkpoint import join, split
 from plant_fmu.plants import Array, DrivenPlants
 
 

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
-from plant_fmu.building import write
+from plant_fmu.bundled.building import write
 from recordings.reading import Reader
 from recordings.tables import states
 from tests.orchestrator.arms import simulate

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import fmpy
 import pytest
 
-from plant_fmu.building import build
+from plant_fmu.bundled.building import build
 from tests.plant_fmu.robots import Open, Robot
 
 

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from plant_fmu import entries, reading
-from plant_fmu.archive import open_archive, unpacked
-from plant_fmu.building import build
+from plant_fmu.archives import entries, reading
+from plant_fmu.archives.archive import open_archive, unpacked
+from plant_fmu.archives.variables import find_quantity
+from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
-from plant_fmu.variables import find_quantity
 from tests.plant_fmu.archives import NAME, description, rewritten
 
 FUZZ = settings(

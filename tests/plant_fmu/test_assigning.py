@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant_fmu.archive import Archive, open_archive, unpacked
-from plant_fmu.assigning import assignments, sizes_of
+from plant_fmu.archives.archive import Archive, open_archive, unpacked
+from plant_fmu.archives.quantities import Part, Quantity
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
-from plant_fmu.instances import Instances
-from plant_fmu.library import Library
-from plant_fmu.opening import open_plants
+from plant_fmu.fmi.assigning import assignments, sizes_of
+from plant_fmu.fmi.instances import Instances
+from plant_fmu.fmi.library import Library
 from plant_fmu.plants import Body, Disturbance
-from plant_fmu.quantities import Part, Quantity
 from tests.plant_fmu.archives import reals, rewritten, with_variables
 from tests.plant_fmu.typed_fmu import build_typed
 

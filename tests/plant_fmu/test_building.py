@@ -12,8 +12,8 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from plant_fmu import building
-from plant_fmu.building import FLAGS, build, cache_folder, write
+from plant_fmu.bundled import building
+from plant_fmu.bundled.building import FLAGS, build, cache_folder, write
 from plant_fmu.errors import FmuError
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

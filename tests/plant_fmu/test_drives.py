@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_fmu.archive import Archive, open_archive
-from plant_fmu.building import build
-from plant_fmu.driving import Driving, choose, offers
+from plant_fmu.archives.archive import Archive, open_archive
+from plant_fmu.bundled.building import build
+from plant_fmu.drives.driving import Driving, choose, offers
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fleet import Fleet
-from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, Disturbance, DrivenPlants
 from tests.orchestrator.arms import KD, KP, W, simulate, target
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_fmu.archive import Archive, open_archive
-from plant_fmu.driving import Driving, choose
+from plant_fmu.archives.archive import Archive, open_archive
+from plant_fmu.drives.driving import Driving, choose
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
-from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, Disturbance, DrivenPlants
 from tests.plant_fmu import hinge
 

@@ -20,14 +20,14 @@ import pytest
 
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
-from plant_fmu import building, declaration
-from plant_fmu.archive import find_archive, open_archive
-from plant_fmu.building import build
-from plant_fmu.driving import Driving
+from plant_fmu.archives.archive import find_archive, open_archive
+from plant_fmu.bundled import building, declaration
+from plant_fmu.bundled.building import build
+from plant_fmu.drives.driving import Driving
 from plant_fmu.errors import FmuError, StepError
-from plant_fmu.isolated import IsolatedPlants
+from plant_fmu.isolation.isolated import IsolatedPlants
+from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Body, Disturbance
-from plant_fmu.progress import SIZE, Progress
 from recordings.reading import Reader
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -315,7 +315,7 @@ def test_an_fmu_that_a_process_may_have_only_once_gets_a_process_for_each_robot(
 
 
 def test_once_per_process_needs_isolation(place, monkeypatch):
-    monkeypatch.setattr("plant_fmu.archive.Archive.once_per_process", True)
+    monkeypatch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
     file = parse_scenario(scenario(plant="isolate = false"), "s", place, "s")
     with pytest.raises(FmuError, match=r"only once per process, but 3 robots have it"):
         run(file, place / "run.mcap")

@@ -24,12 +24,12 @@ from scipy.spatial.transform import Rotation
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
 from orchestrator.summary import measure
-from plant_fmu.archive import open_archive
+from plant_fmu.archives.archive import open_archive
+from plant_fmu.bundled.urdf import read_urdf
+from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
-from plant_fmu.opening import open_plants
 from plant_fmu.plants import Body, Disturbance
-from plant_fmu.urdf import read_urdf
-from plant_fmu.urdf_fmu import GRAVITY, build_urdf
 from recordings.reading import Reader
 
 Array = NDArray[np.float64]
@@ -42,7 +42,9 @@ VERSIONS = (2, 3)
 
 @pytest.fixture(scope="module", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    pytest.importorskip("plant_fmu.rigid_body", reason="needs the packages of the extra urdf")
+    pytest.importorskip(
+        "plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NRS_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
@@ -351,8 +353,9 @@ def test_units_follow_the_joints() -> None:
 
 def test_a_rebuild_is_the_same_bytes(tmp_path: Path) -> None:
     program = (
-        "import sys; from pathlib import Path; from plant_fmu.urdf import read_urdf; "
-        "from plant_fmu.urdf_fmu import build_urdf; print(build_urdf(read_urdf(Path(sys.argv[1]))))"
+        "import sys; from pathlib import Path; from plant_fmu.bundled.urdf import read_urdf; "
+        "from plant_fmu.bundled.urdf_fmu import build_urdf; "
+        "print(build_urdf(read_urdf(Path(sys.argv[1]))))"
     )
     built = []
     for seed in ("1", "2"):
@@ -562,7 +565,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "plant_fmu.rigid_body", raising=False)
+    monkeypatch.delitem(sys.modules, "plant_fmu.bundled.rigid_body", raising=False)
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(FmuError, match=r"pip install 'nrs-cosim\[urdf\]'"):
         build_urdf(read_urdf(ARM))

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.archive import Archive, open_archive
+from plant_fmu.archives.archive import Archive, open_archive
+from plant_fmu.archives.naming import Pattern, Spec, families
+from plant_fmu.archives.quantities import Layout
+from plant_fmu.archives.units import read, si_factor
+from plant_fmu.archives.variables import find_quantity
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
-from plant_fmu.naming import Pattern, Spec, families
-from plant_fmu.opening import open_plants
 from plant_fmu.plants import Array, Body, Disturbance
-from plant_fmu.quantities import Layout
-from plant_fmu.units import read, si_factor
-from plant_fmu.variables import find_quantity
 from tests.plant_fmu.archives import description, reals, renamed, rewritten, with_variables
 
 DEG = '<Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>'

@@ -1,0 +1,1 @@
+"""An FMU on disk: checked, read, and its variables found."""

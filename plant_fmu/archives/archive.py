@@ -1,0 +1,149 @@
+"""An FMU is a zip archive: its model description says what it offers, its digest who it is."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import fmpy
+from fmpy.model_description import ModelDescription
+
+from plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
+from plant_fmu.archives.reading import read_description
+from plant_fmu.bundled.building import build, built_here
+from plant_fmu.errors import FmuError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Archive:
+    """An FMU on disk, read but not loaded."""
+
+    label: str
+    """What the user calls it: a bundled model's name, or a path."""
+    path: Path
+    sha256: str
+    description: ModelDescription
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return str(self.description.modelName)
+
+    @property
+    def fmi_version(self) -> str:
+        """2.0 or 3.0."""
+        return str(self.description.fmiVersion)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The FMI interfaces that it has: CoSimulation, ModelExchange."""
+        offers = {
+            "CoSimulation": self.description.coSimulation,
+            "ModelExchange": self.description.modelExchange,
+        }
+        return tuple(kind for kind, offered in offers.items() if offered)
+
+    @property
+    def ours(self) -> bool:
+        """Whether its bytes are those of an FMU that was built on this machine."""
+        return built_here(self.name, self.sha256)
+
+    @property
+    def once_per_process(self) -> bool:
+        """Whether a process may have one instance of it at most."""
+        interfaces = (self.description.coSimulation, self.description.modelExchange)
+        return any(i.canBeInstantiatedOnlyOncePerProcess for i in interfaces if i is not None)
+
+    def told(self) -> dict[str, Any]:
+        """Return what the FMU says of itself, for JSON."""
+        return {
+            "name": self.name,
+            "description": self.description.description or "",
+            "fmi_version": self.fmi_version,
+            "kinds": list(self.kinds),
+            "sha256": self.sha256,
+            "variables": [
+                {
+                    "name": variable.name,
+                    "causality": variable.causality,
+                    "shape": list(variable.shape or ()),
+                    "unit": variable.unit or "",
+                    "start": variable.start if variable.start is not None else "",
+                    "description": variable.description or "",
+                }
+                for variable in self.description.modelVariables
+            ],
+        }
+
+
+def open_archive(path: Path, label: str | None = None) -> Archive:
+    """Read an FMU; `FmuError` when it is missing, damaged, unfit, or not for this platform."""
+    label = label or str(path)
+    with _file(path, label) as file, opened(file, label) as archive:
+        description = read_description(archive, label)
+        _expect_binary(description, archive.namelist(), label)
+        return Archive(label, path, _digest(file), description)
+
+
+def find_archive(fmu: str, folder: Path) -> Archive:
+    """Return the FMU that a scenario names: an `.fmu` file relative to a folder, or a bundled one.
+
+    A bundled model is built on first use. `FmuError` when there is no such file or model.
+    """
+    if fmu.endswith(".fmu") or "/" in fmu or "\\" in fmu:
+        return open_archive(folder / fmu)
+    return open_archive(build(fmu), fmu)
+
+
+@contextmanager
+def unpacked(archive: Archive) -> Iterator[Path]:
+    """Unpack an archive into a temporary folder that ends with the context."""
+    with TemporaryDirectory(prefix="nrs-") as folder:
+        with _file(archive.path, archive.label) as file:
+            if _digest(file) != archive.sha256:
+                raise FmuError(f"{archive.label}: has changed since it was read")
+            unpack(file, Path(folder), archive.label)
+        yield Path(folder)
+
+
+@contextmanager
+def _file(path: Path, label: str) -> Iterator[BufferedReader]:
+    """Open a file of bearable size."""
+    try:
+        file = path.open("rb")
+    except FileNotFoundError:
+        raise FmuError(f"{label}: no such FMU") from None
+    except (OSError, ValueError) as error:
+        raise FmuError(f"{label}: cannot be read: {error}") from None
+    with file:
+        size = file.seek(0, 2)
+        if size > MOST_BYTES:
+            raise FmuError(f"{label}: is {size / GIB:.1f} GiB, more than {MOST_BYTES / GIB:g} GiB")
+        yield file
+
+
+def _digest(file: BufferedReader) -> str:
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _expect_binary(description: ModelDescription, names: Sequence[str], label: str) -> None:
+    """Raise `FmuError` unless there is a library of one of the FMU's interfaces."""
+    here = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
+    offers = [o for o in (description.coSimulation, description.modelExchange) if o is not None]
+    if not offers:
+        raise FmuError(f"{label}: offers neither CoSimulation nor ModelExchange")
+    libraries = {
+        f"binaries/{here}/{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers
+    }
+    if libraries.isdisjoint(names):
+        parts = [PurePosixPath(name).parts for name in names]
+        there = sorted({p[1] for p in parts if len(p) > 2 and p[0] == "binaries"})
+        raise FmuError(
+            f"{label}: has no library {' or '.join(sorted(libraries))} for this platform; it has "
+            f"libraries for {', '.join(there) or 'none'}"
+        )

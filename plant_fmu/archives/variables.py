@@ -1,0 +1,199 @@
+"""A quantity of ours is some of an FMU's numbers: found by name, counted, and brought to SI.
+
+A name is looked for as it is, then as the stem of a family (see `naming`), below one prefix too:
+`q` finds `arm.q[1]`, `arm.q[2]`. Two families that fit are an error, since none is better. Without
+any, qd is the derivative of q: `der(…)` of each of its variables.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from math import prod
+from types import MappingProxyType
+
+from fmpy.model_description import ModelVariable
+
+from plant_fmu.archives.archive import Archive
+from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
+from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
+from plant_fmu.archives.quantities import Part, Quantity
+from plant_fmu.archives.units import si_factor
+from plant_fmu.errors import FmuError
+
+UNITS = {
+    **dict.fromkeys(("q", "position_ref"), ("rad", "m")),
+    **dict.fromkeys(("qd", "velocity_ref"), ("rad/s", "m/s")),
+    **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
+    **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
+    "disturbance_rate": ("N.m/s", "N/s"),
+    "disturbance_frequency": ("rad/s",),
+    "disturbance_phase": ("rad",),
+    "kp": ("N.m/rad", "N/m"),
+    "kd": ("N.m.s/rad", "N.s/m"),
+}
+"""What our quantities are in, of revolute and of prismatic joints."""
+MOST_NUMBERS = 1_000_000
+"""That one variable may hold."""
+
+Pick = tuple[ModelVariable, slice]
+"""A variable, and which of its numbers."""
+NO_NAMES: Mapping[str, Spec] = MappingProxyType({})
+NO_SIZES: Mapping[int, int] = MappingProxyType({})
+
+
+def find_quantity(
+    archive: Archive,
+    name: str,
+    names: Mapping[str, Spec] = NO_NAMES,
+    *,
+    size: int | None = None,
+    sizes: Mapping[int, int] = NO_SIZES,
+) -> Quantity:
+    """Return the numbers that are a quantity of ours, as many as a size asks for if it does.
+
+    `names` gives what the user wrote for quantities of ours, and `sizes` the values of structural
+    parameters by value reference where they are not the FMU's own. `FmuError` says what is missing,
+    ambiguous, or of the wrong size, type or unit.
+    """
+    picks = _picks(archive, name, names.get(name, name))
+    if not picks and name == "qd" and "qd" not in names:
+        picks = _derivatives(archive, _picks(archive, "q", names.get("q", "q")))
+    if not picks:
+        raise FmuError(_unknown(archive, name, names.get(name, name)))
+    quantity = Quantity(name, tuple(_part(archive, name, pick, sizes) for pick in picks))
+    if size is not None and quantity.size != size:
+        raise FmuError(_wrong_size(archive, quantity, picks, size))
+    return quantity
+
+
+def shape_of(
+    archive: Archive, variable: ModelVariable, sizes: Mapping[int, int] = NO_SIZES
+) -> tuple[int, ...]:
+    """Return an array's shape, empty for a scalar; `FmuError` when it can be none."""
+    shape = tuple(
+        sizes.get(dimension.valueReference, int(dimension.variable.start))
+        if dimension.start is None
+        else int(dimension.start)
+        for dimension in variable.dimensions
+    )
+    if any(length < 0 for length in shape) or prod(shape) > MOST_NUMBERS:
+        raise FmuError(
+            f"{archive.label}: variable {variable.name!r} has the dimensions {list(shape)}, "
+            f"expected up to {MOST_NUMBERS} numbers"
+        )
+    return shape
+
+
+@lru_cache(maxsize=256)
+def _picks(archive: Archive, ours: str, spec: Spec) -> tuple[Pick, ...]:
+    """Return what a spec means; empty when it is a name or a pattern that the FMU does not know."""
+    known = by_name(archive)
+    if isinstance(spec, Pattern):
+        return tuple((named(archive, entry), slice(None)) for entry in spec.entries(known))
+    if isinstance(spec, tuple):
+        return tuple(_listed_pick(archive, name) for name in spec)
+    if spec in known:
+        return ((named(archive, spec), slice(None)),)
+    if sliced := split_slice(spec):
+        stem, cut = sliced
+        return _cut(archive, spec, _picks(archive, ours, stem), cut)
+    found = families(spec, known)
+    choices = " or ".join(f"variables.{ours} = {family}" for family in found)
+    chosen = only(archive, spec, found, f"write in the scenario's [plant]: {choices}")
+    return tuple((variable, slice(None)) for variable in chosen)
+
+
+def _listed_pick(archive: Archive, name: str) -> Pick:
+    """Return what a name in a list means: a variable, or a slice of one."""
+    sliced = None if name in by_name(archive) else split_slice(name)
+    stem, cut = sliced or (name, slice(None))
+    return named(archive, stem), cut
+
+
+def _cut(archive: Archive, spec: str, picks: Sequence[Pick], cut: slice) -> tuple[Pick, ...]:
+    """Return a slice of a family's entries, or of the numbers of the only variable."""
+    if not picks:
+        return ()
+    if len(picks) == 1:
+        return ((picks[0][0], cut),)
+    if not picks[cut] or (cut.stop or 0) > len(picks):
+        raise FmuError(f"{archive.label}: {spec!r} is beyond the {len(picks)} entries that it has")
+    return tuple(picks[cut])
+
+
+def _derivatives(archive: Archive, picks: Sequence[Pick]) -> tuple[Pick, ...]:
+    """Return `der(…)` of each variable; empty unless the FMU has them all."""
+    names = [f"der({variable.name})" for variable, _ in picks]
+    if not all(name in by_name(archive) for name in names):
+        return ()
+    return tuple((named(archive, name), cut) for name, (_, cut) in zip(names, picks, strict=True))
+
+
+def _part(archive: Archive, ours: str, pick: Pick, sizes: Mapping[int, int]) -> Part:
+    variable, cut = pick
+    if variable.type not in {"Real", "Float64"}:
+        reason = ", whose 7 digits are too few for a run" if variable.type == "Float32" else ""
+        raise FmuError(
+            f"{archive.label}: variable {variable.name!r} for {ours} is of type "
+            f"{variable.type}{reason}; expected Real or Float64"
+        )
+    length = prod(shape_of(archive, variable, sizes))
+    first, last, _ = cut.indices(length)
+    if cut != slice(None) and (first >= last or (cut.stop or 0) > length):
+        raise FmuError(
+            f"{archive.label}: {variable.name}[{cut.start}:{cut.stop or ''}] for {ours} is "
+            f"beyond the {length} numbers of {variable.name!r}"
+        )
+    start = () if last - first == length else _start(variable, length)
+    factor = _factor(archive, ours, variable)
+    return Part(variable.valueReference, length, first, last - first, factor, start)
+
+
+def _start(variable: ModelVariable, length: int) -> tuple[float, ...]:
+    """Return the start values that the FMU declares, or zeros."""
+    try:
+        declared = tuple(map(float, (variable.start or "").split()))
+    except ValueError:
+        declared = ()
+    return declared if len(declared) == length else (0.0,) * length
+
+
+def _factor(archive: Archive, ours: str, variable: ModelVariable) -> float:
+    unit = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
+    try:
+        return _unit_factor(archive, ours, unit) if unit else 1.0
+    except ValueError as error:
+        raise FmuError(
+            f"{archive.label}: variable {variable.name!r} for {ours} is in {unit!r}: {error}"
+        ) from None
+
+
+@lru_cache(maxsize=256)
+def _unit_factor(archive: Archive, ours: str, unit: str) -> float:
+    if ours not in UNITS:
+        return 1.0
+    return si_factor(unit, archive.description.unitDefinitions, UNITS[ours])
+
+
+def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
+    """Say that there is no such quantity, what is near, and what to write."""
+    looked_for = spec.pattern if isinstance(spec, Pattern) else spec
+    what = f"variable {looked_for!r}" + (f" for {ours}" if spec != ours else "")
+    return (
+        f"{archive.label}: has no {what}{suggestion(str(looked_for), by_name(archive))} Write "
+        f'in the scenario\'s [plant]: variables.{ours} = "its name", or a list of names, or '
+        f'{{ pattern = "{ours}[{{i}}]", base = 1 }}'
+    )
+
+
+def _wrong_size(archive: Archive, quantity: Quantity, picks: Sequence[Pick], size: int) -> str:
+    """Say how many numbers were found, where, and how to take some of them."""
+    members = listed([variable.name for variable, _ in picks])
+    advice = (
+        f'; a part of it would be variables.{quantity.name} = "{quantity.name}[0:{size}]"'
+        if quantity.size > size
+        else ""
+    )
+    return (
+        f"{archive.label}: {quantity.name} takes {size} numbers here, but the FMU has "
+        f"{quantity.size}: {members}{advice}"
+    )

@@ -1,0 +1,214 @@
+"""A model becomes an FMU: the same sources, flags and platform, the same bytes.
+
+The archive holds the binary of this platform and all sources, and is kept in the user's
+cache under a name that is keyed by what decides its bytes, the compiler excepted.
+"""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from difflib import get_close_matches
+from glob import escape
+from pathlib import Path
+from tempfile import NamedTemporaryFile, TemporaryDirectory
+from uuid import NAMESPACE_OID, uuid5
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
+
+import fmpy
+
+from plant_fmu.bundled.c_source import c_header, c_tables
+from plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
+from plant_fmu.bundled.model_description import build_description, model_description
+from plant_fmu.errors import FmuError
+
+FLAGS = (
+    *("-std=c99", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-fvisibility=hidden"),
+    *("-Wall", "-Wextra", "-Wpedantic", "-Werror"),
+    "-Wno-strict-prototypes",  # clang finds some in the headers of FMI 3
+)
+_HEADERS = ("FunctionTypes.h", "Functions.h")
+_PLATFORM_HEADER = {2: "fmi2TypesPlatform.h", 3: "fmi3PlatformTypes.h"}
+
+
+def build(name: str, fmi: int = 3) -> Path:
+    """The FMU of the bundled model `name` for FMI 2 or 3, compiled unless it is in the cache.
+
+    The cache is $NRS_CACHE, or `nrs-cosim` in the user's cache folder. `FmuError` says
+    which models there are, which compiler is missing, or what it complained of.
+    """
+    if name not in bundled_models():
+        raise FmuError(_unknown(name))
+    return build_model(
+        declaration(name, fmi), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
+    )
+
+
+def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3) -> Path:
+    """The FMU of any model: its declaration, and C files that define what robot.h declares.
+
+    Where it is kept, and what can be wrong, is as for `build`.
+    """
+    if fmi not in _PLATFORM_HEADER:
+        raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
+    files = _files(model, equations, fmi)
+    path = cache_folder() / f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
+    if not is_zipfile(path):
+        sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
+        archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
+        _replace(path, archive)
+    return path
+
+
+def write(name: str, fmi: int, destination: Path) -> None:
+    """Copies the FMU that `build` gives to the file `destination`."""
+    copy_out(build(name, fmi), destination)
+
+
+def copy_out(built: Path, destination: Path) -> None:
+    """Copies a built FMU to where the user wants it; `FmuError` when it cannot be there."""
+    try:
+        destination.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(built, destination)
+    except OSError as error:
+        raise FmuError(f"{destination}: cannot be written: {error.strerror}") from error
+
+
+def built_here(name: str, sha256: str) -> bool:
+    """Whether an FMU of that model name and digest is among those that were built here."""
+    kept = cache_folder().glob(f"{escape(name)}-fmi*.fmu")
+    return any(hashlib.sha256(path.read_bytes()).hexdigest() == sha256 for path in kept)
+
+
+def cache_folder() -> Path:
+    """Where built FMUs are kept. It need not exist yet."""
+    if override := os.environ.get("NRS_CACHE"):
+        return Path(override)
+    if sys.platform == "win32":
+        default, variable = Path.home() / "AppData" / "Local", "LOCALAPPDATA"
+    elif sys.platform == "darwin":
+        default, variable = Path.home() / "Library" / "Caches", ""
+    else:
+        default, variable = Path.home() / ".cache", "XDG_CACHE_HOME"
+    return Path(os.environ.get(variable) or default) / "nrs-cosim"
+
+
+def _unknown(name: str) -> str:
+    known = bundled_models()
+    close = get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"no bundled model {name!r}; {hint}there are {', '.join(known)}"
+
+
+def _files(model: Declaration, equations: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
+    """All of the archive but its binary. The token is a digest of these files without it."""
+    anonymous = _files_with_token(model, equations, fmi, "")
+    token = str(uuid5(NAMESPACE_OID, _digest(anonymous)))
+    return _files_with_token(model, equations, fmi, token)
+
+
+def _files_with_token(
+    model: Declaration, equations: Mapping[str, bytes], fmi: int, token: str
+) -> dict[str, bytes]:
+    vendor = Path(fmpy.__file__).parent / "c-code"
+    headers = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
+    other = f"fmi{5 - fmi}.c"
+    paths = [
+        *(path for path in MODELS.glob("*.[ch]") if path.name != other),
+        *(vendor / header for header in headers),
+    ]
+    sources = {**{path.name: path.read_bytes() for path in paths}, **equations}
+    sources["variables.h"] = c_header(model, token).encode()
+    sources["variables.c"] = c_tables(model).encode()
+    units = sorted(name for name in sources if name.endswith(".c"))
+    if fmi == 3:
+        sources["buildDescription.xml"] = build_description(model, units)
+    description = model_description(model, fmi, token, units)
+    files = {f"sources/{name}": text for name, text in sources.items()}
+    return {"modelDescription.xml": description, **files}
+
+
+def _digest(files: dict[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for name, text in sorted(files.items()):
+        digest.update(f"{name}\0{len(text)}\0".encode() + text)
+    return digest.hexdigest()
+
+
+def _key(files: dict[str, bytes]) -> str:
+    decides = {**files, "flags": " ".join(FLAGS).encode(), "platform": fmpy.platform_tuple.encode()}
+    return _digest(decides)[:16]
+
+
+def _binary_name(name: str, fmi: int) -> str:
+    folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
+    return f"binaries/{folder}/{name}{fmpy.sharedLibraryExtension}"
+
+
+def _compiler() -> list[str]:
+    chosen = shlex.split(os.environ.get("CC", ""))
+    for command in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
+        if shutil.which(command[0]):
+            return command
+    looked_for = f"CC={chosen[0]}" if chosen else "cc, gcc or clang"
+    raise FmuError(
+        f"no C compiler found (looked for {looked_for}), and bundled models are compiled on "
+        "first use. Debian, Ubuntu: sudo apt install gcc libc6-dev. "
+        "Fedora: sudo dnf install gcc glibc-devel. macOS: xcode-select --install"
+    )
+
+
+def _compile(name: str, sources: dict[str, bytes]) -> bytes:
+    """The shared library. Only relative names reach the compiler, so none are in the binary."""
+    compiler = _compiler()
+    with TemporaryDirectory(prefix="nrs-") as folder:
+        for file, text in sources.items():
+            (Path(folder) / file).write_bytes(text)
+        units = sorted(file for file in sources if file.endswith(".c"))
+        command = [*compiler, *FLAGS, *units, "-o", "library", "-lm"]
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env={**os.environ, "LC_ALL": "C"},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            start_new_session=True,  # a Ctrl-C in the terminal is ours to hear, not the compiler's
+        )
+        if done.returncode != 0:
+            lines = done.stderr.splitlines()
+            errors = [line for line in lines if "error" in line] or lines
+            raise FmuError(f"{name}: {compiler[0]} failed:\n" + "\n".join(errors[:5]))
+        return (Path(folder) / "library").read_bytes()
+
+
+def _replace(path: Path, files: dict[str, bytes]) -> None:
+    """Writes the archive beside `path`, then renames it: no reader ever sees half of one."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            part = Path(file.name)
+        try:
+            _zip(part, files)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise FmuError(
+            f"{path.parent}: cannot keep a built FMU there: {error.strerror}; "
+            "set NRS_CACHE to another folder"
+        ) from error
+
+
+def _zip(path: Path, files: dict[str, bytes]) -> None:
+    with ZipFile(path, "w") as archive:
+        for name in sorted(files):
+            entry = ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+            entry.compress_type = ZIP_DEFLATED
+            entry.create_system = 3
+            entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(entry, files[name], compresslevel=9)

@@ -1,0 +1,212 @@
+"""A declaration as modelDescription.xml, for FMI 2.0 and 3.0, always the same bytes.
+
+A unit is a product of base units and newtons: factors are joined by dots, those after
+the slash divide, and a number at the end of a factor is its exponent: kg.m2, N.m.s/rad.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from plant_fmu.bundled.declaration import Declaration, Variable
+
+_SI = {
+    "rad": {"rad": 1},
+    "kg": {"kg": 1},
+    "m": {"m": 1},
+    "s": {"s": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+}
+
+
+def model_description(
+    model: Declaration, fmi: int, token: str, source_files: Sequence[str]
+) -> bytes:
+    """modelDescription.xml of `model` for FMI `fmi`, 2 or 3 (FMI 3.0.2, section 2.4).
+
+    `token` identifies the binary (FMI 2: guid); `source_files` are the C files that make
+    it, which FMI 2 lists here, and FMI 3 in buildDescription.xml.
+    """
+    root = Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": f"{fmi}.0",
+            "modelName": model.name,
+            "guid" if fmi == 2 else "instantiationToken": token,
+            "description": model.description,
+            "generationTool": "nrs-cosim",
+            "variableNamingConvention": "structured",
+        },
+    )
+    for interface in ("ModelExchange", "CoSimulation"):
+        element = SubElement(root, interface, _capabilities(model.name, interface, fmi))
+        if fmi == 2:
+            files = SubElement(element, "SourceFiles")
+            for name in source_files:
+                SubElement(files, "File", name=name)
+    _units(root, model)
+    categories = SubElement(root, "LogCategories")
+    SubElement(categories, "Category", name="logStatusError", description="why a call failed")
+    experiment = {"startTime": "0", "stopTime": "10", "tolerance": "1e-9", "stepSize": "0.1"}
+    SubElement(root, "DefaultExperiment", experiment)
+    if fmi == 2:
+        _scalars(root, model)
+    else:
+        _arrays(root, model)
+    return _bytes(root)
+
+
+def build_description(model: Declaration, source_files: Sequence[str]) -> bytes:
+    """sources/buildDescription.xml (FMI 3.0.2, section 2.5.1.3)."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=model.name)
+    files = SubElement(configuration, "SourceFileSet", language="C99")
+    for name in source_files:
+        SubElement(files, "SourceFile", name=name)
+    SubElement(configuration, "Library", name="m", external="true", description="C mathematics")
+    return _bytes(root)
+
+
+def element_names(variable: Variable) -> tuple[str, ...]:
+    """The names of its numbers, row-major: `kp[1,2]`, `der(q[1])` (FMI 2.0.4, 2.2.9)."""
+    if not variable.shape:
+        return (variable.name,)
+    template = re.sub(r"(\w+)(\)?)$", r"\1[{}]\2", variable.name)
+    indices = product(*(range(1, length + 1) for length in variable.shape))
+    return tuple(template.format(",".join(map(str, index))) for index in indices)
+
+
+def base_unit(unit: str) -> dict[str, int]:
+    """The exponents of kg, m, s and rad in `unit`."""
+    exponents: Counter[str] = Counter()
+    above, _, below = unit.partition("/")
+    for sign, factors in ((1, above), (-1, below)):
+        for factor, power in re.findall(r"([A-Za-z]+)(\d*)", factors):
+            for base, exponent in _SI[factor].items():
+                exponents[base] += sign * exponent * int(power or 1)
+    return {base: exponents[base] for base in ("kg", "m", "s", "rad") if exponents[base]}
+
+
+def _bytes(root: Element) -> bytes:
+    indent(root)
+    text: bytes = tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
+
+
+def _capabilities(identifier: str, interface: str, fmi: int) -> dict[str, str]:
+    state = "FMUstate" if fmi == 2 else "FMUState"
+    common = {
+        "modelIdentifier": identifier,
+        "needsExecutionTool": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
+    }
+    if interface == "CoSimulation":
+        return {**common, "canHandleVariableCommunicationStepSize": "true"}
+    if fmi == 2:
+        return {**common, "completedIntegratorStepNotNeeded": "true"}
+    return {**common, "needsCompletedIntegratorStep": "false"}
+
+
+def _units(root: Element, model: Declaration) -> None:
+    definitions = SubElement(root, "UnitDefinitions")
+    for unit in sorted({v.unit for v in model.variables if v.unit is not None}):
+        exponents = {base: str(power) for base, power in base_unit(unit).items()}
+        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", exponents)
+
+
+def _attributes(variable: Variable, name: str, reference: int) -> dict[str, str]:
+    attributes = {
+        "name": name,
+        "valueReference": str(reference),
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "description": variable.description,
+    }
+    if variable.initial is not None:
+        attributes["initial"] = variable.initial
+    return attributes
+
+
+def _arrays(root: Element, model: Declaration) -> None:
+    """FMI 3: one element per variable, and ModelStructure by value reference."""
+    variables = SubElement(root, "ModelVariables")
+    for v in model.variables:
+        attributes = _attributes(v, v.name, v.value_reference)
+        if v.kind == "structural":
+            limits = {"min": "1", "max": str(v.most), "start": f"{v.start:.0f}"}
+            SubElement(variables, "UInt64", {**attributes, **limits})
+            continue
+        element = SubElement(variables, "Float64", attributes)
+        if v.unit is not None:
+            element.set("unit", v.unit)
+        if v.start is not None:
+            element.set("start", " ".join([repr(v.start)] * v.size))
+        if v.derivative_of is not None:
+            element.set("derivative", str(model.variable(v.derivative_of).value_reference))
+        for dimension in v.dimensions:
+            if dimension.by is None:
+                SubElement(element, "Dimension", start=str(dimension.start))
+            else:
+                by = model.variable(dimension.by).value_reference
+                SubElement(element, "Dimension", valueReference=str(by))
+
+    structure = SubElement(root, "ModelStructure")
+    for tag, unknowns in _unknowns(model):
+        for v in unknowns:
+            known = _known(model, v)
+            dependency = None if known is None else known.value_reference
+            SubElement(structure, tag, _unknown("valueReference", v.value_reference, dependency))
+
+
+def _scalars(root: Element, model: Declaration) -> None:
+    """FMI 2: one Real per element, and ModelStructure by index, which is counted from 1."""
+    variables = SubElement(root, "ModelVariables")
+    for v in model.variables:
+        for i, name in enumerate(element_names(v)):
+            attributes = _attributes(v, name, v.value_reference + i)
+            element = SubElement(SubElement(variables, "ScalarVariable", attributes), "Real")
+            if v.unit is not None:
+                element.set("unit", v.unit)
+            if v.start is not None:
+                element.set("start", repr(v.start))
+            if v.derivative_of is not None:
+                state = model.variable(v.derivative_of)
+                element.set("derivative", str(state.value_reference + i + 1))
+
+    structure = SubElement(root, "ModelStructure")
+    tags = {
+        "Output": "Outputs",
+        "ContinuousStateDerivative": "Derivatives",
+        "InitialUnknown": "InitialUnknowns",
+    }
+    for tag, unknowns in _unknowns(model):
+        group = SubElement(structure, tags[tag])
+        for v in unknowns:
+            known = _known(model, v)
+            for i in range(v.size):
+                dependency = None if known is None else known.value_reference + i + 1
+                index = v.value_reference + i + 1
+                SubElement(group, "Unknown", _unknown("index", index, dependency))
+
+
+def _unknowns(model: Declaration) -> Iterator[tuple[str, Iterable[Variable]]]:
+    yield "Output", model.of_kind("state", "output")
+    yield "ContinuousStateDerivative", model.of_kind("derivative")
+    yield "InitialUnknown", model.of_kind("derivative", "output")
+
+
+def _known(model: Declaration, variable: Variable) -> Variable | None:
+    """The one variable on which it depends, by a constant factor; None for many."""
+    if variable.kind == "state":
+        return variable
+    return None if variable.equals is None else model.variable(variable.equals)
+
+
+def _unknown(key: str, number: int, dependency: int | None) -> dict[str, str]:
+    if dependency is None:
+        return {key: str(number)}
+    return {key: str(number), "dependencies": str(dependency), "dependenciesKind": "constant"}

@@ -1,0 +1,77 @@
+"""A robot read from URDF becomes an FMU like a bundled one: the same interface, core and builder.
+
+Its equations are generated, and need the packages of the extra `urdf`.
+"""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from plant_fmu.bundled.building import build_model, copy_out
+from plant_fmu.bundled.declaration import MODELS, Declaration, declare
+from plant_fmu.bundled.urdf import Robot, Three
+from plant_fmu.errors import FmuError
+
+GRAVITY: Three = (0.0, 0.0, -9.80665)
+"""m/s2, in the frame of the base link."""
+
+
+def build_urdf(robot: Robot, fmi: int = 3, gravity: Three = GRAVITY) -> Path:
+    """The FMU of a robot for FMI 2 or 3, kept where `build` keeps those of bundled models.
+
+    `FmuError` says which packages or which compiler is missing.
+    """
+    try:
+        from plant_fmu.bundled.rigid_body import forward_dynamics  # noqa: PLC0415
+    except ImportError as error:
+        raise FmuError(
+            f"the packages that generate the dynamics of a URDF are not installed ({error}): "
+            "pip install 'nrs-cosim[urdf]'"
+        ) from None
+    equations = {
+        "model.c": (MODELS / "rigid_body" / "model.c").read_bytes(),
+        "dynamics.c": forward_dynamics(robot, gravity).encode(),
+    }
+    return build_model(_declaration(robot, gravity), equations, fmi)
+
+
+def write_urdf(robot: Robot, fmi: int, gravity: Three, destination: Path) -> None:
+    """Copies the FMU that `build_urdf` gives to the file `destination`."""
+    copy_out(build_urdf(robot, fmi, gravity), destination)
+
+
+def _declaration(robot: Robot, gravity: Three) -> Declaration:
+    """As of a bundled robot, with the joints' names where a variable has a number for each."""
+    m = len(robot.axes)
+    own = {
+        "description": (
+            f"Rigid-body dynamics of {robot.name} from its URDF, base fixed, gravity "
+            f"({', '.join(f'{g:g}' for g in gravity)}) m/s2; joint limits and dry friction are "
+            "left out"
+        ),
+        "dimensions": {"m": m},
+        "units": _units(robot),
+        "variables": {},
+    }
+    plain = declare(_identifier(robot.name), own)
+    names = ", ".join(joint.name for joint in robot.axes)
+    variables = (
+        replace(v, description=f"{v.description} ({names})") if v.shape == (m,) else v
+        for v in plain.variables
+    )
+    return replace(plain, variables=tuple(variables))
+
+
+def _units(robot: Robot) -> dict[str, Any]:
+    """None where some joints turn and some slide: an array has one unit for all its numbers."""
+    slides = {joint.kind == "prismatic" for joint in robot.axes}
+    if slides == {True}:
+        return {"coordinate": "m", "effort": "N"}
+    return {"coordinate": "rad", "effort": "N.m"} if slides == {False} else {}
+
+
+def _identifier(name: str) -> str:
+    """The model identifier of FMI, which is a C identifier and names the binary."""
+    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    return word if re.match("[A-Za-z]", word) else f"robot_{word}".rstrip("_")

@@ -1,0 +1,1 @@
+"""Ways of driving plants, behind the seam `plant_fmu.plants`."""

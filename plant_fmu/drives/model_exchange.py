@@ -1,0 +1,136 @@
+"""The PD law in the right-hand side: each robot's equations are integrated beside its FMU.
+
+Each robot has a solver of its own, so that its motion depends on no other's. A jump of its
+reference is an event, and a new beginning for the solver.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.checkpoint import doubles, join, numbers, split
+from plant_fmu.drives.exchanged import Exchanged
+from plant_fmu.drives.law import Law
+from plant_fmu.drives.solvers import Solver
+from plant_fmu.fmi.instances import Instances
+from plant_fmu.fmi.library import Library
+from plant_fmu.fmi.model_calls import bind_model
+from plant_fmu.fmi.states import States
+from plant_fmu.plants import Array, Body
+
+MAX_EVENTS = 10_000
+"""Of one robot in one step: beyond that its events are taken to come ever closer."""
+
+
+class ModelExchangePlants:
+    """Plants driven by `tau` in continuous time; see `plant_fmu.plants.DrivenPlants`."""
+
+    kind = "ModelExchange"
+
+    def __init__(
+        self,
+        library: Library,
+        bodies: Sequence[Body],
+        names: Mapping[str, Spec],
+        solve: Callable[[Exchanged], Solver],
+        *,
+        drive: str,
+        why: str,
+    ) -> None:
+        """Instantiate and initialise one plant for each body; `FmuError` says what is wrong."""
+        self.drive, self.why = drive, why
+        self._solve = solve
+        n, m = len(bodies), len(bodies[0].q)
+        self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
+        self._instances = Instances(library, bodies, names)
+        self._calls = library.bind(bind_model)
+        self.exact = bool(library.interface.canSerializeFMUstate)
+        self._states = States(self._instances) if self.exact else None
+        self._start(bodies, 0.0)
+
+    def start_again(self, bodies: Sequence[Body], time: float = 0.0) -> None:
+        """Reset the FMUs, and initialise them with bodies at a time in s."""
+        self._instances.reset()
+        self._start(bodies, time)
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Take new references (rows, m) from now on."""
+        for row, (robot, law) in enumerate(zip(self._robots, self._laws, strict=True)):
+            law.hold(robot.time, position[row : row + 1], velocity[row : row + 1])
+            robot.event()
+            self._solvers[row].restart()
+
+    def advance(self, start: float, step: float) -> None:
+        """Advance from a time by a step, in s."""
+        for robot, solver in zip(self._robots, self._solvers, strict=True):
+            _move(robot, solver, start + step)
+        self._gather()
+
+    def save(self) -> bytes:
+        """Return times, laws and states; without states of their own, the continuous ones."""
+        parts = [
+            doubles(
+                robot.time, robot.next_event, law.since, law.position, law.velocity, robot.states
+            )
+            for robot, law in zip(self._robots, self._laws, strict=True)
+        ]
+        own = self._states.save(self._robots[0].time) if self._states else []
+        return join([*parts, *own])
+
+    def restore(self, data: bytes) -> None:
+        """Put back what `save` returned."""
+        n, m = self.q.shape
+        parts = split(data, 2 * n if self._states else n)
+        told = [
+            np.split(numbers(part, 3 + 2 * m + robot.states.size), [3, 3 + m, 3 + 2 * m])
+            for part, robot in zip(parts[:n], self._robots, strict=True)
+        ]
+        time = float(told[0][0][0])
+        if self._states:
+            self._states.restore(parts[n:], time)
+        else:
+            self.start_again(self._bodies, time)
+        for row, ((_, next_event, since), position, velocity, states) in enumerate(told):
+            robot = self._robots[row]
+            self._laws[row].hold(float(since), position[None], velocity[None])
+            if self._states:
+                robot.next_event = float(next_event)
+            robot.states[:] = states
+            robot.arrive(time)
+            self._solvers[row].restart()
+        self._gather()
+
+    def _start(self, bodies: Sequence[Body], time: float) -> None:
+        instances = self._instances
+        instances.initialise(bodies, [_told(body) for body in bodies], time)
+        self._bodies, self._laws = list(bodies), [Law([body]) for body in bodies]
+        self._robots = [
+            Exchanged(instances, row, self._calls, law) for row, law in enumerate(self._laws)
+        ]
+        for robot in self._robots:
+            robot.begin(time)
+        self._solvers = [self._solve(robot) for robot in self._robots]
+        self._gather()
+
+    def _gather(self) -> None:
+        m = self.q.shape[1]
+        for row, robot in enumerate(self._robots):
+            self.q[row], self.qd[row] = robot.state[0, :m], robot.state[0, m:]
+            self.tau[row] = robot.torque()
+
+
+def _move(robot: Exchanged, solver: Solver, end: float) -> None:
+    """Move one robot to a time, through its events; one that is planned for then comes after."""
+    for _ in range(MAX_EVENTS):
+        if robot.time >= end:
+            return
+        planned = robot.next_event <= robot.time
+        if planned or solver.advance(min(end, robot.next_event)):
+            robot.event()
+            solver.restart()
+    raise robot.failure(f"more than {MAX_EVENTS} events in a step up to t = {end:g} s")
+
+
+def _told(body: Body) -> dict[str, Array]:
+    return {"q": body.q, "qd": body.qd}

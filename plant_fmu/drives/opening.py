@@ -1,0 +1,103 @@
+"""An FMU and the robots that have it become plants: loaded once, instantiated for each robot."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from plant_fmu.archives.archive import Archive, unpacked
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives import stability
+from plant_fmu.drives.cvode import Cvode
+from plant_fmu.drives.driving import RTOL, STEP, Driving, choose
+from plant_fmu.drives.exchanged import Exchanged
+from plant_fmu.drives.model_exchange import ModelExchangePlants
+from plant_fmu.drives.probing import expect_stable, measured_error
+from plant_fmu.drives.reference_driven import ReferenceDrivenPlants
+from plant_fmu.drives.runge_kutta import RungeKutta
+from plant_fmu.drives.torque_held import TorqueHeldPlants
+from plant_fmu.fmi.assigning import assignments, sizes_of
+from plant_fmu.fmi.library import Kind, Library
+from plant_fmu.plants import Body, DrivenPlants
+
+_ANY = Driving()
+
+Load = Callable[[Archive, Path, Kind], Library]
+"""Loads an unpacked archive for one of its kinds."""
+
+
+def open_plants(
+    stack: ExitStack,
+    archive: Archive,
+    bodies: Sequence[Body],
+    names: Mapping[str, Spec],
+    driving: Driving = _ANY,
+    load: Load = Library,
+) -> DrivenPlants:
+    """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
+
+    `names` gives what a quantity of ours is in the FMU where it is not found by our name.
+    `FmuError` says what is wrong with the FMU or with what it was told.
+    """
+    sizes = sizes_of(assignments(archive, bodies[0].parameters))
+    offer = choose(archive, names, driving, sizes)
+    asked = driving.solver or driving.control
+    why = f"{offer.reason}; " + (
+        "the scenario asks for it" if asked else "the FMU offers nothing more accurate"
+    )
+    folder = stack.enter_context(unpacked(archive))
+    library = stack.enter_context(load(archive, folder, offer.kind))
+    match offer.way:
+        case "reference":
+            return ReferenceDrivenPlants(library, bodies, names, why)
+        case "cvode":
+            return _by_cvode(library, bodies, names, driving.rtol or RTOL, why)
+        case "rk4":
+            return _by_runge_kutta(library, bodies, names, driving.step or STEP, why)
+        case "heun" | "hold":
+            step, heun = driving.control_step or STEP, offer.way == "heun"
+            return _by_held_torque(library, bodies, names, step, heun, why)
+
+
+def _by_cvode(
+    library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], rtol: float, why: str
+) -> DrivenPlants:
+    def solve(robot: Exchanged) -> Cvode:
+        solver = Cvode(robot, rtol)
+        library.ending.callback(solver.close)
+        return solver
+
+    drive = f"Model Exchange, CVODE rtol {rtol:g}"
+    return ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why)
+
+
+def _by_runge_kutta(
+    library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], step: float, why: str
+) -> DrivenPlants:
+    def plants(of: Sequence[Body]) -> ModelExchangePlants:
+        drive = f"Model Exchange, RK4 step {step:g} s"
+        return ModelExchangePlants(
+            library, of, names, lambda robot: RungeKutta(robot, step), drive=drive, why=why
+        )
+
+    expect_stable(plants(bodies[:1]), bodies, stability.runge_kutta, "step", step)
+    return plants(bodies)
+
+
+def _by_held_torque(
+    library: Library,
+    bodies: Sequence[Body],
+    names: Mapping[str, Spec],
+    step: float,
+    heun: bool,
+    why: str,
+) -> DrivenPlants:
+    def probe(control_step: float) -> TorqueHeldPlants:
+        return TorqueHeldPlants(library, bodies[:1], names, control_step, heun=heun)
+
+    coarse, propagate = probe(step), stability.heun if heun else stability.held
+    expect_stable(coarse, bodies, propagate, "control_step", step)
+    # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
+    error = measured_error(coarse, probe(step / 2), bodies, step) * (4 / 3 if heun else 2)
+    how = "corrected and held" if heun else "held"
+    drive = f"torque {how} for {step:g} s (error about {error:.1g} rad)"
+    return TorqueHeldPlants(library, bodies, names, step, heun=heun, drive=drive, why=why)

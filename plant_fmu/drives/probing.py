@@ -1,0 +1,96 @@
+"""What a plant tells when it is tried out beside the run: M⁻¹ by small pushes, errors by halving.
+
+A push e_j from rest changes q̇ by M⁻¹ e_j T over a short T, beside what gravity does to it.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from plant_fmu.drives.grid import parts
+from plant_fmu.drives.stability import Propagate, step_limit
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.plants import Array, Body, Disturbance, Plants
+
+POSTURES = 16
+SEED = 2003
+SPAN, ROBOTS = 0.2, 8
+"""s: the beginning over which an error is measured, and of how many robots."""
+
+
+class Probe(Plants, Protocol):
+    """One plant that can be started anew as often as one likes."""
+
+    def start_again(self, bodies: Sequence[Body]) -> None:
+        """Return to t_0 with another body."""
+
+
+def expect_stable(
+    probe: Probe, bodies: Sequence[Body], propagate: Propagate, name: str, step: float
+) -> None:
+    """Raise `FmuError` where a step is beyond the limit estimated for one of the robots."""
+    for body in _distinct(bodies):
+        limit = min(
+            step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
+            for inverse in _inverse_inertias(probe, body, step)
+        )
+        if step > limit:
+            raise FmuError(
+                f"{name} = {step:g} s is beyond the stability limit of about {limit:.2g} s "
+                f"estimated for robot {body.robot}: its motion would diverge; take a smaller "
+                f"{name}, or lower gains"
+            )
+
+
+def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: float) -> float:
+    """Return the most that q, in rad, differs between two probes at some robots' beginning."""
+    error = 0.0
+    for body in bodies[:ROBOTS]:
+        for probe in (coarse, fine):
+            probe.start_again([body])
+            probe.hold(body.position[None], body.velocity[None])
+        for j in range(parts(SPAN, step)):
+            for probe in (coarse, fine):
+                probe.advance(j * step, step)
+            error = max(error, float(np.abs(coarse.q - fine.q).max()))
+    return error
+
+
+def _inverse_inertias(probe: Probe, body: Body, step: float) -> Iterator[Array]:
+    """Yield M⁻¹ at a robot's initial posture, and at some that are drawn and not refused."""
+    m = len(body.q)
+    yield _inverse_inertia(probe, body, body.q, step)
+    for q in np.random.Generator(np.random.Philox(SEED)).uniform(-np.pi, np.pi, (POSTURES, m)):
+        with suppress(FmuError, StepError):
+            yield _inverse_inertia(probe, body, q, step)
+
+
+def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float) -> Array:
+    m = len(q)
+    rest = _pushed(probe, body, q, np.zeros(m), step)
+    inverse: Array = np.array([_pushed(probe, body, q, push, step) - rest for push in np.eye(m)]).T
+    return inverse / step
+
+
+def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float) -> Array:
+    """Return q̇ after a step from rest under a constant torque alone."""
+    m = len(q)
+    none = np.zeros((m, m))
+    torque = Disturbance(push, np.zeros(m), *(np.zeros((3, m, 0))))
+    at_rest = replace(body, q=q, qd=np.zeros(m), kp=none, kd=none, disturbance=torque)
+    probe.start_again([at_rest])
+    probe.advance(0.0, step)
+    qd: Array = probe.qd[0].copy()
+    return qd
+
+
+def _distinct(bodies: Sequence[Body]) -> list[Body]:
+    """Return the first robot of each set of parameters and gains."""
+    first: dict[tuple[str, bytes, bytes], Body] = {}
+    for body in bodies:
+        key = (repr(sorted(body.parameters.items())), body.kp.tobytes(), body.kd.tobytes())
+        first.setdefault(key, body)
+    return list(first.values())

@@ -1,0 +1,1 @@
+"""An FMU in memory: its calls, its instances, its state."""

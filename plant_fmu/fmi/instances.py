@@ -1,0 +1,157 @@
+"""Each robot is an instance of its FMU; what is asked of one is asked of all, in rows' order.
+
+A call that fails is an error that names the robot, the FMU, the time and the cause.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import c_void_p
+from itertools import starmap
+from typing import Any
+
+import numpy as np
+
+from plant_fmu.archives.naming import Spec
+from plant_fmu.archives.quantities import Quantity, View
+from plant_fmu.archives.variables import find_quantity
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.fmi.assigning import assignments, sizes_of
+from plant_fmu.fmi.calls import Call, answer, c_references, is_fine
+from plant_fmu.fmi.library import Library
+from plant_fmu.plants import Array, Body
+
+Transfer = Callable[[float], None]
+"""Moves rows of an array to or from the FMUs at a time in s; `StepError` when one refuses."""
+
+
+class Instances:
+    """The robots' instances of one loaded FMU."""
+
+    def __init__(self, library: Library, bodies: Sequence[Body], names: Mapping[str, Spec]) -> None:
+        """Instantiate the FMU for each robot; `FmuError` with its words when it refuses.
+
+        `names` are what the user wrote for quantities of ours.
+        """
+        self.library, self._names = library, names
+        self.robots = [body.robot for body in bodies]
+        self.handles = [library.instantiate(_name(robot)) for robot in self.robots]
+        self._sizes = sizes_of(assignments(library.archive, bodies[0].parameters))
+
+    def vector(self, ours: str, m: int) -> Quantity:
+        """Return a quantity that must hold m numbers."""
+        archive = self.library.archive
+        return find_quantity(archive, ours, self._names, size=m, sizes=self._sizes)
+
+    def initialise(
+        self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]], start: float = 0.0
+    ) -> None:
+        """Set each robot's parameters and its values of our quantities; end its initialisation."""
+        calls = self.library.calls
+        for row, (body, told) in enumerate(zip(bodies, values, strict=True)):
+            handle = self.handles[row]
+            assigned = assignments(self.library.archive, body.parameters)
+            for assignment in assigned:
+                for status in assignment.acts(calls, handle):
+                    self._expect_ok(row, f"setting {assignment.name}", status)
+            self._start(row, told, sizes_of(assigned))
+            self._expect_ok(row, "initialisation", calls.enter_initialization(handle, start))
+            self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
+
+    def reset(self) -> None:
+        """Return each FMU to where it was when it was instantiated."""
+        for row, handle in enumerate(self.handles):
+            self._expect_ok(row, "a reset", self.library.calls.reset(handle))
+
+    def writes(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
+        """Return the act that gives each FMU its row of an array (robots, numbers), in SI."""
+        view, what = View(quantities, rows), _listed(quantities)
+        if not view.is_complete:
+            self._transfer(self.library.calls.get, view, what)(0.0)
+        move = self._transfer(self.library.calls.set, view, what)
+
+        def write(seconds: float) -> None:
+            view.give()
+            move(seconds)
+
+        return write
+
+    def reads(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
+        """Return the act that fills an array's rows (robots, numbers) from the FMUs, in SI."""
+        view = View(quantities, rows)
+        move = self._transfer(self.library.calls.get, view, _listed(quantities))
+
+        def read(seconds: float) -> None:
+            move(seconds)
+            view.take()
+
+        return read
+
+    def arguments(self, row: int, view: View, at: int) -> tuple[Any, ...]:
+        """Return what `get` and `set` are told of a row's FMU, and of a row of its own numbers."""
+        which = c_references(view.references)
+        address = view.theirs.ctypes.data + at * view.theirs.strides[0]
+        count = (view.theirs.shape[1],) if self.library.calls.counts_values else ()
+        return self.handles[row], which, len(which), c_void_p(address), *count
+
+    def expect(self, statuses: list[int], act: str, seconds: float) -> None:
+        """Raise `StepError` for the first robot whose FMU answered worse than a warning."""
+        if is_fine(statuses):
+            return
+        row = next(row for row, status in enumerate(statuses) if not is_fine([status]))
+        raise self.refusal(row, seconds, act, statuses[row])
+
+    def expect_finite(self, rows: Array, seconds: float) -> None:
+        """Raise `StepError` for the first robot with a non-finite number in its row."""
+        finite = np.isfinite(rows)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite.all(axis=1))[0])
+            raise self.failure(row, seconds, f"its outputs are not finite: {rows[row].tolist()}")
+
+    def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
+        """Return the error of an act that ended badly, with the FMU's last words."""
+        return self.failure(
+            row, seconds, f"{act} ended with {answer(status)}{self._last_words(row)}"
+        )
+
+    def failure(self, row: int, seconds: float, cause: str) -> StepError:
+        """Return the error that names a row's robot, the FMU, the time and the cause."""
+        fmu = self.library.archive.label
+        return StepError(f"robot {self.robots[row]} ({fmu}) at t = {seconds:g} s: {cause}")
+
+    def _transfer(self, call: Call, view: View, what: str) -> Transfer:
+        arguments = [self.arguments(row, view, row) for row in range(len(self.handles))]
+
+        def transfer(seconds: float) -> None:
+            self.expect(list(starmap(call, arguments)), f"access to {what}", seconds)
+
+        return transfer
+
+    def _start(self, row: int, told: Mapping[str, Any], sizes: Mapping[int, int]) -> None:
+        """Set one robot's values of our quantities, in SI, all at once."""
+        archive = self.library.archive
+        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in told.items()}
+        quantities = [
+            find_quantity(archive, ours, self._names, size=len(value), sizes=sizes)
+            for ours, value in values.items()
+        ]
+        view = View(quantities, np.concatenate(list(values.values()))[None])
+        view.give()
+        status = self.library.calls.set(*self.arguments(row, view, 0))
+        self._expect_ok(row, f"setting {_listed(quantities)}", status)
+
+    def _expect_ok(self, row: int, act: str, status: int) -> None:
+        if not is_fine([status]):
+            raise FmuError(
+                f"{self.library.archive.label}: {act} of robot {self.robots[row]} ended with "
+                f"{answer(status)}{self._last_words(row)}"
+            )
+
+    def _last_words(self, row: int) -> str:
+        return self.library.last_words(_name(self.robots[row]))
+
+
+def _name(robot: int) -> str:
+    return f"robot {robot}"
+
+
+def _listed(quantities: Sequence[Quantity]) -> str:
+    return ", ".join(quantity.name for quantity in quantities)

@@ -1,0 +1,99 @@
+"""An FMU's library is loaded once; each robot is an instance of it, cloned from the first."""
+
+import copy
+import os
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar
+
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
+
+from plant_fmu.archives.archive import Archive
+from plant_fmu.errors import FmuError
+from plant_fmu.fmi.calls import Calls, bind_common
+
+Kind = Literal["CoSimulation", "ModelExchange"]
+Bound = TypeVar("Bound")
+
+_FMPY = {
+    (2, "CoSimulation"): FMU2Slave,
+    (2, "ModelExchange"): FMU2Model,
+    (3, "CoSimulation"): FMU3Slave,
+    (3, "ModelExchange"): FMU3Model,
+}
+
+
+class Library:
+    """An FMU loaded for one FMI interface; a context that frees it with all its instances.
+
+    `ending` frees what the instances hold, just before they are freed themselves.
+    """
+
+    def __init__(self, archive: Archive, folder: Path, kind: Kind) -> None:
+        description = archive.description
+        self.archive, self.ending = archive, ExitStack()
+        self.interface: Any = {
+            "CoSimulation": description.coSimulation,
+            "ModelExchange": description.modelExchange,
+        }[kind]
+        """FMPy's record of the interface, with its capability flags."""
+        self._fmi = int(description.fmiMajorVersion)
+        here = Path.cwd()
+        try:
+            self._prototype = _FMPY[self._fmi, kind](
+                guid=description.instantiationToken,
+                unzipDirectory=str(folder),
+                modelIdentifier=self.interface.modelIdentifier,
+                instanceName="",
+            )
+        except Exception as error:  # FMPy raises bare Exceptions, and AttributeError for a symbol
+            raise FmuError(f"{archive.label}: its library cannot be loaded: {error}") from None
+        finally:
+            os.chdir(here)
+        self.calls: Calls = self.bind(bind_common)
+        self._instances: list[Any] = []
+        self._said: deque[tuple[str, str]] = deque(maxlen=100)
+
+    def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
+        """Return the calls that a binder makes of the library; `FmuError` where one is missing."""
+        try:
+            return binder(self._prototype.dll, self._fmi)
+        except AttributeError as error:
+            raise FmuError(f"{self.archive.label}: its library is incomplete: {error}") from None
+
+    def instantiate(self, name: str) -> int:
+        """Return the handle of a new instance; `FmuError` with the FMU's words if it refuses."""
+        instance = copy.copy(self._prototype)
+        instance.instanceName = name
+        try:
+            self.calls.instantiate(instance, lambda text: self._said.append((name, text)))
+        except Exception:  # FMPy raises a bare Exception
+            raise FmuError(
+                f"{self.archive.label}: cannot be instantiated{self.last_words(name)}"
+            ) from None
+        self._instances.append(instance)
+        handle: int = instance.component
+        return handle
+
+    def last_words(self, name: str) -> str:
+        """Return what an instance logged last, as the end of a sentence."""
+        said = [text for instance, text in self._said if instance == name]
+        return f": {said[-1]}" if said else ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.ending.close()
+        while self._instances:
+            self.calls.free(self._instances.pop().component)
+        self._prototype.freeLibrary()

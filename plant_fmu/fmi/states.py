@@ -1,0 +1,62 @@
+"""The FMUs' own states: to go back by one step, or to go on in another process."""
+
+from ctypes import byref, c_size_t, c_void_p, create_string_buffer
+
+from plant_fmu.errors import FmuError
+from plant_fmu.fmi.calls import WARNING
+from plant_fmu.fmi.instances import Instances
+from plant_fmu.fmi.state_calls import bind_states
+
+
+class States:
+    """A place for one state of each instance, freed with the library."""
+
+    def __init__(self, instances: Instances) -> None:
+        self._instances = instances
+        self._calls = instances.library.bind(bind_states)
+        self._states = [c_void_p() for _ in instances.handles]
+        instances.library.ending.callback(self._free)
+
+    def take(self, seconds: float) -> None:
+        """Keep the instances' states."""
+        get = self._calls.get
+        pairs = zip(self._instances.handles, self._states, strict=True)
+        statuses = [get(handle, byref(state)) for handle, state in pairs]
+        self._instances.expect(statuses, "keeping its state", seconds)
+
+    def put_back(self, seconds: float) -> None:
+        """Return the instances to the states that were kept."""
+        put = self._calls.set
+        pairs = zip(self._instances.handles, self._states, strict=True)
+        statuses = [put(handle, state) for handle, state in pairs]
+        self._instances.expect(statuses, "going back to a state", seconds)
+
+    def save(self, seconds: float) -> list[bytes]:
+        """Keep the instances' states, and return them as bytes."""
+        self.take(seconds)
+        return [self._bytes(row, seconds) for row in range(len(self._states))]
+
+    def restore(self, data: list[bytes], seconds: float) -> None:
+        """Return the instances to states that were saved; `FmuError` where they refuse them."""
+        for row, (handle, state, saved) in enumerate(
+            zip(self._instances.handles, self._states, data, strict=True)
+        ):
+            self._calls.free(handle, byref(state))
+            status = self._calls.deserialize(handle, saved, len(saved), byref(state))
+            if status > WARNING:
+                failure = self._instances.refusal(row, seconds, "reading a saved state", status)
+                raise FmuError(str(failure))
+        self.put_back(seconds)
+
+    def _bytes(self, row: int, seconds: float) -> bytes:
+        handle, state, size = self._instances.handles[row], self._states[row], c_size_t()
+        status = self._calls.size(handle, state, byref(size))
+        buffer = create_string_buffer(size.value)
+        status = max(status, self._calls.serialize(handle, state, buffer, size))
+        if status > WARNING:
+            raise self._instances.refusal(row, seconds, "saving its state", status)
+        return buffer.raw
+
+    def _free(self) -> None:
+        for handle, state in zip(self._instances.handles, self._states, strict=True):
+            self._calls.free(handle, byref(state))

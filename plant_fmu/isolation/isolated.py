@@ -1,0 +1,95 @@
+"""Plants whose FMU runs in processes of its own: its crash is an error that names the robot.
+
+All robots of an FMU share one worker, or have one each where the FMU's tool allows only one
+instance a process; these advance at the same time. What a worker does is what this process would
+do, to the bit.
+"""
+
+import json
+import pickle
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from plant_fmu.archives.archive import Archive
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.checkpoint import join, split
+from plant_fmu.drives.driving import Driving
+from plant_fmu.isolation.sharing import ADVANCE, ADVANCED_BY, RESTORE, SAVE, Memory, Task, frame
+from plant_fmu.isolation.worker_process import Worker
+from plant_fmu.plants import Array, Body
+
+
+class IsolatedPlants:
+    """Plants in worker processes; see `plant_fmu.plants.DrivenPlants`."""
+
+    def __init__(
+        self,
+        stack: ExitStack,
+        archive: Archive,
+        bodies: Sequence[Body],
+        names: Mapping[str, Spec],
+        driving: Driving,
+        deadline: float,
+    ) -> None:
+        """Start the workers, and open one plant for each body; the stack ends them.
+
+        `names` gives the FMU's name for a quantity of ours where it has another. No call of the
+        FMU may take longer than the deadline, in s. `FmuError` says what is wrong, as in
+        `open_plants`, or how the FMU ended its process.
+        """
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
+        n, m = len(bodies), len(bodies[0].q)
+        size = 1 if archive.once_per_process else n
+        firsts = range(0, n, size)
+        path = folder / "memory"
+        path.touch()
+        self._memory = Memory(path, len(firsts), n, m)
+        self.q, self.qd, self.tau = self._memory.q, self._memory.qd, self._memory.tau
+        self._new = False
+        self._workers = []
+        for number, first in enumerate(firsts):
+            own = bodies[first : first + size]
+            task = folder / f"task-{number}"
+            place = first, n, len(firsts)
+            task.write_bytes(pickle.dumps(Task(archive, own, names, driving, path, place, number)))
+            worker = Worker(
+                task,
+                self._memory.progress[number],
+                deadline,
+                archive.label,
+                [body.robot for body in own],
+            )
+            self._workers.append(stack.enter_context(worker))
+        (told, *_) = [json.loads(worker.answer()) for worker in self._workers]
+        self.kind, self.drive, self.why = told["kind"], told["drive"], told["why"]
+        self.exact: bool = told["exact"]
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Take new references (rows, m) from now on."""
+        self._memory.position[:], self._memory.velocity[:] = position, velocity
+        self._new = True
+
+    def advance(self, start: float, step: float) -> None:
+        """Advance from a time by a step, in s."""
+        request = frame(ADVANCE, ADVANCED_BY.pack(self._new, start, step))
+        for worker in self._workers:
+            worker.ask(request)
+        for worker in self._workers:
+            worker.answer(start)
+        self._new = False
+
+    def save(self) -> bytes:
+        """Return the plants' time and states."""
+        return join(self._all([frame(SAVE)] * len(self._workers)))
+
+    def restore(self, data: bytes) -> None:
+        """Put back what `save` returned."""
+        self._all([frame(RESTORE, part) for part in split(data, len(self._workers))])
+
+    def _all(self, requests: Sequence[bytes]) -> list[bytes]:
+        """Ask each worker its own, all at once; return their answers."""
+        for worker, request in zip(self._workers, requests, strict=True):
+            worker.ask(request)
+        return [worker.answer() for worker in self._workers]

@@ -1,0 +1,72 @@
+"""What a process shares with the workers that step its robots: memory, and frames on a pipe.
+
+Numbers travel in a file that all of them map: references in, states out, a row a robot. A frame
+says only what to do with them, or how that ended: a kind, the length of what follows, and it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from struct import Struct
+from typing import IO
+
+import numpy as np
+
+from plant_fmu.archives.archive import Archive
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.driving import Driving
+from plant_fmu.isolation.progress import SIZE, Progress
+from plant_fmu.plants import Array, Body
+
+HEAD = Struct("=cI")
+ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")
+"""Whether the references are new; start and step in s."""
+SAVE, RESTORE = b"c", b"r"
+"""A checkpoint is asked for, or given."""
+DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
+"""An answer; the last two with the text of an `FmuError` or a `StepError`."""
+
+
+def frame(kind: bytes, payload: bytes = b"") -> bytes:
+    """Return a frame."""
+    return HEAD.pack(kind, len(payload)) + payload
+
+
+def send(pipe: IO[bytes], whole: bytes) -> None:
+    """Write a frame to an unbuffered pipe, which takes what it has room for at a time."""
+    rest = memoryview(whole)
+    while rest:
+        rest = rest[pipe.write(rest) :]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What one worker is told at its start."""
+
+    archive: Archive
+    bodies: Sequence[Body]
+    names: Mapping[str, Spec]
+    driving: Driving
+    memory: Path
+    place: tuple[int, int, int]
+    """Its first row, and the numbers of all robots and of all workers."""
+    worker: int
+
+
+class Memory:
+    """A mapped file: a `Progress` for each worker, then the robots' numbers."""
+
+    def __init__(self, path: Path, workers: int, n: int, m: int) -> None:
+        """Map a file, which grows to its size, with zeros, when it is new."""
+        head = workers * SIZE // 8
+        numbers = np.asarray(np.memmap(path, np.float64, "r+", shape=(head + 5 * n * m,)))
+        progress = numbers[:head].data.cast("B")
+        self.progress = [Progress(progress[i * SIZE : (i + 1) * SIZE]) for i in range(workers)]
+        rows = numbers[head:].reshape(5, n, m)
+        self.position: Array = rows[0]
+        """(n, m) ε_i(t⁺)"""
+        self.velocity: Array = rows[1]
+        """(n, m) υ_i(t⁺)"""
+        self.q: Array = rows[2]
+        self.qd: Array = rows[3]
+        self.tau: Array = rows[4]

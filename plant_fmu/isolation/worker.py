@@ -1,0 +1,158 @@
+"""The process in which an FMU that we did not build runs: told what to do, and ended by anyone.
+
+It does as the frames on its standard input say, until they end. It ends with its parent, in
+whatever call the FMU is then; and after an error it makes no further call, not even to free the
+FMU (FMI 3.0, section 2.3: nothing may be called after fmi3Fatal).
+"""
+
+import json
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from ctypes import CDLL, c_void_p
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from bus.errors import CosimError
+from plant_fmu.archives.archive import Archive
+from plant_fmu.drives.opening import open_plants
+from plant_fmu.errors import FmuError
+from plant_fmu.fmi.library import Bound, Kind, Library
+from plant_fmu.isolation.progress import Progress
+from plant_fmu.isolation.sharing import (
+    ADVANCE,
+    ADVANCED_BY,
+    BAD_FMU,
+    BAD_STEP,
+    DONE,
+    HEAD,
+    RESTORE,
+    SAVE,
+    Memory,
+    Task,
+    frame,
+    send,
+)
+
+
+class AnnouncedLibrary(Library):
+    """A library whose every call is announced before it is made."""
+
+    def __init__(self, progress: Progress, archive: Archive, folder: Path, kind: Kind) -> None:
+        self._progress, self._names = progress, dict[int, str]()
+        progress.enter("", "loading")
+        super().__init__(archive, folder, kind)
+
+    def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
+        """Return the calls that a binder makes of the library; see `Library`."""
+        return self._progress.announcing(super().bind(binder), self._names)
+
+    def instantiate(self, name: str) -> int:
+        """Return the handle of a new instance; see `Library`."""
+        self._progress.enter(name, "instantiation")
+        handle = super().instantiate(name)
+        self._names[handle] = name
+        return handle
+
+
+class Share:
+    """One worker's rows of the shared memory, and the plants that they mirror."""
+
+    def __init__(self, stack: ExitStack, task: Task) -> None:
+        """Open the task's plants; the stack ends them."""
+        first, n, workers = task.place
+        memory = Memory(task.memory, workers, n, len(task.bodies[0].q))
+        rows = slice(first, first + len(task.bodies))
+        self._reference = memory.position[rows], memory.velocity[rows]
+        self._state = memory.q[rows], memory.qd[rows], memory.tau[rows]
+        self._progress = memory.progress[task.worker]
+        library = partial(AnnouncedLibrary, self._progress)
+        self._plants = open_plants(
+            stack, task.archive, task.bodies, task.names, task.driving, library
+        )
+        self._mirror()
+
+    def told(self) -> bytes:
+        """Return what the user is told of the plants, as JSON."""
+        plants = self._plants
+        names = ("kind", "drive", "why", "exact")
+        return json.dumps({name: getattr(plants, name) for name in names}).encode()
+
+    def advance(self, request: bytes) -> bytes:
+        """Take the references if they are new, and advance; the answer is in the memory."""
+        new, start, step = ADVANCED_BY.unpack(request)
+        if new:
+            self._plants.hold(*self._reference)
+        self._plants.advance(start, step)
+        self._mirror()
+        return b""
+
+    def save(self, _request: bytes) -> bytes:
+        """Return the plants' checkpoint."""
+        return self._plants.save()
+
+    def restore(self, request: bytes) -> bytes:
+        """Put the plants back to a checkpoint."""
+        self._plants.restore(request)
+        self._mirror()
+        return b""
+
+    def _mirror(self) -> None:
+        plants = self._plants
+        for rows, values in zip(self._state, (plants.q, plants.qd, plants.tau), strict=True):
+            rows[:] = values
+        self._progress.rest()
+
+
+def serve(task: Task, requests: BinaryIO, replies: BinaryIO) -> None:
+    """Open the plants, then do what each request says; every one of both is answered."""
+    with ExitStack() as stack:
+        try:
+            share = Share(stack, task)
+            acts = {ADVANCE: share.advance, SAVE: share.save, RESTORE: share.restore}
+            send(replies, frame(DONE, share.told()))
+            while head := requests.read(HEAD.size):
+                kind, length = HEAD.unpack(head)
+                answer = acts[kind](requests.read(length))
+                send(replies, frame(DONE, answer))
+        except CosimError as error:
+            kind = BAD_FMU if isinstance(error, FmuError) else BAD_STEP
+            send(replies, frame(kind, str(error).encode()))
+            os._exit(1)
+
+
+def _private_pipes() -> tuple[BinaryIO, BinaryIO]:
+    """Keep standard input and output for the frames; what the FMU prints goes to the error's."""
+    requests, replies = os.dup(0), os.dup(1)
+    with Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)
+    return os.fdopen(requests, "rb"), os.fdopen(replies, "wb", buffering=0)
+
+
+def _follow(parent: int) -> None:
+    """Let Linux end this process with its parent's thread, and C print by the line."""
+    if sys.platform != "linux":
+        return
+    libc = CDLL(None)
+    set_death_signal, line_buffered = 1, 1
+    libc.prctl(set_death_signal, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+    libc.setvbuf(c_void_p.in_dll(libc, "stdout"), None, line_buffered, 0)
+
+
+def main() -> None:
+    """Run the task that the command line names."""
+    task, parent = sys.argv[1:]
+    pipes = _private_pipes()
+    _follow(int(parent))
+    serve(pickle.loads(Path(task).read_bytes()), *pipes)
+
+
+if __name__ == "__main__":
+    main()

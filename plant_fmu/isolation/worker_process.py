@@ -1,0 +1,180 @@
+"""A worker as its parent sees it: asked, answered in time, and gone when it is done with.
+
+The deadline is one call's of the FMU: as long as calls follow one another, a worker may take the
+time that its robots need. It is a process group of its own, so that Ctrl-C in the terminal is
+the parent's to decide on, and whatever it started ends with it.
+"""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Self
+
+from plant_fmu.errors import FmuError, StepError
+from plant_fmu.isolation.progress import Progress
+from plant_fmu.isolation.sharing import BAD_FMU, BAD_STEP, DONE, HEAD, send
+
+STARTING = 60.0
+"""s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
+_PRINTED = 2000
+_ERRORS = {BAD_FMU: FmuError, BAD_STEP: StepError}
+
+
+class Worker:
+    """A process that runs `plant_fmu.isolation.worker`; a context that ends it."""
+
+    def __init__(
+        self, task: Path, progress: Progress, deadline: float, label: str, robots: Sequence[int]
+    ) -> None:
+        """Start it on a pickled task in a folder where it also keeps its temporary files.
+
+        It has begun to open its plants, which `answer` waits for. `FmuError` when it cannot start.
+        """
+        self._progress, self._deadline = progress, deadline
+        self._label, self._robots = label, robots
+        self._printed = b""
+        command = ["-P", "-u", "-m", "plant_fmu.isolation.worker", str(task), str(os.getpid())]
+        modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, *command],
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": modules, "TMPDIR": str(task.parent)},
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise FmuError(f"{label}: no worker process can start: {error.strerror}") from None
+        stdin, stdout, stderr = self._process.stdin, self._process.stdout, self._process.stderr
+        assert stdin is not None
+        assert stdout is not None
+        assert stderr is not None
+        self._pipes = (stdin, stdout, stderr)
+        self._replies, self._prints = stdout.fileno(), stderr.fileno()
+        self._poll = select.poll()
+        for end in (self._replies, self._prints):
+            self._poll.register(end, select.POLLIN)
+        self._busy = True
+
+    def ask(self, request: bytes) -> None:
+        """Send a frame."""
+        self._busy = True
+        with suppress(BrokenPipeError):  # the answer will tell how it ended
+            send(self._pipes[0], request)
+
+    def answer(self, seconds: float | None = None) -> bytes:
+        """Wait for what was asked at a time, in s, and return what the answer carries.
+
+        `StepError`, or before there is a time `FmuError`, with the worker's own words, or with the
+        robot in whose call the FMU ended the process or did not return within the deadline.
+        """
+        got = bytearray()
+        try:
+            while len(got) < HEAD.size or len(got) < HEAD.size + HEAD.unpack_from(got)[1]:
+                heard = self._hear()
+                if not heard:
+                    raise self._failure(_ending(self._end()), seconds)
+                got += heard
+        except TimeoutError as silence:
+            self._end()
+            raise self._failure(str(silence), seconds) from None
+        self._busy = False
+        kind, payload = HEAD.unpack_from(got)[0], bytes(got[HEAD.size :])
+        if kind != DONE:
+            self._end()
+            raise _ERRORS[kind](payload.decode())
+        return payload
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Let an idle worker free its FMUs; kill it when it is in a call or does not end."""
+        if self._process.returncode is not None:
+            return
+        self._pipes[0].close()
+        with suppress(TimeoutError):
+            while not self._busy and self._hear():
+                pass
+        self._end()
+
+    def _hear(self) -> bytes:
+        """Return what the worker says next, nothing at its end; `TimeoutError` when it is stuck.
+
+        It is stuck when as long as the deadline no call followed the one that it is in.
+        """
+        calls, since = self._progress.calls, monotonic()
+        while True:
+            for end, _ in self._poll.poll(min(self._deadline, STARTING) * 1000):
+                if end == self._replies:
+                    return os.read(end, 65536)
+                if not self._keep(os.read(end, 65536)):
+                    self._poll.unregister(end)
+            limit = self._deadline if calls else STARTING
+            if self._progress.calls != calls:
+                calls, since = self._progress.calls, monotonic()
+            elif monotonic() - since >= limit:
+                which = "plant.deadline" if calls else "to start"
+                raise TimeoutError(f"did not return within {limit:g} s ({which})")
+
+    def _keep(self, printed: bytes) -> bytes:
+        """Keep the end of what the FMU prints, for the error that it may explain; return it all."""
+        self._printed = (self._printed + printed)[-_PRINTED:]
+        return printed
+
+    def _end(self) -> int:
+        """Kill what is left of the worker and return its status; one that had ended keeps its own.
+
+        The group's id is not another's before the worker is waited for.
+        """
+        with suppress(PermissionError):  # macOS, when all of the group have ended
+            os.killpg(self._process.pid, signal.SIGKILL)
+        status = self._process.wait()
+        os.set_blocking(self._prints, False)
+        with suppress(BlockingIOError):
+            while rest := os.read(self._prints, 65536):
+                self._keep(rest)
+        for pipe in self._pipes:
+            pipe.close()
+        return status
+
+    def _failure(self, ending: str, seconds: float | None) -> FmuError | StepError:
+        progress = self._progress
+        who = progress.who or _robots(self._robots)
+        what = "the FMU" if progress.calls else "its worker process"
+        act = f", in {progress.act}" if progress.act else ""
+        lines = self._printed.decode(errors="replace").split("\n")
+        last = " / ".join([line.strip() for line in lines if line.strip()][-3:])
+        cause = f"{what} {ending}{act}" + (f"; it printed: {last}" if last else "")
+        if seconds is None:
+            return FmuError(f"{self._label}: {who}: {cause}")
+        return StepError(f"{who} ({self._label}) at t = {seconds:g} s: {cause}")
+
+
+def _ending(status: int) -> str:
+    """Say in words how a process ended."""
+    if status >= 0:
+        return f"exited with status {status}"
+    names = {number.value: number.name for number in signal.Signals}
+    name = names.get(-status, f"signal {-status}")
+    if name == "SIGABRT":
+        return "aborted (SIGABRT)"
+    return f"was killed ({name})" if name in ("SIGKILL", "SIGTERM") else f"crashed with {name}"
+
+
+def _robots(robots: Sequence[int]) -> str:
+    return f"robot{'s' * (len(robots) > 1)} {', '.join(map(str, robots))}"
