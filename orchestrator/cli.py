@@ -4,25 +4,23 @@
 130 interrupted, with the recording closed and valid.
 """
 
-import json
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version as installed
-from math import isfinite, nan
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
-from rich.markup import escape
 
 from bus.errors import CosimError, InputError
 from orchestrator import showing
 from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
 from orchestrator.errors import Interrupted
+from orchestrator.fmu_cli import fmu
 from orchestrator.places import place_for
 from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run as run_scenario
@@ -30,11 +28,7 @@ from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies, clock_of
 from orchestrator.summary import describe, lines, measure
-from plant_fmu.archives.archive import find_archive
-from plant_fmu.bundled.building import write as write_fmu
-from plant_fmu.bundled.declaration import bundled_models, declaration
-from plant_fmu.bundled.urdf import read_urdf
-from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
+from orchestrator.terminal import AsJson, err, out, print_json, say
 from recordings.export import export_csv
 from recordings.reading import Reader
 
@@ -47,15 +41,11 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 app.add_typer(fmu, name="fmu")
 
-out = showing.Terminal(soft_wrap=True, highlight=False, emoji=False)
-err = showing.Terminal(soft_wrap=True, highlight=False, emoji=False, stderr=True)
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -90,7 +80,7 @@ def run(
     """Run a scenario and record all that was said."""
     file = read_scenario(scenario)
     for warning in check_scenario(file.scenario).warnings():
-        _say("yellow", "warning", warning)
+        say("yellow", "warning", warning)
     clock = clock_of(file.scenario)
     with (
         place_for(output, file.name) as path,
@@ -110,7 +100,7 @@ def run(
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
     showing.summary(out, told)
     if outcome.status == "failed":
-        _say("red", "failed", outcome.reason)
+        say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])
 
 
@@ -120,11 +110,11 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     with Reader(recording) as reader:
         told = describe(reader)
         if as_json:
-            _print_json(told)
+            print_json(told)
         else:
             showing.summary(out, lines(told, measure(reader)))
             for damage in reader.damage:
-                _say("yellow", "damage", damage)
+                say("yellow", "damage", damage)
 
 
 @app.command()
@@ -139,7 +129,7 @@ def export(
         for path in export_csv(reader, output):
             out.print(str(path), markup=False)
         for damage in reader.damage:
-            _say("yellow", "damage", damage)
+            say("yellow", "damage", damage)
 
 
 @app.command()
@@ -151,7 +141,7 @@ def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
     if as_json:
-        _print_json(checked.as_json())
+        print_json(checked.as_json())
     else:
         showing.check(out, checked)
 
@@ -159,59 +149,7 @@ def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
 @app.command()
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    _print_json(json_schema())
-
-
-@fmu.command("list")
-def fmu_list() -> None:
-    """List the bundled models."""
-    for name in bundled_models():
-        out.print(f"{name:<16}{declaration(name).description}", markup=False)
-
-
-@fmu.command("info")
-def fmu_info(
-    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
-    as_json: AsJson = False,
-) -> None:
-    """Say what an FMU offers."""
-    told = find_archive(name, Path()).told()
-    if as_json:
-        _print_json(told)
-    else:
-        showing.archive(out, told)
-
-
-@fmu.command("build")
-def fmu_build(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
-    ],
-    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
-) -> None:
-    """Write a bundled model as an FMU."""
-    write_fmu(name, fmi, output)
-    out.print(str(output), markup=False)
-
-
-@fmu.command("from-urdf")
-def fmu_from_urdf(
-    urdf: Annotated[Path, typer.Argument(metavar="URDF", help="A robot with a fixed base.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
-    ],
-    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
-    gravity: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="In m/s2, in the frame of the base link.")
-    ] = ",".join(map("{:g}".format, GRAVITY)),
-) -> None:
-    """Write the rigid-body dynamics of a URDF's joints as an FMU."""
-    robot = read_urdf(urdf)
-    for warning in robot.warnings():
-        _say("yellow", "warning", f"{urdf}: {warning}")
-    write_urdf(robot, fmi, _three_numbers("--gravity", gravity), output)
-    out.print(str(output), markup=False)
+    print_json(json_schema())
 
 
 def main() -> None:
@@ -220,10 +158,10 @@ def main() -> None:
     try:
         app()
     except OSError as error:
-        _say("red", "error", str(error))
+        say("red", "error", str(error))
         raise SystemExit(FAILED) from None
     except CosimError as error:
-        _say("red", "error", str(error))
+        say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
 
 
@@ -243,21 +181,3 @@ def _signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = map(float, text.split(","))
-    except ValueError:
-        x = y = z = nan
-    if not isfinite(x + y + z):
-        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {text!r}")
-    return x, y, z
-
-
-def _say(colour: str, kind: str, text: str) -> None:
-    err.print(f"[{colour}]{kind}:[/] {escape(text)}")
-
-
-def _print_json(value: Any) -> None:
-    out.print(json.dumps(value, indent=2), markup=False)

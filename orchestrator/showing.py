@@ -1,7 +1,5 @@
 """What a person sees in a terminal: the progress of a run, its summary, the theory's verdict."""
 
-import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import groupby
@@ -16,15 +14,14 @@ from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
+from plant_fmu.checking.findings import FmuCheck
 
-
-class Terminal(Console):
-    """A console whose reader may go away, as `head` does: the command ends as if it had not."""
-
-    def on_broken_pipe(self) -> None:
-        """Write to nowhere from here on."""
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+_VERDICTS = {
+    "holds": "[green]holds[/]",
+    "fails": "[red]does not hold[/]",
+    "unknown": "[yellow]unknown[/]",
+    "note": "",
+}
 
 
 class _SimulatedTime(ProgressColumn):
@@ -96,6 +93,16 @@ def archive(console: Console, told: Mapping[str, Any]) -> None:
         size = prod(first["shape"]) + sum(prod(v["shape"]) for v in rest)
         line = f"{stem:<24}{first['causality']:<13}{size:>7}  {first['unit']:<10} "
         console.print(escape(line + first["description"]))
+
+
+def fmu_check(console: Console, checked: FmuCheck) -> None:
+    """Show what was found of an FMU, by topic."""
+    for topic, found in groupby(checked.findings, lambda finding: finding.topic):
+        console.print(f"[bold]{topic}[/]")
+        for finding in found:
+            mark = _VERDICTS[finding.verdict]
+            gap = " " * (15 - len(Text.from_markup(mark)))
+            console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
 
 
 def _complex(real: float, imaginary: float) -> str:

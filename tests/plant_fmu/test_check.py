@@ -1,0 +1,166 @@
+"""An FMU is checked before a run: ours pass, wrong mechanics are found, a crash is a finding."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_fmu.archives.archive import open_archive
+from plant_fmu.bundled.building import build, build_model
+from plant_fmu.bundled.declaration import MODELS, declaration
+from plant_fmu.checking.apart import check
+from plant_fmu.checking.findings import Task
+from plant_fmu.drives.driving import Driving
+from plant_fmu.plants import Body, Disturbance
+from tests.plant_fmu.archives import renamed, rewritten
+
+pytestmark = [
+    pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+]
+
+NRS = [sys.executable, "-m", "orchestrator", "fmu", "check"]
+PHYSICS = ("M symmetric", "M positive definite", "rests", "power")
+
+
+def nrs(*arguments):
+    return subprocess.run([*NRS, *map(str, arguments)], check=False, capture_output=True, text=True)
+
+
+def verdicts(checked, topic="physics"):
+    return {f.name: f.verdict for f in checked.findings if f.topic == topic}
+
+
+def found(checked, name):
+    (finding,) = (f for f in checked.findings if f.name == name)
+    return finding
+
+
+def changed(path, model, *edits):
+    """Build a bundled model with edits (old, new) of its equations, as a stranger's FMU."""
+    text = (MODELS / model / "model.c").read_text()
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NRS_CACHE", str(path))
+        return build_model(declaration(model), {"model.c": text.encode()})
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("model", ["two_link_arm", "n_link_arm", "planar_robot"])
+def test_bundled_models_obey_mechanics(model, fmi):
+    checked = check(Task(open_archive(build(model, fmi))))
+    assert checked.passes
+    assert verdicts(checked) == dict.fromkeys(PHYSICS, "holds")
+    assert verdicts(checked, "drives")["chosen"] == "holds"
+    assert verdicts(checked, "loads") == {"CoSimulation": "holds", "ModelExchange": "holds"}
+    power = found(checked, "power")
+    assert power.text.startswith("loses energy" if model == "planar_robot" else "energy is kept")
+
+
+def test_damping_is_what_the_closed_form_says():
+    """Of m v̇ = −d v the power is −d v'v, beside v'mv / s: −0.5 / (0.5 + 2)."""
+    power = found(check(Task(open_archive(build("planar_robot")))), "power")
+    np.testing.assert_allclose(power.value, -0.2, rtol=1e-6)
+
+
+@pytest.mark.parametrize("solver", [None, "rk4"])
+@pytest.mark.parametrize(
+    ("model", "old", "new", "fails"),
+    [
+        ("planar_robot", "/ p->m", "/ -p->m", "M positive definite"),
+        ("two_link_arm", "qdd[0] = (M22 * f1 - M12", "qdd[0] = (M22 * f1 + M12", "M symmetric"),
+        ("two_link_arm", "C2 = b", "C2 = 1.5 * b", "power"),
+        ("planar_robot", "- p->d", "+ p->d", "power"),
+    ],
+)
+def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
+    archive = open_archive(changed(tmp_path, model, (old, new)))
+    m = np.zeros(2)
+    body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
+    checked = check(Task(archive, body, driving=Driving(solver=solver)))
+    assert not checked.passes
+    assert [name for name, verdict in verdicts(checked).items() if verdict == "fails"] == [fails]
+
+
+def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
+    crash = changed(tmp_path, "planar_robot", ("(void)q;", "if (q[0] != 0.0) __builtin_trap();"))
+    done = nrs(crash, "--json")
+    assert done.returncode == 1
+    assert not done.stderr
+    *before, last = json.loads(done.stdout)["findings"]
+    assert {f["topic"] for f in before} == {"valid", "loads", "variables", "drives"}
+    assert last["verdict"] == "fails"
+    assert "crashed with SIG" in last["text"]
+    assert "after drives: chosen" in last["text"]
+
+
+@pytest.mark.parametrize(
+    ("act", "ending"),
+    [("exit(0);", "exited with status 0"), ("for (;;) {}", "did not return within 3 s")],
+)
+def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
+    path = changed(
+        tmp_path,
+        "planar_robot",
+        ('#include "robot.h"', '#include <stdlib.h>\n#include "robot.h"'),
+        ("(void)q;", f"if (q[0] != 0.0) {{ {act} }}"),
+    )
+    assert ending in check(Task(open_archive(path)), deadline=3.0).findings[-1].text
+
+
+def test_names_that_are_not_found_tell_what_to_write(tmp_path):
+    def edit(text):
+        return renamed(
+            text,
+            lambda stem, at: (
+                f"phi_{at[0]}_" if stem == "q" else f"{stem}[{','.join(map(str, at))}]"
+            ),
+        )
+
+    path = rewritten(tmp_path / "a.fmu", 2, edit)
+    checked = check(Task(open_archive(path)))
+    assert verdicts(checked, "drives")["chosen"] == "fails"
+    assert 'variables.q = "its name"' in found(checked, "q").text
+    mended = check(Task(open_archive(path), names={"q": ("phi_1_", "phi_2_")}))
+    assert mended.passes
+    assert found(mended, "q").text == "phi_1_ (rad), phi_2_ (rad)"
+
+
+def test_a_scenario_tells_names_gains_and_driving(tmp_path):
+    done = nrs("two_link_arm", "--json", "--scenario", "scenarios/paper_first_order.toml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    text = Path("scenarios/paper_first_order.toml").read_text("utf-8")
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(
+        re.sub(r'fmu = "two_link_arm".*', 'fmu = "x.fmu"\nsolver = "rk4"\nstep = 0.001', text)
+    )
+    done = nrs("two_link_arm", "--json", "--scenario", scenario)
+    (alone,) = (f for f in json.loads(done.stdout)["findings"] if f["topic"] == "runs")
+    assert alone["text"].startswith("1 s by Model Exchange, RK4 step 0.001 s: finite")
+
+
+def test_json_has_each_finding():
+    told = json.loads(nrs("planar_robot", "--json").stdout)
+    assert set(told) == {"fmu", "sha256", "passes", "findings"}
+    assert all(set(f) == {"topic", "name", "verdict", "text", "value"} for f in told["findings"])
+    topics = list(dict.fromkeys(f["topic"] for f in told["findings"]))
+    assert topics == ["valid", "loads", "variables", "drives", "runs", "physics"]
+
+
+def test_exit_statuses(tmp_path):
+    good = nrs("planar_robot")
+    assert good.returncode == 0
+    assert "loses energy (damping)" in good.stdout
+    negative = changed(tmp_path, "planar_robot", ("/ p->m", "/ -p->m"))
+    bad = nrs(negative)
+    assert bad.returncode == 1
+    assert re.search(r"M positive definite +does not hold", bad.stdout)
+    assert nrs("none.fmu").returncode == 2
+    assert nrs("planar_robot", "--scenario", "none.toml").returncode == 2
