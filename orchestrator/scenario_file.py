@@ -15,6 +15,7 @@ from estimator_agents.algorithm import algorithm_names
 from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, Uniform
+from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 AXES = "numbers, one for each of target.axes"
@@ -127,7 +128,7 @@ def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
 def _nearest(name: str, known: Sequence[str]) -> str:
     """Suggest the nearest known name, or list them all."""
     close = get_close_matches(name, known, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; known keys are {', '.join(known)}"
+    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:
@@ -139,7 +140,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             f"got {scenario.algorithm.name!r}"
         )
     yield from _time_faults(scenario)
-    yield from _parameter_faults("plant", scenario.plant)
+    yield from _plant_faults("plant", scenario.plant)
     yield from _network_faults(scenario)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
@@ -158,7 +159,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield f"{here}.id: robot {robot.id} has been given before"
         seen.add(robot.id)
         if robot.plant:
-            yield from _parameter_faults(f"{here}.plant", robot.plant)
+            yield from _plant_faults(f"{here}.plant", robot.plant)
         if robot.controller:
             yield from _gain_faults(f"{here}.controller", robot.controller, m)
         if robot.disturbance:
@@ -169,7 +170,10 @@ def _faults(scenario: Scenario) -> Iterator[str]:
                 yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
 
 
-def _parameter_faults(where: str, plant: Plant) -> Iterator[str]:
+def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+    for name in plant.variables:
+        if name not in UNITS:
+            yield f"{where}.variables.{name}: no quantity of ours{_nearest(name, list(UNITS))}"
     for name in plant.parameters:
         if name in ELSEWHERE:
             yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"

@@ -8,6 +8,9 @@ from plant_fmu.archives.quantities import Layout
 from plant_fmu.archives.variables import NO_SIZES, find_quantity
 from plant_fmu.errors import FmuError
 
+VECTORS = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
+"""Of m numbers each."""
+
 
 def has(
     archive: Archive,
@@ -42,3 +45,19 @@ def takes(
         inputs.issuperset(Layout.of([find_quantity(archive, ours, names, sizes=sizes)]).references)
         for ours in quantities
     )
+
+
+def expect_apart(archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int, int]) -> None:
+    """Raise `FmuError` when two of our quantities stand for one number of the FMU's."""
+    taken: dict[tuple[int, int], str] = {}
+    for ours in VECTORS:
+        if not has(archive, names, ours, sizes=sizes):
+            continue
+        for part in find_quantity(archive, ours, names, sizes=sizes).parts:
+            for number in range(part.first, part.first + part.size):
+                other = taken.setdefault((part.reference, number), ours)
+                if other != ours:
+                    raise FmuError(
+                        f"{archive.label}: {other} and {ours} stand for the same number of the "
+                        f"FMU's; see the scenario's plant.variables"
+                    )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
+from plant_fmu.archives.presence import expect_apart
 from plant_fmu.drives import stability
 from plant_fmu.drives.cvode import Cvode
 from plant_fmu.drives.driving import RTOL, STEP, Driving, choose
@@ -39,6 +40,8 @@ def open_plants(
     `FmuError` says what is wrong with the FMU or with what it was told.
     """
     sizes = sizes_of(assignments(archive, bodies[0].parameters))
+    if names:
+        expect_apart(archive, names, sizes)
     offer = choose(archive, names, driving, sizes)
     asked = driving.solver or driving.control
     why = f"{offer.reason}; " + (

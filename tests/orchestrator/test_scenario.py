@@ -108,6 +108,10 @@ BAD = {
     ),
     "number without end": (("seed = 1", "seed = " + "1" * 5000), "not valid TOML: "),
     "nested without end": (("seed = 1", "seed = " + "[" * 5000), "not valid TOML: nested too"),
+    "name for no quantity": (
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.velocty_ref = "v"'),
+        "plant.variables.velocty_ref: no quantity of ours; did you mean 'velocity_ref'?",
+    ),
     "parameter that has a table": (
         ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { kp = 7.0 }\n#"),
         "plant.parameters.kp: give it as controller.kp instead",
