@@ -93,9 +93,10 @@ def run(
             if stopped():
                 raise Interrupted
 
-        outcome = run_scenario(file, path, compression=compression, watch=watch)
-    with Reader(path) as reader:
-        told = lines(describe(reader), measure(reader))
+        whole = path.absolute()  # an FMU may change the working directory
+        outcome = run_scenario(file, whole, compression=compression, watch=watch)
+    with Reader(whole) as reader:
+        told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
     simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
     showing.summary(out, told)
@@ -167,17 +168,26 @@ def main() -> None:
 
 @contextmanager
 def _signals() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all."""
-    stopped = False
+    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all.
 
-    def stop(number: int, _frame: FrameType | None) -> None:
+    As long as nobody has asked, a run is still being set up, and the first one ends all.
+    """
+    asked = stopped = False
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
         nonlocal stopped
+        if stopped or not asked:
+            raise KeyboardInterrupt
         stopped = True
-        signal.signal(number, signal.default_int_handler)
+
+    def ask() -> bool:
+        nonlocal asked
+        asked = True
+        return stopped
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: stopped
+        yield ask
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -200,7 +200,9 @@ class Plant(Table):
     solver: Literal["cvode", "rk4"] | None = Field(
         None, description="of Model Exchange; by default the most accurate way that the FMU offers"
     )
-    rtol: Positive | None = Field(None, description="of cvode, relative; 1e-9 by default")
+    rtol: Annotated[Number, Field(ge=1e-13, le=1e-2)] | None = Field(
+        None, description="of cvode, relative; 1e-9 by default"
+    )
     step: Positive | None = Field(None, description="s; the longest of rk4, 0.005 by default")
     control: Literal["hold", "heun"] | None = Field(
         None, description="of a torque from outside, in Co-Simulation: held, or corrected once"

@@ -18,6 +18,7 @@ from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, Uniform
 from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
+SHORTEST = 1e-6
 AXES = "numbers, one for each of target.axes"
 ELSEWHERE = {
     "kp": "controller.kp",
@@ -174,6 +175,10 @@ def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
     for name in plant.variables:
         if name not in UNITS:
             yield f"{where}.variables.{name}: no quantity of ours{_nearest(name, list(UNITS))}"
+    for name in ("step", "control_step"):
+        given = getattr(plant, name)
+        if given is not None and given < SHORTEST:
+            yield f"{where}.{name}: expected at least {SHORTEST:g} s, got {given:g} s"
     for name in plant.parameters:
         if name in ELSEWHERE:
             yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"

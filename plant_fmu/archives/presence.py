@@ -29,6 +29,17 @@ def has(
     return True
 
 
+def why_not(
+    archive: Archive, names: Mapping[str, Spec], ours: str, sizes: Mapping[int, int]
+) -> str:
+    """Return why an FMU has not a quantity; nothing when it has."""
+    try:
+        find_quantity(archive, ours, names, sizes=sizes)
+    except FmuError as error:
+        return str(error)
+    return ""
+
+
 def takes(
     archive: Archive,
     names: Mapping[str, Spec],
@@ -55,9 +66,10 @@ def expect_apart(archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int
             continue
         for part in find_quantity(archive, ours, names, sizes=sizes).parts:
             for number in range(part.first, part.first + part.size):
-                other = taken.setdefault((part.reference, number), ours)
-                if other != ours:
+                other = taken.get((part.reference, number))
+                if other is not None:
                     raise FmuError(
                         f"{archive.label}: {other} and {ours} stand for the same number of the "
                         f"FMU's; see the scenario's plant.variables"
                     )
+                taken[part.reference, number] = ours

@@ -1,8 +1,7 @@
 """A number of the FMU's times the factor of its unit is ours, in SI: rad, m, s, N, N m.
 
 What a unit is, its definition in the FMU says (BaseUnit: exponents, factor, offset), else its
-name. A unit that neither explains is taken as SI unless it is a multiple, such as kN.m: rather
-refused than guessed. No unit is SI.
+name. A unit that neither explains is refused. No unit is SI.
 """
 
 import re
@@ -60,6 +59,9 @@ def read(name: str) -> Meaning | None:
     return Meaning(factor, exponents)
 
 
+NO_UNIT = frozenset({"", "-"})
+
+
 def si_factor(name: str, definitions: Sequence[Unit], expected: Sequence[str]) -> float:
     """Return the factor to SI of a unit that must be like one of those expected, named in SI.
 
@@ -70,6 +72,8 @@ def si_factor(name: str, definitions: Sequence[Unit], expected: Sequence[str]) -
     if unit is None:
         if any(_MULTIPLE.match(text) for _, text in _factors(name)):
             raise ValueError("a multiple of an SI unit that the FMU does not define")
+        if name.strip() not in NO_UNIT:
+            raise ValueError("a unit that the FMU does not define")
         return 1.0
     if not any(_is_like(unit, read(other), name) for other in expected):
         raise ValueError(f"expected {' or '.join(expected)}, or a multiple")

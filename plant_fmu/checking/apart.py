@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from plant_fmu.checking.findings import Finding, FmuCheck, Task, findings
+from plant_fmu.isolation.worker import follow
 
 DEADLINE = 60.0
 """s"""
@@ -36,7 +37,7 @@ def _found_apart(task: Task, deadline: float) -> list[Finding]:
         path = Path(folder) / "task"
         path.write_bytes(pickle.dumps(task))
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "plant_fmu.checking.apart", str(path)],
+            [sys.executable, "-P", "-m", "plant_fmu.checking.apart", str(path), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -86,7 +87,9 @@ def _ending(status: int) -> str:
 def main() -> None:
     """Find what the pickled task asks for; say each as it is made."""
     np.seterr(all="ignore")
-    task: Task = pickle.loads(Path(sys.argv[1]).read_bytes())
+    path, parent = sys.argv[1:]
+    follow(int(parent))
+    task: Task = pickle.loads(Path(path).read_bytes())
     with os.fdopen(os.dup(1), "w") as lines:
         os.dup2(2, 1)
         for finding in findings(task):

@@ -13,7 +13,7 @@ from typing import Literal
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.presence import has, takes
+from plant_fmu.archives.presence import has, takes, why_not
 from plant_fmu.archives.variables import NO_SIZES
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi.library import Kind
@@ -103,13 +103,18 @@ def choose(
     asked = driving.solver or driving.control
     fitting = [offer for offer in offered if asked in {None, offer.way}]
     if not fitting:
-        raise FmuError(f"{archive.label}: {_refusal(archive, names, offered, asked)}")
+        refusal = _refusal(archive, names, offered, asked, sizes)
+        raise FmuError(f"{archive.label}: {refusal}")
     _expect_use(archive, fitting[0], driving)
     return fitting[0]
 
 
 def _refusal(
-    archive: Archive, names: Mapping[str, Spec], offered: tuple[Offer, ...], asked: Way | None
+    archive: Archive,
+    names: Mapping[str, Spec],
+    offered: tuple[Offer, ...],
+    asked: Way | None,
+    sizes: Mapping[int, int],
 ) -> str:
     """Say what an FMU offers, and what it would have to have for more."""
     ways = ", ".join(offer.way for offer in offered) or "none"
@@ -117,14 +122,18 @@ def _refusal(
     lacking = [
         f"{name} (an input)"
         for name in ("tau", "position_ref", "velocity_ref")
-        if not takes(archive, names, name)
+        if not takes(archive, names, name, sizes=sizes)
     ]
-    lacking += [name for name in ("q", "qd") if not has(archive, names, name)]
+    lacking += [name for name in ("q", "qd") if not has(archive, names, name, sizes=sizes)]
     lacking += sorted({"CoSimulation", "ModelExchange"}.difference(archive.kinds))
     told = archive.description.coSimulation
     if told and not told.canGetAndSetFMUstate:
         lacking.append("canGetAndSetFMUState")
-    return f"{wanted}; the ways that it offers are {ways}, and it lacks {', '.join(lacking)}"
+    causes = [why_not(archive, names, name, sizes) for name in ("q", "qd", "tau")]
+    cause = next(filter(None, causes), "")
+    return f"{wanted}; the ways that it offers are {ways}, and it lacks {', '.join(lacking)}" + (
+        f". First: {cause}" if cause else ""
+    )
 
 
 def _expect_use(archive: Archive, offer: Offer, driving: Driving) -> None:

@@ -112,6 +112,7 @@ class ModelExchangePlants:
             robot.begin(time)
         self._solvers = [self._solve(robot) for robot in self._robots]
         self._gather()
+        instances.expect_start(bodies, np.hstack([self.q, self.qd]))
 
     def _gather(self) -> None:
         m = self.q.shape[1]

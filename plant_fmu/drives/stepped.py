@@ -96,6 +96,7 @@ class Stepped:
         self._bodies, self.law, self.time = list(bodies), Law(bodies), time
         self.instances.initialise(bodies, [self._told(body) for body in bodies], time)
         self.read()
+        self.instances.expect_start(bodies, self.state)
 
     def _moved(self, state: Array) -> list[Body]:
         """Return the bodies at other q and qd, with the references that they have by now."""

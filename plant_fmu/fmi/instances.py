@@ -14,7 +14,7 @@ from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import Quantity, View
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.errors import FmuError, StepError
-from plant_fmu.fmi.assigning import assignments, sizes_of
+from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
 from plant_fmu.fmi.calls import Call, answer, c_references, is_fine
 from plant_fmu.fmi.library import Library
 from plant_fmu.plants import Array, Body
@@ -52,7 +52,7 @@ class Instances:
             for assignment in assigned:
                 for status in assignment.acts(calls, handle):
                     self._expect_ok(row, f"setting {assignment.name}", status)
-            self._start(row, told, sizes_of(assigned))
+            self._start(row, told, assigned)
             self._expect_ok(row, "initialisation", calls.enter_initialization(handle, start))
             self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
 
@@ -106,6 +106,19 @@ class Instances:
             row = int(np.flatnonzero(~finite.all(axis=1))[0])
             raise self.failure(row, seconds, f"its outputs are not finite: {rows[row].tolist()}")
 
+    def expect_start(self, bodies: Sequence[Body], state: Array) -> None:
+        """Raise `FmuError` where a robot's q and qd (robots, 2 m) are not what it was told."""
+        for row, body in enumerate(bodies):
+            for name, told, got in zip(
+                ("q", "qd"), (body.q, body.qd), np.split(state[row], 2), strict=True
+            ):
+                if not np.allclose(got, told, rtol=1e-9, atol=1e-9):
+                    raise FmuError(
+                        f"{self.library.archive.label}: {name} of robot {body.robot} was to start "
+                        f"at {told.tolist()} (initial.{name}), but starts at {got.tolist()}; what "
+                        f"stands for {name} must be a state whose start can be set"
+                    )
+
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
         return self.failure(
@@ -125,8 +138,9 @@ class Instances:
 
         return transfer
 
-    def _start(self, row: int, told: Mapping[str, Any], sizes: Mapping[int, int]) -> None:
+    def _start(self, row: int, told: Mapping[str, Any], assigned: Sequence[Assignment]) -> None:
         """Set one robot's values of our quantities, in SI, all at once."""
+        sizes = sizes_of(assigned)
         archive = self.library.archive
         values = {ours: np.ravel(np.asarray(value, float)) for ours, value in told.items()}
         quantities = [
@@ -134,6 +148,12 @@ class Instances:
             for ours, value in values.items()
         ]
         view = View(quantities, np.concatenate(list(values.values()))[None])
+        for assignment in assigned:
+            if not set(view.references).isdisjoint(assignment.references):
+                raise FmuError(
+                    f"{archive.label}: parameter {assignment.name} is among "
+                    f"{_listed(quantities)}, which the scenario gives in tables of their own"
+                )
         view.give()
         status = self.library.calls.set(*self.arguments(row, view, 0))
         self._expect_ok(row, f"setting {_listed(quantities)}", status)

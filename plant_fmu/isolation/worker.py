@@ -134,7 +134,7 @@ def _private_pipes() -> tuple[BinaryIO, BinaryIO]:
     return os.fdopen(requests, "rb"), os.fdopen(replies, "wb", buffering=0)
 
 
-def _follow(parent: int) -> None:
+def follow(parent: int) -> None:
     """Let Linux end this process with its parent's thread, and C print by the line."""
     if sys.platform != "linux":
         return
@@ -150,7 +150,7 @@ def main() -> None:
     """Run the task that the command line names."""
     task, parent = sys.argv[1:]
     pipes = _private_pipes()
-    _follow(int(parent))
+    follow(int(parent))
     serve(pickle.loads(Path(task).read_bytes()), *pipes)
 
 

@@ -158,7 +158,8 @@ class Worker:
         what = "the FMU" if progress.calls else "its worker process"
         act = f", in {progress.act}" if progress.act else ""
         lines = self._printed.decode(errors="replace").split("\n")
-        last = " / ".join([line.strip() for line in lines if line.strip()][-3:])
+        plain = ("".join(c if c.isprintable() else " " for c in line).strip() for line in lines)
+        last = " / ".join([line for line in plain if line][-3:])
         cause = f"{what} {ending}{act}" + (f"; it printed: {last}" if last else "")
         if seconds is None:
             return FmuError(f"{self._label}: {who}: {cause}")

@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
 from plant_fmu.bundled.building import write
+from plant_fmu.errors import FmuError
 from recordings.reading import Reader
 from recordings.tables import states
 from tests.orchestrator.arms import simulate
@@ -160,3 +161,14 @@ def point_mass(rows):
         x = solve_ivp(rates, (0, 0.1), x, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
         story.append(x[:2])
     return np.array(story)
+
+
+def test_a_start_that_the_fmu_does_not_take_is_refused(tmp_path):
+    """A derivative can be read for qd, but where it starts cannot be told."""
+    casadi(tmp_path)
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    plant = 'fmu = "CasadiArm.fmu"\nvariables = { qd = { pattern = "der(q{i})" } }\n#'
+    text = text.replace('fmu = "two_link_arm"', plant)
+    file = parse_scenario(text, "foreign", tmp_path, "foreign")
+    with pytest.raises(FmuError, match=r"qd of robot 1 was to start at .*initial\.qd"):
+        run(file, tmp_path / "run.mcap")

@@ -212,7 +212,10 @@ def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
         (("sampling_period = 0.1", "sampling_period = 0"), "run.sampling_period: expected greater"),
         (("\n[plant]", "\n[plnt]"), "did you mean 'plant'?"),
         (
-            ("# parameters = { m1 = 0.5", 'variables = { tau_applied = "tau" }\n# parameters = { m1 = 0.5'),
+            (
+                "# parameters = { m1 = 0.5",
+                'variables = { tau_applied = "tau" }\n# parameters = { m1 = 0.5',
+            ),
             "plant: two_link_arm: tau and tau_applied stand for the same number",
         ),
         (('name = "dcea1"', 'name = "dcea3"'), "algorithm.name: expected one of dcea1, dcea2"),

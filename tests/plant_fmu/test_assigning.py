@@ -170,5 +170,7 @@ def test_slices_of_arrays_are_driven_and_read_as_parts_of_them(typed):
         plants.advance(0.0, 0.1)
         assert plants.q.tolist() == [[0, 0]]
         assert plants.qd.tolist() == [[1.5, 2.5]]
-        with pytest.raises(FmuError, match=r"u\[2:4\] for velocity_ref is beyond the 3 numbers"):
-            open_plants(stack, typed, [body({"n": 3})], {**NAMES, "qd": "x[0:2]"})
+        with pytest.raises(FmuError, match=r"x\[2:4\] for qd is beyond the 3 numbers"):
+            open_plants(stack, typed, [body({"n": 3})], NAMES)
+        with pytest.raises(FmuError, match="q and qd stand for the same number"):
+            open_plants(stack, typed, [body({"n": 4})], {**NAMES, "qd": "x[1:3]"})

@@ -251,7 +251,6 @@ def test_a_state_is_real(fmu, kind):
         ("Nm", "", "tau", 1),
         ("kg.m2.s-2", "", "tau", 1),
         ("N.m/deg", 'kg="1" m="2" s="-2" rad="-1" factor="57.3"', "kp", 57.3),
-        ("furlong", "", "q", 1),
         ("degC", 'K="1" offset="273.15"', "other", 1),
     ],
 )
@@ -264,6 +263,8 @@ def test_numbers_are_brought_to_si(fmu, unit, definition, name, factor):
 @pytest.mark.parametrize(
     ("unit", "definition", "name", "reason"),
     [
+        ("furlong", "", "q", "a unit that the FMU does not define"),
+        ("Deg", "", "q", "a unit that the FMU does not define"),
         ("kN.m", "", "tau", "a multiple of an SI unit that the FMU does not define"),
         ("mrad", "", "q", "a multiple of an SI unit that the FMU does not define"),
         ("kg", "", "q", "expected rad or m, or a multiple"),
@@ -282,9 +283,15 @@ def test_a_unit_that_contradicts_is_refused(fmu, unit, definition, name, reason)
     assert message == f"variable '{name}' for {name} is in '{unit}': {reason}"
 
 
-@pytest.mark.parametrize("unit", ["", "-", "/", "N.(m)", "rad/s/", "²"])
-def test_a_unit_that_cannot_be_read_is_none(unit):
+@pytest.mark.parametrize("unit", ["/", "N.(m)", "rad/s/", "²"])
+def test_a_unit_that_cannot_be_read_is_refused(unit):
     assert read(unit) is None
+    with pytest.raises(ValueError, match="a unit that the FMU does not define"):
+        si_factor(unit, [], ["rad"])
+
+
+@pytest.mark.parametrize("unit", ["", "-"])
+def test_a_dash_is_no_unit(unit):
     assert si_factor(unit, [], ["rad"]) == 1.0
 
 
