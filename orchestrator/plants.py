@@ -1,6 +1,6 @@
 """The robots' bodies become plants: each FMU is loaded once, for all robots that have it."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
@@ -29,6 +29,11 @@ class Group:
     plant: Plant
     archive: Archive
     rows: list[int]
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the plants run in processes of their own: an FMU of others, if it may."""
+        return self.plant.isolate and not self.archive.ours
 
     @property
     def names(self) -> dict[str, Spec]:
@@ -68,6 +73,7 @@ def group_by_archive(scenario: Scenario, folder: Path) -> list[Group]:
 
 def open_fleet(stack: ExitStack, groups: Sequence[Group], bodies: Sequence[Body]) -> Fleet:
     """Load, instantiate and initialise all plants at t_0; the stack ends them."""
+    _expect_once(groups)
     opened = []
     for group in groups:
         with _named(group.field):
@@ -77,16 +83,24 @@ def open_fleet(stack: ExitStack, groups: Sequence[Group], bodies: Sequence[Body]
 
 
 def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> DrivenPlants:
-    """Open a group's plants: an FMU of ours in this process, one of others isolated if it may."""
-    archive, plant, driving = group.archive, group.plant, group.driving
-    if plant.isolate and not archive.ours:
-        return IsolatedPlants(stack, archive, bodies, group.names, driving, plant.deadline)
-    if archive.once_per_process and len(bodies) > 1:
-        raise FmuError(
-            f"{archive.label}: can be instantiated only once per process, but {len(bodies)} robots "
-            f"have it and plant.isolate is false"
-        )
-    return open_plants(stack, archive, bodies, group.names, driving)
+    archive, names, driving = group.archive, group.names, group.driving
+    if group.is_apart:
+        return IsolatedPlants(stack, archive, bodies, names, driving, group.plant.deadline)
+    return open_plants(stack, archive, bodies, names, driving)
+
+
+def _expect_once(groups: Sequence[Group]) -> None:
+    """Raise `FmuError` for more instances in this process than an FMU allows."""
+    here = Counter[str]()
+    for group in groups:
+        if group.is_apart or not group.archive.once_per_process:
+            continue
+        here[group.archive.sha256] += len(group.rows)
+        if here[group.archive.sha256] > 1:
+            raise FmuError(
+                f"{group.field}: {group.archive.label}: can be instantiated only once per process, "
+                f"but {here[group.archive.sha256]} robots have it and plant.isolate is false"
+            )
 
 
 @contextmanager

@@ -18,7 +18,9 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from orchestrator.plants import Group, open_fleet
 from orchestrator.running import run
+from orchestrator.scenario import Plant
 from orchestrator.scenario_file import parse_scenario
 from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.bundled import building, declaration
@@ -319,6 +321,15 @@ def test_once_per_process_needs_isolation(place, monkeypatch):
     file = parse_scenario(scenario(plant="isolate = false"), "s", place, "s")
     with pytest.raises(FmuError, match=r"only once per process, but 3 robots have it"):
         run(file, place / "run.mcap")
+
+
+def test_once_per_process_is_counted_over_all_groups(place, monkeypatch):
+    monkeypatch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
+    plants = [Plant(fmu="faulty.fmu", isolate=False, deadline=s) for s in (1.0, 2.0)]
+    archive = open_archive(place / "faulty.fmu")
+    groups = [Group(f"plant {row}", plant, archive, [row]) for row, plant in enumerate(plants)]
+    with ExitStack() as stack, pytest.raises(FmuError, match=r"plant 1: .* but 2 robots have it"):
+        open_fleet(stack, groups, bodies(2))
 
 
 def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
