@@ -46,7 +46,7 @@ class Block:
         self.q, self.qd, self._torque = body.q[None], body.qd[None], body.disturbance.offset
 
     def hold(self, position: Array, velocity: Array) -> None:
-        raise NotImplementedError
+        raise AssertionError("the limit is probed by pushes alone")
 
     def advance(self, start: float, step: float) -> None:  # noqa: ARG002
         self.qd = self.qd + step * np.linalg.solve(INERTIA, self._torque)
