@@ -45,7 +45,7 @@ class Block:
             raise StepError("beyond its joints' limits")
         self.q, self.qd, self._torque = body.q[None], body.qd[None], body.disturbance.offset
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, position: Array, velocity: Array) -> None:  # noqa: ARG002
         raise AssertionError("the limit is probed by pushes alone")
 
     def advance(self, start: float, step: float) -> None:  # noqa: ARG002
