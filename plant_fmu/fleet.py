@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.drives.checkpoint import join, split
+from plant_fmu.drives.checkpoint import expect_one_time
 from plant_fmu.plants import Array, DrivenPlants
 
 
@@ -33,15 +33,20 @@ class Fleet:
             plants.advance(start, step)
         self._gather()
 
-    def save(self) -> bytes:
-        """Return the plants' times and states."""
-        return join([plants.save() for plants in self.plants])
+    def save(self) -> list[bytes]:
+        """Return each robot's checkpoint."""
+        saved = {
+            row: data
+            for rows, plants in self._groups
+            for row, data in zip(rows.tolist(), plants.save(), strict=True)
+        }
+        return [saved[row] for row in range(len(saved))]
 
-    def restore(self, data: bytes) -> None:
-        """Put back what `save` returned."""
-        parts = split(data, len(self.plants))
-        for plants, part in zip(self.plants, parts, strict=True):
-            plants.restore(part)
+    def restore(self, data: Sequence[bytes]) -> None:
+        """Put each robot back to a checkpoint."""
+        expect_one_time(data, len(self.q))
+        for rows, plants in self._groups:
+            plants.restore([data[row] for row in rows])
         self._gather()
 
     def _gather(self) -> None:

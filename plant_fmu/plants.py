@@ -93,19 +93,24 @@ class Plants(Protocol):
 
 
 class Checkpointed(Protocol):
-    """What can be put back to where it was, by the same or by another process.
+    """What can be put back to where it was, in this or in another process, a row a robot.
 
-    A checkpoint is taken after an `advance` and before the next `hold`. Where it is `exact`, what
-    follows it is the same to the last bit; otherwise only to the FMU's own accuracy.
+    A checkpoint is taken after an `advance` and before the next `hold`, and what follows it is the
+    same to the last bit. A robot's is its own: robots that were saved together may go on apart, and
+    the other way round. What is not `exact` has none, and must not be asked for one.
     """
 
     exact: bool
+    """Whether all FMUs claim that their states can be saved, which `nrs fmu check` tries."""
 
-    def save(self) -> bytes:
-        """Return the plants' time and states."""
+    def save(self) -> list[bytes]:
+        """Return each robot's checkpoint; `StepError` names the robot whose FMU refuses."""
 
-    def restore(self, data: bytes) -> None:
-        """Put back what `save` returned; `FmuError` where that was of other plants."""
+    def restore(self, data: Sequence[bytes]) -> None:
+        """Put each robot back to a checkpoint of one of the same FMU, driven likewise.
+
+        `FmuError` where that was of another FMU, and where they are not all of one time.
+        """
 
 
 class DrivenPlants(Plants, Checkpointed, Protocol):

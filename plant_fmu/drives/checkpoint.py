@@ -1,41 +1,68 @@
-"""A checkpoint is parts, each after its length: plain bytes and doubles, nothing to be executed."""
+"""A robot's checkpoint is its own: its FMU's digest, its numbers, the time first, its FMU's state.
 
-import struct
+It says nothing of other robots, so that those that were saved together go on in any company. It is
+plain bytes and doubles, nothing to be executed.
+"""
+
 from collections.abc import Sequence
+from struct import Struct
 
 import numpy as np
 
+from plant_fmu.archives.archive import Archive
 from plant_fmu.errors import FmuError
 from plant_fmu.plants import Array
 
-
-def join(parts: Sequence[bytes]) -> bytes:
-    """Return parts as one."""
-    return b"".join(struct.pack("<Q", len(part)) + part for part in parts)
-
-
-def split(data: bytes, count: int) -> list[bytes]:
-    """Return what was joined; `FmuError` unless it is that many parts and no more."""
-    parts, at = [], 0
-    while at + 8 <= len(data):
-        (length,) = struct.unpack_from("<Q", data, at)
-        parts.append(data[at + 8 : at + 8 + length])
-        at += 8 + length
-    if at != len(data) or len(parts) != count:
-        raise FmuError(f"the checkpoint is not one of these plants: expected {count} whole parts")
-    return parts
+HEAD = Struct("<32sII")
+"""The FMU's sha256, how many doubles follow, and how many bytes of its state follow them."""
+_TIME = Struct("<d")
 
 
-def doubles(*values: Array | float) -> bytes:
-    """Return numbers as bytes."""
-    return np.concatenate([np.ravel(value) for value in values]).astype("<f8").tobytes()
+def encode(archive: Archive, numbers: Array, states: Sequence[bytes]) -> list[bytes]:
+    """Return the checkpoints of rows of numbers (rows, count), of which the first is the time."""
+    digest, told = bytes.fromhex(archive.sha256), numbers.astype("<f8")
+    return [
+        HEAD.pack(digest, row.size, len(state)) + row.tobytes() + state
+        for row, state in zip(told, states, strict=True)
+    ]
 
 
-def numbers(part: bytes, count: int) -> Array:
-    """Return a part's numbers; `FmuError` unless there are that many."""
-    if len(part) != 8 * count:
+def decode(
+    archive: Archive, robots: Sequence[int], data: Sequence[bytes], count: int
+) -> tuple[Array, list[bytes]]:
+    """Return what was encoded of some robots: their numbers (rows, count), and FMU states.
+
+    `FmuError` where one is not of this FMU, or not whole, and where `expect_one_time` has it.
+    """
+    expect_one_time(data, len(robots))
+    digest, after = bytes.fromhex(archive.sha256), HEAD.size + 8 * count
+    for robot, row in zip(robots, data, strict=True):
+        whose, numbers, length = HEAD.unpack_from(row)
+        what = f"{archive.label}: the checkpoint given to robot {robot}"
+        if whose != digest:
+            raise FmuError(
+                f"{what} is of an FMU with sha256 {whose.hex()}, this one has {archive.sha256}"
+            )
+        if numbers != count:
+            raise FmuError(
+                f"{what} has {numbers} numbers, expected {count}: it is driven otherwise"
+            )
+        if len(row) != after + length:
+            raise FmuError(f"{what} has {len(row)} bytes, expected {after + length}")
+    told = np.frombuffer(b"".join(row[HEAD.size : after] for row in data), "<f8")
+    return told.reshape(len(data), count).astype(float), [row[after:] for row in data]
+
+
+def expect_one_time(data: Sequence[bytes], n: int) -> None:
+    """Raise `FmuError` unless there are checkpoints of n robots, and all are of one time."""
+    if len(data) != n:
+        raise FmuError(f"got checkpoints of {len(data)} robots, expected {n}")
+    short = next((row for row in data if len(row) < HEAD.size + _TIME.size), None)
+    if short is not None:
+        raise FmuError(f"a checkpoint of {len(short)} bytes is not whole")
+    times = sorted({_TIME.unpack_from(row, HEAD.size)[0] for row in data})
+    if len(times) > 1:
         raise FmuError(
-            f"the checkpoint is not one of these plants: expected {count} numbers, "
-            f"got {len(part) // 8}"
+            f"checkpoints of one time are needed, got some of t = {times[0]:g} s and some of "
+            f"t = {times[-1]:g} s"
         )
-    return np.frombuffer(part, "<f8").astype(float)

@@ -53,9 +53,8 @@ class Exchanged:
         self.tells_steps = bool(library.interface.needsCompletedIntegratorStep)
         """Whether the FMU wants to hear of each step of the solver."""
 
-    def begin(self, time: float) -> None:
+    def begin(self) -> None:
         """Leave initialisation, which ends in event mode."""
-        self.time = time
         self._iterate()
 
     def event(self) -> None:

@@ -29,16 +29,12 @@ class Law:
     def hold(self, since: float, position: Array, velocity: Array) -> None:
         """Take references (rows, m) that move on from a time in s."""
         self.since, self.position, self.velocity = since, position.copy(), velocity.copy()
-        self._held = _times(self._kp, position) + _times(self._kd, velocity)
-        self._drift = _times(self._kp, velocity)
+        self._held = _times(self._kp, self.position) + _times(self._kd, self.velocity)
+        self._drift = _times(self._kp, self.velocity)
         self._held_disturbed = (
             self._held + self._disturbance.offset + since * self._disturbance.rate
         )
         self._drift_disturbed = self._drift + self._disturbance.rate
-
-    def position_at(self, seconds: float) -> Array:
-        """Return ε(t), (rows, m)."""
-        return self.position + (seconds - self.since) * self.velocity
 
     def torque(self, seconds: float, state: Array) -> Array:
         """Return tau, (rows, m), at the states (rows, 2 m) of q and then qd."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import doubles, join, numbers, split
+from plant_fmu.drives.checkpoint import decode, encode
 from plant_fmu.drives.exchanged import Exchanged
 from plant_fmu.drives.law import Law
 from plant_fmu.drives.solvers import Solver
@@ -45,14 +45,14 @@ class ModelExchangePlants:
         self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
         self._instances = Instances(library, bodies, names)
         self._calls = library.bind(bind_model)
-        self.exact = bool(library.interface.canSerializeFMUstate)
+        self.exact = library.saves_states
         self._states = States(self._instances) if self.exact else None
-        self._start(bodies, 0.0)
+        self._start(bodies)
 
-    def start_again(self, bodies: Sequence[Body], time: float = 0.0) -> None:
-        """Reset the FMUs, and initialise them with bodies at a time in s."""
+    def start_again(self, bodies: Sequence[Body]) -> None:
+        """Reset the FMUs, and initialise them with bodies at t_0."""
         self._instances.reset()
-        self._start(bodies, time)
+        self._start(bodies)
 
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""
@@ -67,49 +67,54 @@ class ModelExchangePlants:
             _move(robot, solver, start + step)
         self._gather()
 
-    def save(self) -> bytes:
-        """Return times, laws and states; without states of their own, the continuous ones."""
-        parts = [
-            doubles(
-                robot.time, robot.next_event, law.since, law.position, law.velocity, robot.states
+    def save(self) -> list[bytes]:
+        """Return each robot's time, next event, law and states; only where it is `exact`."""
+        assert self._states is not None
+        told = [
+            np.hstack(
+                [
+                    robot.time,
+                    robot.next_event,
+                    law.since,
+                    *law.position,
+                    *law.velocity,
+                    robot.states,
+                ]
             )
             for robot, law in zip(self._robots, self._laws, strict=True)
         ]
-        own = self._states.save(self._robots[0].time) if self._states else []
-        return join([*parts, *own])
+        states = self._states.save(self._robots[0].time)
+        return encode(self._instances.library.archive, np.array(told), states)
 
-    def restore(self, data: bytes) -> None:
-        """Put back what `save` returned."""
-        n, m = self.q.shape
-        parts = split(data, 2 * n if self._states else n)
-        told = [
-            np.split(numbers(part, 3 + 2 * m + robot.states.size), [3, 3 + m, 3 + 2 * m])
-            for part, robot in zip(parts[:n], self._robots, strict=True)
-        ]
-        time = float(told[0][0][0])
-        if self._states:
-            self._states.restore(parts[n:], time)
-        else:
-            self.start_again(self._bodies, time)
-        for row, ((_, next_event, since), position, velocity, states) in enumerate(told):
-            robot = self._robots[row]
-            self._laws[row].hold(float(since), position[None], velocity[None])
-            if self._states:
-                robot.next_event = float(next_event)
+    def restore(self, data: Sequence[bytes]) -> None:
+        """Put back what `save` returned; only where it is `exact`."""
+        assert self._states is not None
+        m, instances = self.q.shape[1], self._instances
+        count = 3 + 2 * m + self._robots[0].states.size
+        told, own = decode(instances.library.archive, instances.robots, data, count)
+        self._states.restore(own, float(told[0, 0]))
+        for numbers, robot, law, solver in zip(
+            told, self._robots, self._laws, self._solvers, strict=True
+        ):
+            (time, next_event, since), position, velocity, states = np.split(
+                numbers, [3, 3 + m, 3 + 2 * m]
+            )
+            law.hold(float(since), position[None], velocity[None])
+            robot.next_event = float(next_event)
             robot.states[:] = states
-            robot.arrive(time)
-            self._solvers[row].restart()
+            robot.arrive(float(time))
+            solver.restart()
         self._gather()
 
-    def _start(self, bodies: Sequence[Body], time: float) -> None:
+    def _start(self, bodies: Sequence[Body]) -> None:
         instances = self._instances
-        instances.initialise(bodies, [_told(body) for body in bodies], time)
-        self._bodies, self._laws = list(bodies), [Law([body]) for body in bodies]
+        instances.initialise(bodies, [_told(body) for body in bodies])
+        self._laws = [Law([body]) for body in bodies]
         self._robots = [
             Exchanged(instances, row, self._calls, law) for row, law in enumerate(self._laws)
         ]
         for robot in self._robots:
-            robot.begin(time)
+            robot.begin()
         self._solvers = [self._solve(robot) for robot in self._robots]
         self._gather()
         instances.expect_start(bodies, np.hstack([self.q, self.qd]))

@@ -65,11 +65,11 @@ class ReferenceDrivenPlants:
         self._stepped.step(start, step)
         self._tell_torque()
 
-    def save(self) -> bytes:
-        """Return the plants' time and states."""
+    def save(self) -> list[bytes]:
+        """Return each robot's checkpoint."""
         return self._stepped.save()
 
-    def restore(self, data: bytes) -> None:
+    def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned."""
         self._stepped.restore(data)
         self._tell_torque()

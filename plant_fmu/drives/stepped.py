@@ -1,13 +1,12 @@
 """Instances for Co-Simulation with their law: one time, stepped, read, saved and put back."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import doubles, join, numbers, split
+from plant_fmu.drives.checkpoint import decode, encode
 from plant_fmu.drives.law import Law
 from plant_fmu.fmi.calls import bind_step
 from plant_fmu.fmi.instances import Instances
@@ -40,14 +39,14 @@ class Stepped:
             [self.instances.vector(name, self.m) for name in outputs], self.outputs
         )
         self._step = library.bind(bind_step)
-        self.exact = bool(library.interface.canSerializeFMUstate)
+        self.exact = library.saves_states
         self._states = States(self.instances) if self.exact else None
-        self._start(bodies, 0.0)
+        self._start(bodies)
 
-    def start_again(self, bodies: Sequence[Body], time: float = 0.0) -> None:
-        """Reset the FMUs, and initialise them with bodies at a time in s."""
+    def start_again(self, bodies: Sequence[Body]) -> None:
+        """Reset the FMUs, and initialise them with bodies at t_0."""
         self.instances.reset()
-        self._start(bodies, time)
+        self._start(bodies)
 
     def read(self) -> None:
         """Read the outputs; `StepError` where one is not finite."""
@@ -68,46 +67,26 @@ class Stepped:
         found = [self.instances.vector(name, self.m) for name in quantities]
         return rows, self.instances.writes(found, rows)
 
-    def save(self) -> bytes:
-        """Return time, law and states; without states of their own, the FMUs' q and qd."""
-        law = self.law
-        told = doubles(self.time, law.since, law.position, law.velocity)
-        if self._states:
-            return join([told, *self._states.save(self.time)])
-        return join([told, *map(doubles, self.state)])
+    def save(self) -> list[bytes]:
+        """Return each robot's time, law and state; only where it is `exact`."""
+        assert self._states is not None
+        law, since = self.law, np.empty((len(self.state), 2))
+        since[:] = self.time, self.law.since
+        told = np.hstack([since, law.position, law.velocity])
+        return encode(self.instances.library.archive, told, self._states.save(self.time))
 
-    def restore(self, data: bytes) -> None:
-        """Put back what `save` returned."""
-        n, m = len(self._bodies), self.m
-        first, *rows = split(data, 1 + n)
-        (time, since), held = np.split(numbers(first, 2 + 2 * n * m), [2])
-        position, velocity = held.reshape(2, n, m)
-        self.time = float(time)
-        self.law.hold(float(since), position, velocity)
-        if self._states:
-            self._states.restore(rows, self.time)
-            self.read()
-        else:
-            state = np.array([numbers(row, 2 * m) for row in rows])
-            self.start_again(self._moved(state), self.time)
-            self.law.hold(float(since), position, velocity)
+    def restore(self, data: Sequence[bytes]) -> None:
+        """Put back what `save` returned; only where it is `exact`."""
+        assert self._states is not None
+        m, instances = self.m, self.instances
+        told, states = decode(instances.library.archive, instances.robots, data, 2 + 2 * m)
+        self.time = float(told[0, 0])
+        self.law.hold(float(told[0, 1]), told[:, 2 : 2 + m], told[:, 2 + m :])
+        self._states.restore(states, self.time)
+        self.read()
 
-    def _start(self, bodies: Sequence[Body], time: float) -> None:
-        self._bodies, self.law, self.time = list(bodies), Law(bodies), time
-        self.instances.initialise(bodies, [self._told(body) for body in bodies], time)
+    def _start(self, bodies: Sequence[Body]) -> None:
+        self.law, self.time = Law(bodies), 0.0
+        self.instances.initialise(bodies, [self._told(body) for body in bodies])
         self.read()
         self.instances.expect_start(bodies, self.state)
-
-    def _moved(self, state: Array) -> list[Body]:
-        """Return the bodies at other q and qd, with the references that they have by now."""
-        m, position = self.m, self.law.position_at(self.time)
-        return [
-            replace(
-                body,
-                q=state[row, :m],
-                qd=state[row, m:],
-                position=position[row],
-                velocity=self.law.velocity[row],
-            )
-            for row, body in enumerate(self._bodies)
-        ]

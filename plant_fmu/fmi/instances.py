@@ -41,9 +41,7 @@ class Instances:
         archive = self.library.archive
         return find_quantity(archive, ours, self._names, size=m, sizes=self._sizes)
 
-    def initialise(
-        self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]], start: float = 0.0
-    ) -> None:
+    def initialise(self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]]) -> None:
         """Set each robot's parameters and its values of our quantities; end its initialisation."""
         calls = self.library.calls
         for row, (body, told) in enumerate(zip(bodies, values, strict=True)):
@@ -53,7 +51,7 @@ class Instances:
                 for status in assignment.acts(calls, handle):
                     self._expect_ok(row, f"setting {assignment.name}", status)
             self._start(row, told, assigned)
-            self._expect_ok(row, "initialisation", calls.enter_initialization(handle, start))
+            self._expect_ok(row, "initialisation", calls.enter_initialization(handle, 0.0))
             self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
 
     def reset(self) -> None:

@@ -41,6 +41,10 @@ class Library:
             "ModelExchange": description.modelExchange,
         }[kind]
         """FMPy's record of the interface, with its capability flags."""
+        self.saves_states = bool(
+            self.interface.canGetAndSetFMUstate and self.interface.canSerializeFMUstate
+        )
+        """Whether the FMU claims that its states can leave the process."""
         self._fmi = int(description.fmiMajorVersion)
         here = Path.cwd()
         try:

@@ -1,5 +1,6 @@
 """The FMUs' own states: to go back by one step, or to go on in another process."""
 
+from collections.abc import Sequence
 from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 
 from plant_fmu.errors import FmuError
@@ -36,7 +37,7 @@ class States:
         self.take(seconds)
         return [self._bytes(row, seconds) for row in range(len(self._states))]
 
-    def restore(self, data: list[bytes], seconds: float) -> None:
+    def restore(self, data: Sequence[bytes], seconds: float) -> None:
         """Return the instances to states that were saved; `FmuError` where they refuse them."""
         for row, (handle, state, saved) in enumerate(
             zip(self._instances.handles, self._states, data, strict=True)

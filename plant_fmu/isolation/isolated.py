@@ -14,9 +14,19 @@ from tempfile import TemporaryDirectory
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import join, split
+from plant_fmu.drives.checkpoint import expect_one_time
 from plant_fmu.drives.driving import Driving
-from plant_fmu.isolation.sharing import ADVANCE, ADVANCED_BY, RESTORE, SAVE, Memory, Task, frame
+from plant_fmu.isolation.sharing import (
+    ADVANCE,
+    ADVANCED_BY,
+    RESTORE,
+    SAVE,
+    Memory,
+    Task,
+    frame,
+    join,
+    split,
+)
 from plant_fmu.isolation.worker_process import Worker
 from plant_fmu.plants import Array, Body
 
@@ -43,6 +53,7 @@ class IsolatedPlants:
         n, m = len(bodies), len(bodies[0].q)
         size = 1 if archive.once_per_process else n
         firsts = range(0, n, size)
+        self._shares = [slice(first, first + size) for first in firsts]
         path = folder / "memory"
         path.touch()
         self._memory = Memory(path, len(firsts), n, m)
@@ -50,7 +61,7 @@ class IsolatedPlants:
         self._new = False
         self._workers = []
         for number, first in enumerate(firsts):
-            own = bodies[first : first + size]
+            own = bodies[self._shares[number]]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
             task.write_bytes(pickle.dumps(Task(archive, own, names, driving, path, place, number)))
@@ -80,13 +91,15 @@ class IsolatedPlants:
             worker.answer(start)
         self._new = False
 
-    def save(self) -> bytes:
-        """Return the plants' time and states."""
-        return join(self._all([frame(SAVE)] * len(self._workers)))
+    def save(self) -> list[bytes]:
+        """Return each robot's checkpoint."""
+        return split(b"".join(self._all([frame(SAVE)] * len(self._workers))))
 
-    def restore(self, data: bytes) -> None:
-        """Put back what `save` returned."""
-        self._all([frame(RESTORE, part) for part in split(data, len(self._workers))])
+    def restore(self, data: Sequence[bytes]) -> None:
+        """Put each robot back to a checkpoint."""
+        expect_one_time(data, len(self.q))
+        self._all([frame(RESTORE, join(data[share])) for share in self._shares])
+        self._new = False
 
     def _all(self, requests: Sequence[bytes]) -> list[bytes]:
         """Ask each worker its own, all at once; return their answers."""

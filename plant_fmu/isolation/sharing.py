@@ -18,11 +18,11 @@ from plant_fmu.drives.driving import Driving
 from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Array, Body
 
-HEAD = Struct("=cI")
+HEAD, LENGTH = Struct("=cI"), Struct("=I")
 ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")
 """Whether the references are new; start and step in s."""
 SAVE, RESTORE = b"c", b"r"
-"""A checkpoint is asked for, or given."""
+"""The robots' checkpoints are asked for, or given: each after its length."""
 DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
 """An answer; the last two with the text of an `FmuError` or a `StepError`."""
 
@@ -30,6 +30,21 @@ DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
 def frame(kind: bytes, payload: bytes = b"") -> bytes:
     """Return a frame."""
     return HEAD.pack(kind, len(payload)) + payload
+
+
+def join(parts: Sequence[bytes]) -> bytes:
+    """Return parts as one, each after its length."""
+    return b"".join(LENGTH.pack(len(part)) + part for part in parts)
+
+
+def split(whole: bytes) -> list[bytes]:
+    """Return what was joined."""
+    parts, at = [], 0
+    while at < len(whole):
+        start = at + LENGTH.size
+        at = start + LENGTH.unpack_from(whole, at)[0]
+        parts.append(whole[start:at])
+    return parts
 
 
 def send(pipe: IO[bytes], whole: bytes) -> None:

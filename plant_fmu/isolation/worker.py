@@ -35,7 +35,9 @@ from plant_fmu.isolation.sharing import (
     Memory,
     Task,
     frame,
+    join,
     send,
+    split,
 )
 
 
@@ -92,12 +94,12 @@ class Share:
         return b""
 
     def save(self, _request: bytes) -> bytes:
-        """Return the plants' checkpoint."""
-        return self._plants.save()
+        """Return the robots' checkpoints."""
+        return join(self._plants.save())
 
     def restore(self, request: bytes) -> bytes:
-        """Put the plants back to a checkpoint."""
-        self._plants.restore(request)
+        """Put the robots back to checkpoints."""
+        self._plants.restore(split(request))
         self._mirror()
         return b""
 

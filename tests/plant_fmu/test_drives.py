@@ -171,11 +171,25 @@ class TestEveryDrive:
 
     @each_drive
     def test_a_checkpoint_of_others_is_refused(self, opened: Open, driving: Driving) -> None:
-        two, three = (opened(3, driving, bodies(n)) for n in (2, 3))
-        with pytest.raises(FmuError, match="not one of these plants"):
-            two.restore(three.save())
-        with pytest.raises(FmuError, match="not one of these plants"):
-            two.restore(two.save()[:-3])
+        two, three, other = (opened(fmi, driving, bodies(n)) for fmi, n in ((3, 2), (3, 3), (2, 2)))
+        first, second = two.save()
+        for data, words in (
+            (three.save(), "got checkpoints of 3 robots, expected 2"),
+            (other.save(), "checkpoint given to robot 1 is of an FMU with sha256 .*, this one has"),
+            ([first, second[:-3]], r"to robot 2 has \d+ bytes, expected \d+"),
+            ([first, second[:9]], "a checkpoint of 9 bytes is not whole"),
+        ):
+            with pytest.raises(FmuError, match=words):
+                two.restore(data)
+
+    @each_drive
+    def test_checkpoints_of_two_times_are_refused(self, opened: Open, driving: Driving) -> None:
+        plants = opened(3, driving, bodies(2))
+        first, _ = plants.save()
+        plants.advance(0.0, H)
+        _, second = plants.save()
+        with pytest.raises(FmuError, match=r"some of t = 0 s and some of t = 0\.1 s"):
+            plants.restore([first, second])
 
     @each_drive
     def test_a_step_that_fails_names_the_robot_the_fmu_and_the_time(
@@ -189,54 +203,97 @@ class TestEveryDrive:
             plants.advance(0.0, H)
 
 
+TICKS = 30
 RESUME = """
 import sys
 from contextlib import ExitStack
-from tests.plant_fmu.test_drives import DRIVES, H, bodies, build, open_archive, open_plants, play
-import numpy as np
-held = [(np.full((2, 2), 0.1 * k), np.full((2, 2), 0.3)) for k in range(6)]
+from tests.plant_fmu.test_drives import *
+fmi, first, last, *names = sys.argv[1:]
+rows = slice(int(first), int(last))
+saved = iter([bytes.fromhex(line) for line in sys.stdin])
 with ExitStack() as stack:
-    archive = open_archive(build("two_link_arm", int(sys.argv[2])))
-    plants = open_plants(stack, archive, bodies(2), {}, DRIVES[sys.argv[1]])
-    plants.restore(bytes.fromhex(sys.stdin.read()))
-    print(play(plants, held, 3, 6).tobytes().hex())
+    for name in names:
+        archive = open_archive(build("two_link_arm", int(fmi)))
+        plants = open_plants(stack, archive, bodies()[rows], {}, DRIVES[name])
+        plants.restore([next(saved) for _ in plants.q])
+        print(play(plants, wandering(rows), 3, TICKS).tobytes().hex())
 """
 
 
+def wandering(rows: slice) -> list[tuple[Array, Array]]:
+    """Return references that jump at each t_k, a row a robot."""
+    draw, (position, velocity) = np.random.default_rng(11), target(0.0)
+    asides = draw.uniform(-0.5, 0.5, (TICKS, 2, 6, 2))
+    return [
+        (position + k * H * velocity + aside[0, rows], velocity + aside[1, rows])
+        for k, aside in enumerate(asides)
+    ]
+
+
 @each_version
-@pytest.mark.parametrize("name", ["reference", "cvode", "heun"])
-def test_a_fresh_process_goes_on_to_the_last_bit(opened: Open, name: str, fmi: int) -> None:
-    held = [(np.full((2, 2), 0.1 * k), np.full((2, 2), 0.3)) for k in range(6)]
-    plants = opened(fmi, DRIVES[name], bodies(2))
-    play(plants, held, 0, 3)
-    saved = plants.save()
-    onwards = play(plants, held, 3, 6)
-    done = subprocess.run(
-        [sys.executable, "-c", RESUME, name, str(fmi)],
-        input=saved.hex(), capture_output=True, text=True, check=True,
-        cwd=Path(__file__).parents[2],
-    )  # fmt: skip
-    assert done.stdout.strip() == onwards.tobytes().hex()
+def test_a_fresh_process_goes_on_to_the_last_bit_with_some_of_the_robots(
+    opened: Open, fmi: int
+) -> None:
+    saved, onwards = [], []
+    for driving in DRIVES.values():
+        plants, never_saved = (opened(fmi, driving, bodies()) for _ in range(2))
+        play(plants, wandering(slice(6)), 0, 3)
+        saved.append(plants.save())
+        onwards.append(play(never_saved, wandering(slice(6)), 0, TICKS)[3:])
+        np.testing.assert_array_equal(play(plants, wandering(slice(6)), 3, TICKS), onwards[-1])
+    for first, last in ((0, 2), (2, 6)):
+        done = subprocess.run(
+            [sys.executable, "-c", RESUME, str(fmi), str(first), str(last), *DRIVES],
+            input="\n".join(row.hex() for rows in saved for row in rows[first:last]),
+            capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2],
+        )  # fmt: skip
+        for line, name, whole in zip(done.stdout.split(), DRIVES, onwards, strict=True):
+            assert line == whole[:, first:last].tobytes().hex(), name
+
+
+@each_drive
+def test_a_robots_checkpoint_is_the_same_in_any_company(opened: Open, driving: Driving) -> None:
+    saved = []
+    for row in (slice(6), slice(3), slice(3, 6)):
+        plants = opened(3, driving, bodies()[row])
+        play(plants, wandering(row), 0, 2)
+        saved.append(plants.save())
+    whole, *parts = saved
+    assert whole == parts[0] + parts[1]
 
 
 def test_a_fleet_is_saved_and_put_back_with_all_its_groups(opened: Open, oracle: Any) -> None:
     held, _ = oracle
     of = bodies()
-    fleet, other = (
-        Fleet(
+
+    def fleet(cvode: list[int], reference: list[int]) -> Fleet:
+        """Return robots of two FMUs, each driven in its way."""
+        groups = ((cvode, 2, "cvode"), (reference, 3, "reference"))
+        all_of = sorted(cvode + reference)
+        return Fleet(
             [
-                (np.array([0, 2, 4]), opened(2, DRIVES["cvode"], of[0::2])),
-                (np.array([1, 3, 5]), opened(3, DRIVES["reference"], of[1::2])),
+                (
+                    np.array([all_of.index(row) for row in rows]),
+                    opened(fmi, DRIVES[name], [of[row] for row in rows]),
+                )
+                for rows, fmi, name in groups
             ],
             2,
         )
-        for _ in range(2)
-    )
-    play(fleet, held, 0, 2)
-    other.restore(fleet.save())
-    np.testing.assert_array_equal(other.q, fleet.q)
-    assert fleet.exact
-    np.testing.assert_array_equal(play(other, held, 2, 4), play(fleet, held, 2, 4))
+
+    whole = fleet([0, 2, 4], [1, 3, 5])
+    assert whole.exact
+    play(whole, held, 0, 2)
+    saved, there, onwards = whole.save(), whole.q.copy(), play(whole, held, 2, 4)
+    for cvode, reference in (([0, 2, 4], [1, 3, 5]), ([0, 4], [1]), ([2], [3, 5])):
+        rows = sorted(cvode + reference)
+        part = fleet(cvode, reference)
+        part.restore([saved[row] for row in rows])
+        np.testing.assert_array_equal(part.q, there[rows])
+        theirs = [(position[rows], velocity[rows]) for position, velocity in held]
+        np.testing.assert_array_equal(play(part, theirs, 2, 4), onwards[:, rows])
+    with pytest.raises(FmuError, match=r"some of t = 0\.2 s and some of t = 0\.4 s"):
+        whole.restore([*saved[:5], whole.save()[5]])
 
 
 # An FMU from elsewhere, made of a bundled one
@@ -269,21 +326,13 @@ STATELESS = {
 
 @each_version
 @pytest.mark.parametrize("name", ["reference", "cvode", "rk4", "hold"])
-def test_without_states_of_its_own_it_goes_on_nearly(
-    altered: Callable[..., Archive], oracle: Any, name: str, fmi: int
+@pytest.mark.parametrize("lacking", [slice(2), slice(1), slice(1, 2)], ids=["both", "get", "bytes"])
+def test_without_states_of_its_own_it_has_no_checkpoint(
+    altered: Callable[..., Archive], name: str, fmi: int, lacking: slice
 ) -> None:
-    held, _ = oracle
-    archive = altered(fmi, *STATELESS[fmi])
     with ExitStack() as stack:
-        plants, other = (open_plants(stack, archive, bodies(), {}, DRIVES[name]) for _ in range(2))
-        assert not plants.exact
-        play(plants, held, 0, 2)
-        other.restore(plants.save())
-        np.testing.assert_allclose(other.tau, plants.tau, rtol=1e-9, atol=1e-9)
-        for resumed in (plants, other):
-            resumed.restore(plants.save())
-        onwards = play(plants, held, 2, 4)
-        np.testing.assert_allclose(play(other, held, 2, 4), onwards, rtol=1e-8, atol=1e-8)
+        archive = altered(fmi, *STATELESS[fmi][lacking])
+        assert not open_plants(stack, archive, bodies(1), {}, DRIVES[name]).exact
 
 
 @each_version

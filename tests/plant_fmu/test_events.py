@@ -100,21 +100,9 @@ def test_an_fmu_that_ends_the_simulation_is_an_error_that_says_when(play: Play) 
         play(8, 1.0, end=1.0, t_load=0.2)
 
 
-def test_without_states_of_its_own_it_goes_on_from_its_continuous_ones(play: Play) -> None:
-    """With q and qd as continuous states nothing else is to be kept, but the FMU does not say."""
-    plants, _ = play(3, -9.8, q=1.0, qd=1.0)
-    none = np.zeros((1, 1))
-    saved = plants.save()
-    told = []
-    for _ in range(2):
-        plants.hold(none, none)
-        plants.advance(3 * H, H)
-        told.append(np.concatenate([plants.q[0], plants.qd[0]]))
-        plants.restore(saved)
+def test_without_states_of_its_own_it_has_no_checkpoint(play: Play) -> None:
+    plants, _ = play(1, 0.0)
     assert not plants.exact
-    np.testing.assert_allclose(told[1], told[0], atol=1e-12)
-    with pytest.raises(FmuError, match="not one of these plants"):
-        plants.restore(saved[:-1])
 
 
 def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:

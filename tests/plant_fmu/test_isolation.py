@@ -26,6 +26,7 @@ from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.bundled import building, declaration
 from plant_fmu.bundled.building import build
 from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.isolation.progress import SIZE, Progress
@@ -314,6 +315,56 @@ def test_an_fmu_that_a_process_may_have_only_once_gets_a_process_for_each_robot(
         assert len(np.unique(apart.q)) == 6
         assert np.array_equal(apart.tau, together.tau)
     assert len(set(life.until(None))) == 1 + 3
+
+
+def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
+    archive, driving = open_archive(faulty), Driving()
+    references = np.random.default_rng(5).uniform(-1, 1, (2, 4, 3, 2))
+    of = bodies(3)
+
+    def isolated(rows):
+        return IsolatedPlants(stack, archive, of[rows], {}, driving, 10.0)
+
+    def here(rows):
+        return open_plants(stack, archive, of[rows], {}, driving)
+
+    def one_each(rows):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
+            return isolated(rows)
+
+    def play(plants, rows, ticks):
+        states = []
+        for k in ticks:
+            plants.hold(references[0, k, rows], references[1, k, rows])
+            plants.advance(k * 0.1, 0.1)
+            states.append(np.stack([plants.q, plants.qd, plants.tau]))
+        return np.array(states)
+
+    every = slice(3)
+    with ExitStack() as stack:
+        onwards = play(here(every), every, range(4))[2:]
+        for opens in (here, isolated, one_each):
+            plants = opens(every)
+            play(plants, every, range(2))
+            saved = plants.save()
+            for opened, rows in (
+                (here, slice(1)), (isolated, slice(1, 3)), (isolated, every), (one_each, every),
+            ):  # fmt: skip
+                other = opened(rows)
+                other.hold(references[0, 0, rows], references[1, 0, rows])
+                other.restore(saved[rows])
+                assert np.array_equal(other.q, plants.q[rows])
+                assert np.array_equal(play(other, rows, range(2, 4)), onwards[:, :, rows])
+
+
+def test_a_checkpoint_that_is_refused_apart_says_why(faulty):
+    archive, of = open_archive(faulty), bodies(2)
+    with ExitStack() as stack:
+        other = open_plants(stack, open_archive(build("planar_robot")), of, {}, Driving())
+        plants = IsolatedPlants(stack, archive, of, {}, Driving(), 10.0)
+        with pytest.raises(FmuError, match="given to robot 1 is of an FMU with sha256"):
+            plants.restore(other.save())
 
 
 def test_once_per_process_needs_isolation(place, monkeypatch):
