@@ -1,4 +1,4 @@
-"""A node's messages travel on keys of its own: `sample/<node>` and `state/<robot>`.
+"""A node's messages travel on keys of its own: `sample/<node>`, `state/<robot>` and so on.
 
 Node 0 is the target; the robots are 1 … n. A key is also the topic of its messages in a recording.
 """
@@ -15,3 +15,8 @@ def sample_key(node: int) -> str:
 def state_key(robot: int) -> str:
     """Return the key of a robot's state on the output grid."""
     return f"state/{robot}"
+
+
+def checkpoint_key(robot: int) -> str:
+    """Return the key of a robot's checkpoints."""
+    return f"checkpoint/{robot}"

@@ -1,9 +1,10 @@
 """A message is a protobuf record of fixed size, so that many are coded in one step.
 
-Both message types open with the same three fields, with explicit presence: proto3 then writes
+All message types open with the same three fields, with explicit presence: proto3 then writes
 them even when they are zero, and a message of dimension m always has the same length and the same
 bytes between its numbers. The declaration below is the only one: the protobuf descriptor that goes
-into recordings and the NumPy dtype that codes the bytes are both derived from it.
+into recordings and the NumPy dtype that codes the bytes are both derived from it. A blob alone has
+any size.
 """
 
 from dataclasses import dataclass
@@ -140,6 +141,70 @@ class Codec:
                     f"k = {bad['k']} is {bad[name].tolist()}, not finite"
                 )
         return records
+
+
+_TAGS = tuple(number << 3 | wire for number, (_, _, wire, _) in enumerate(_SCALARS, start=1))
+_BLOB_HEAD = Struct("<BIBIBQ")
+"""As `HEADER`, with the tags of the three fields."""
+_DATA = len(_SCALARS) + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """What a message of a `BlobType` holds."""
+
+    robot: int
+    k: int
+    time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class BlobType:
+    """A protobuf message of any size: robot, k and time_ns (ns), then bytes."""
+
+    name: str
+
+    def descriptor(self) -> bytes:
+        """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
+        files = FileDescriptorSet.FromString(MessageType(self.name, ()).descriptor())
+        files.file[0].message_type[0].field.add(
+            name="data",
+            number=_DATA,
+            type=FieldDescriptorProto.TYPE_BYTES,
+            label=FieldDescriptorProto.LABEL_OPTIONAL,
+        )
+        return files.SerializeToString()
+
+    def encode(self, blob: Blob) -> bytes:
+        """Return a message's bytes, as they travel; proto3 does not write data that are empty."""
+        header = zip(_TAGS, (blob.robot, blob.k, blob.time_ns), strict=True)
+        opening = _data_of(len(blob.data)) if blob.data else b""
+        return _BLOB_HEAD.pack(*(n for field in header for n in field)) + opening + blob.data
+
+    def decode(self, payload: bytes) -> Blob:
+        """Return what a message holds; `BusError` when it is cut or has other fields."""
+        if len(payload) < HEADER.size or _BLOB_HEAD.unpack_from(payload)[::2] != _TAGS:
+            raise BusError(f"a message that is no {self.name} was refused")
+        robot, k, time_ns = HEADER.unpack_from(payload)
+        rest = payload[HEADER.size :]
+        if not rest:
+            return Blob(robot, k, time_ns, b"")
+        for size in range(2, min(len(rest), 7)):
+            if rest[:size] == _data_of(len(rest) - size):
+                return Blob(robot, k, time_ns, rest[size:])
+        raise BusError(
+            f"a {self.name} of robot {robot} at k = {k} was refused: its data are not whole"
+        )
+
+
+CHECKPOINT = BlobType("nrs.Checkpoint")
+"""From which robot i goes on after t_k, as its plant has it."""
+
+
+def _data_of(length: int) -> bytes:
+    """Return what stands before the data of a blob."""
+    return bytes([_DATA << 3 | _BYTES]) + _varint(length)
 
 
 def _varint(value: int) -> bytes:

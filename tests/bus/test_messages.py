@@ -7,12 +7,21 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from bus.errors import BusError
-from bus.messages import HEADER, SAMPLE, STATE, Codec, MessageType
+from bus.messages import (
+    CHECKPOINT,
+    HEADER,
+    SAMPLE,
+    STATE,
+    Blob,
+    BlobType,
+    Codec,
+    MessageType,
+)
 
 RNG = np.random.default_rng(7)
 
 
-def protobuf_class(kind: MessageType):
+def protobuf_class(kind: MessageType | BlobType):
     """Return the message class that protobuf itself makes of our descriptor."""
     files = descriptor_pb2.FileDescriptorSet.FromString(kind.descriptor())
     pool = descriptor_pool.DescriptorPool()
@@ -88,3 +97,36 @@ def test_non_finite_number_is_refused_and_named(number):
     records["velocity"][1, 0] = number
     with pytest.raises(BusError, match=r"velocity of robot 5 at k = 12 is .*not finite"):
         codec.decode(codec.encode(records))
+
+
+@pytest.mark.parametrize("size", [0, 1, 127, 128, 16_383, 16_384, 2_100_000])
+def test_a_blob_is_protobufs_of_any_size(size):
+    for robot, k, time_ns in ((0, 0, 0), (70_000, 2**32 - 1, 2**64 - 1)):
+        blob = Blob(robot, k, time_ns, RNG.bytes(size))
+        theirs = protobuf_class(CHECKPOINT)(robot=robot, k=k, time_ns=time_ns, data=blob.data)
+        payload = CHECKPOINT.encode(blob)
+        assert payload == theirs.SerializeToString(deterministic=True)
+        assert HEADER.unpack_from(payload) == (robot, k, time_ns)
+        assert CHECKPOINT.decode(payload) == blob
+
+
+def test_a_blobs_fields_are_declared():
+    (file,) = descriptor_pb2.FileDescriptorSet.FromString(CHECKPOINT.descriptor()).file
+    (message,) = file.message_type
+    assert (file.package, message.name) == ("nrs", "Checkpoint")
+    told = [(field.name, field.number, field.proto3_optional) for field in message.field]
+    assert told == [("robot", 1, True), ("k", 2, True), ("time_ns", 3, True), ("data", 4, False)]
+
+
+def test_a_blob_that_is_cut_or_is_another_message_is_refused():
+    payload = CHECKPOINT.encode(Blob(3, 12, 5, RNG.bytes(200)))
+    for cut in range(len(payload)):
+        words = "no nrs.Checkpoint" if cut < HEADER.size else "robot 3 at k = 12 .* not whole"
+        if cut == HEADER.size:
+            continue
+        with pytest.raises(BusError, match=words):
+            CHECKPOINT.decode(payload[:cut])
+    _, records = filled(SAMPLE, 2, [1])
+    for other in (*Codec(SAMPLE, 2).encode(records), b"\0" + payload[1:], payload + b"\0"):
+        with pytest.raises(BusError, match="refused"):
+            CHECKPOINT.decode(other)
