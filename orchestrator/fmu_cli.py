@@ -110,4 +110,4 @@ def _task(archive: Archive, scenario: Scenario) -> Task:
     """Return the check of an FMU in the place of robot 1's."""
     own = [robot.plant for robot in scenario.robots if robot.id == 1 and robot.plant]
     group = Group("plant", (own or [scenario.plant])[0], archive, [0])
-    return Task(archive, bodies(scenario)[0], group.names, group.driving)
+    return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)

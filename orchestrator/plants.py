@@ -1,9 +1,10 @@
 """The robots' bodies become plants: each FMU is loaded once, for all robots that have it."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,9 @@ from plant_fmu.fleet import Fleet
 from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.plants import Body, DrivenPlants
 
+Find = Callable[[str], Archive]
+"""Returns the FMU that a scenario names; `FmuError` where there is none."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
@@ -29,6 +33,7 @@ class Group:
     plant: Plant
     archive: Archive
     rows: list[int]
+    """The robots' positions, ascending, among those that are opened."""
 
     @property
     def is_apart(self) -> bool:
@@ -49,24 +54,35 @@ class Group:
         return Driving(**{key.name: getattr(self.plant, key.name) for key in fields(Driving)})
 
 
-def group_by_archive(scenario: Scenario, folder: Path) -> list[Group]:
-    """Read each FMU once; `FmuError` names the field and what is wrong. Row i is robot i + 1."""
+def group_by_archive(
+    scenario: Scenario,
+    folder: Path,
+    robots: Sequence[int] | None = None,
+    find: Find | None = None,
+) -> list[Group]:
+    """Read each FMU once; `FmuError` names the field and what is wrong.
+
+    Rows are positions within the robots that are asked for, ascending; without them, of all. An
+    FMU is looked for relative to a folder, or as `find` does.
+    """
+    find = find or partial(find_archive, folder=folder)
     own = {
         robot.id: (f"robots[{i}].plant", robot.plant)
         for i, robot in enumerate(scenario.robots)
         if robot.plant
     }
+    common = _alike(scenario.plant)
     members: defaultdict[str, list[int]] = defaultdict(list)
     given: dict[str, tuple[str, Plant]] = {}
-    for row in range(scenario.n):
-        field, plant = own.get(row + 1, ("plant", scenario.plant))
-        alike = plant.model_dump_json(exclude={"parameters"})
+    for row, robot in enumerate(range(1, scenario.n + 1) if robots is None else robots):
+        field, plant = own.get(robot, ("plant", scenario.plant))
+        alike = common if plant is scenario.plant else _alike(plant)
         given.setdefault(alike, (field, plant))
         members[alike].append(row)
     groups = []
     for alike, (field, plant) in given.items():
         with _named(field):
-            archive = find_archive(plant.fmu, folder)
+            archive = find(plant.fmu)
         groups.append(Group(field, plant, archive, members[alike]))
     return groups
 
@@ -80,6 +96,11 @@ def open_fleet(stack: ExitStack, groups: Sequence[Group], bodies: Sequence[Body]
             opened.append(_open(stack, group, [bodies[row] for row in group.rows]))
     rows = [np.array(group.rows) for group in groups]
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
+
+
+def _alike(plant: Plant) -> str:
+    """Return what plants of one group have in common."""
+    return plant.model_dump_json(exclude={"parameters"})
 
 
 def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> DrivenPlants:

@@ -4,6 +4,7 @@ A draw is keyed by (seed, what is drawn, robot): it depends neither on the order
 are built nor on where they run.
 """
 
+from collections.abc import Sequence
 from zlib import crc32
 
 import numpy as np
@@ -37,28 +38,24 @@ def target_of(scenario: Scenario) -> Harmonic:
     return Harmonic(*_terms(scenario.target.axes))
 
 
-def initial_estimates(scenario: Scenario) -> Estimate:
-    """Return ε_i(t_0) and υ_i(t_0), (n, m)."""
-    return Estimate(_initial(scenario, "position"), _initial(scenario, "velocity"))
+def initial_estimates(scenario: Scenario, robots: Sequence[int] | None = None) -> Estimate:
+    """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""
+    position, velocity = (_initial(scenario, name, robots) for name in ("position", "velocity"))
+    return Estimate(position, velocity)
 
 
-def bodies(scenario: Scenario) -> list[Body]:
-    """Return what each robot starts with, robot 1 first."""
+def bodies(scenario: Scenario, robots: Sequence[int] | None = None) -> list[Body]:
+    """Return what each of some robots starts with, or of all."""
     own = {robot.id: robot for robot in scenario.robots}
-    estimates = initial_estimates(scenario)
-    q, qd = _initial(scenario, "q"), _initial(scenario, "qd")
+    names = ("q", "qd", "position", "velocity")
+    start = {name: _initial(scenario, name, robots) for name in names}
     return [
         _body(
             scenario,
-            own.get(row + 1, Robot(id=row + 1)),
-            {
-                "q": q[row],
-                "qd": qd[row],
-                "position": estimates.position[row],
-                "velocity": estimates.velocity[row],
-            },
+            own.get(robot, Robot(id=robot)),
+            {name: rows[row] for name, rows in start.items()},
         )
-        for row in range(scenario.n)
+        for row, robot in enumerate(_those(scenario, robots))
     ]
 
 
@@ -98,15 +95,20 @@ def _terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
     return np.array([a.offset for a in axes]), np.array([a.rate for a in axes]), *waves
 
 
-def _initial(scenario: Scenario, name: str) -> Array:
-    """Return one of the four initial quantities of all robots, (n, m)."""
+def _those(scenario: Scenario, robots: Sequence[int] | None) -> Sequence[int]:
+    return range(1, scenario.n + 1) if robots is None else robots
+
+
+def _initial(scenario: Scenario, name: str, robots: Sequence[int] | None) -> Array:
+    """Return one of the four initial quantities, (rows, m), of some robots or of all."""
+    those = _those(scenario, robots)
     given = getattr(scenario.initial, name)
     own = {robot.id: getattr(robot.initial, name) for robot in scenario.robots}
-    rows = np.empty((scenario.n, scenario.m))
-    for row, robot in enumerate(range(1, scenario.n + 1)):
+    rows = np.empty((len(those), scenario.m))
+    for row, robot in enumerate(those):
         source = own.get(robot)
         if source is None:
-            source = given if isinstance(given, Uniform) else given[row]
+            source = given if isinstance(given, Uniform) else given[robot - 1]
         if isinstance(source, Uniform):
             source = draw(scenario.run.seed, name, robot, source, scenario.m)
         rows[row] = source

@@ -10,7 +10,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from glob import escape
 from pathlib import Path
@@ -59,7 +60,8 @@ def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3
     if not is_zipfile(path):
         sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
         archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
-        _replace(path, archive)
+        with replacing(path) as part:
+            _zip(part, archive)
     return path
 
 
@@ -94,6 +96,25 @@ def cache_folder() -> Path:
     else:
         default, variable = Path.home() / ".cache", "XDG_CACHE_HOME"
     return Path(os.environ.get(variable) or default) / "nrs-cosim"
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write an FMU to, renamed at the end: no reader sees half of one."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            part = Path(file.name)
+        try:
+            yield part
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise FmuError(
+            f"{path.parent}: cannot keep an FMU there: {error.strerror}; "
+            "set NRS_CACHE to another folder"
+        ) from error
 
 
 def _unknown(name: str) -> str:
@@ -184,24 +205,6 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
             errors = [line for line in lines if "error" in line] or lines
             raise FmuError(f"{name}: {compiler[0]} failed:\n" + "\n".join(errors[:5]))
         return (Path(folder) / "library").read_bytes()
-
-
-def _replace(path: Path, files: dict[str, bytes]) -> None:
-    """Writes the archive beside `path`, then renames it: no reader ever sees half of one."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            part = Path(file.name)
-        try:
-            _zip(part, files)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise FmuError(
-            f"{path.parent}: cannot keep a built FMU there: {error.strerror}; "
-            "set NRS_CACHE to another folder"
-        ) from error
 
 
 def _zip(path: Path, files: dict[str, bytes]) -> None:

@@ -1,0 +1,118 @@
+"""A host opens its own robots only, wherever their FMUs are, and they move as with all others."""
+
+import hashlib
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from orchestrator import setting
+from orchestrator.plants import group_by_archive, open_fleet
+from orchestrator.setting import bodies, initial_estimates
+from plant_fmu.archives.archive import Archive, open_archive
+from plant_fmu.archives.store import keep, stored
+from plant_fmu.bundled.building import build
+from plant_fmu.errors import FmuError
+
+OWN = (
+    "# [[robots]]",
+    """[[robots]]
+id = 2
+plant = { fmu = "planar_robot" }
+[[robots]]
+id = 5
+plant = { fmu = "planar_robot" }
+initial.q = [1.5, -2]
+#""",
+)
+
+
+def rows_of(groups):
+    return {group.archive.label: group.rows for group in groups}
+
+
+def test_rows_are_positions_among_the_robots_that_are_opened(paper):
+    file = paper(OWN)
+
+    def rows(*robots):
+        return rows_of(group_by_archive(file.scenario, file.folder, robots))
+
+    whole = rows_of(group_by_archive(file.scenario, file.folder))
+    assert whole == {"two_link_arm": [0, 2, 3, 5], "planar_robot": [1, 4]}
+    assert rows(1, 2, 3, 4, 5, 6) == whole
+    assert rows(2, 3, 5) == {"planar_robot": [0, 2], "two_link_arm": [1]}
+    assert rows(4, 6) == {"two_link_arm": [0, 1]}
+    assert rows() == {}
+
+
+def test_an_fmu_that_no_own_robot_has_is_not_looked_for(paper):
+    file = paper(("# [[robots]]", '[[robots]]\nid = 2\nplant = { fmu = "none.fmu" }\n#'))
+    group_by_archive(file.scenario, file.folder, [1, 3])
+    with pytest.raises(FmuError, match=r"^robots\[0\].plant: .*none.fmu: no such FMU"):
+        group_by_archive(file.scenario, file.folder, [2])
+
+
+def test_robots_of_two_hosts_move_as_those_of_one(paper):
+    file = paper(OWN)
+
+    def played(robots=None):
+        with ExitStack() as stack:
+            groups = group_by_archive(file.scenario, file.folder, robots)
+            fleet = open_fleet(stack, groups, bodies(file.scenario, robots))
+            estimate = initial_estimates(file.scenario, robots)
+            fleet.hold(estimate.position, estimate.velocity)
+            fleet.advance(0.0, 0.1)
+            return np.stack([fleet.q, fleet.qd, fleet.tau], axis=1), fleet.save()
+
+    states, saved = played()
+    for robots in ([1, 2, 4], [3, 5, 6], [5]):
+        rows = [robot - 1 for robot in robots]
+        part, parts_saved = played(robots)
+        np.testing.assert_array_equal(part, states[rows])
+        assert parts_saved == [saved[row] for row in rows]
+
+
+def test_what_others_start_with_is_not_drawn(paper, monkeypatch):
+    scenario, drawn, draw = paper(OWN).scenario, [], setting.draw
+
+    def heard(seed, purpose, robot, uniform, m):
+        drawn.append((purpose, robot))
+        return draw(seed, purpose, robot, uniform, m)
+
+    whole = bodies(scenario)
+    monkeypatch.setattr(setting, "draw", heard)
+    some = bodies(scenario, [2, 5])
+    names = ("q", "qd", "position", "velocity")
+    assert sorted(drawn) == sorted(
+        (name, robot) for name in names for robot in (2, 5) if (name, robot) != ("q", 5)
+    )
+    assert [body.robot for body in some] == [2, 5]
+    for body in some:
+        for name in names:
+            assert getattr(body, name).tobytes() == getattr(whole[body.robot - 1], name).tobytes()
+
+
+def test_rows_that_are_given_are_the_robots_own(paper):
+    rows = [[10.0 * robot, -1.0] for robot in range(1, 7)]
+    scenario = paper(("\nq = { uniform = [-25.0, 25.0] }", f"\nq = {rows}")).scenario
+    assert [body.q.tolist() for body in bodies(scenario, [2, 6])] == [[20, -1], [60, -1]]
+
+
+def test_a_host_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_path, monkeypatch):
+    built = build("planar_robot")
+    sha256 = hashlib.sha256(built.read_bytes()).hexdigest()
+    monkeypatch.setenv("NRS_CACHE", str(tmp_path))
+    keep(built.read_bytes(), sha256)
+    file, asked = paper(('fmu = "two_link_arm"', 'fmu = "../elsewhere/my.fmu"')), []
+
+    def find(fmu: str) -> Archive:
+        asked.append(fmu)
+        path = stored(sha256)
+        assert path is not None
+        return open_archive(path, fmu)
+
+    (group,) = group_by_archive(file.scenario, Path("nowhere"), [2, 3], find)
+    assert asked == ["../elsewhere/my.fmu"]
+    assert (group.archive.sha256, group.archive.label) == (sha256, "../elsewhere/my.fmu")
+    assert not group.archive.ours
