@@ -22,6 +22,7 @@ from plant_fmu.archives.quantities import Layout, Part, Quantity
 from plant_fmu.archives.reading import NAME
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.checking.mechanics import HOLDING, SPANS, Mechanics
+from plant_fmu.checking.resuming import resumed
 from plant_fmu.drives.driving import STEP, Driving, Offer, choose, offers
 from plant_fmu.drives.model_exchange import ModelExchangePlants
 from plant_fmu.drives.opening import open_plants
@@ -122,7 +123,10 @@ def findings(task: Task) -> Iterator[Finding]:
         else:
             physics = list(_physics(mechanics, body.q))
             body = body if task.body else _fitted(mechanics, body)
-    yield _running(task, body)
+    running = _running(task, body)
+    yield running
+    if running.verdict == "holds":
+        yield _resuming(task, body)
     yield from physics
 
 
@@ -217,6 +221,31 @@ def _running(task: Task, body: Body) -> Finding:
         return Finding("runs", "alone", "fails", str(error))
     text = f"{RUN:g} s by {plants.drive}: finite, up to {moved:.3g} from its start"
     return Finding("runs", "alone", "holds", text, moved)
+
+
+def _resuming(task: Task, body: Body) -> Finding:
+    """Save the robot, and go on in another process."""
+
+    def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:
+        return Finding("runs", "resumed", verdict, text, value)
+
+    try:
+        found = resumed(task.archive, body, task.names, task.driving)
+    except CosimError as error:
+        return finding("fails", f"it claims that its state can be saved: {error}")
+    if found is None:
+        return finding("note", "it does not claim that its state can be saved")
+    if not found.moved:
+        return finding("unknown", "it does not move, whatever its reference")
+    if found.apart:
+        return finding(
+            "fails",
+            f"another process goes on from its saved state otherwise, by up to {found.apart:.2g}: "
+            "it has more state than it saves",
+            found.apart if isfinite(found.apart) else None,
+        )
+    text = f"another process goes on from its {found.size} bytes to the same bits"
+    return finding("holds", text, 0.0)
 
 
 def _probe(

@@ -115,6 +115,86 @@ def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
     assert ending in check(Task(open_archive(path)), deadline=3.0).findings[-1].text
 
 
+LIES = {
+    "more state than it saves": (
+        "two_link_arm/model.c",
+        ('#include "robot.h"', '#include "robot.h"\nstatic double warmth;'),
+        ("C2 = b", "C2 = (1.0 + (warmth += 1e-9)) * b"),
+    ),
+    "a start in place of its state": (
+        "core.c",
+        (
+            "    memcpy(bytes, state, sizeof(State));",
+            "    memcpy(bytes, state, sizeof(State));\n"
+            "    ((State *)bytes)->values.q[0] = start_values[0];",
+        ),
+    ),
+    "a pointer": (
+        "core.c",
+        (
+            "    memcpy(bytes, state, sizeof(State));",
+            "    State *kept = malloc(sizeof(State));\n"
+            "    memcpy(kept, state, sizeof(State));\n"
+            "    memset(bytes, 0, size);\n"
+            "    memcpy(bytes, &kept, sizeof kept);",
+        ),
+        ("    memcpy(&copy, bytes, sizeof copy);",
+         "    const State *kept;\n"
+         "    memcpy(&kept, bytes, sizeof kept);\n"
+         "    memcpy(&copy, kept, sizeof copy);"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_state_that_is_not_all_is_found(tmp_path, lie):
+    models = tmp_path / "models"
+    shutil.copytree(MODELS, models)
+    name, *edits = LIES[lie]
+    text = (models / name).read_text()
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    (models / name).write_text(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NRS_CACHE", str(tmp_path))
+        patch.setattr("plant_fmu.bundled.declaration.MODELS", models)
+        patch.setattr("plant_fmu.bundled.building.MODELS", models)
+        path = build("two_link_arm")
+    checked = check(Task(open_archive(path)))
+    resumed = found(checked, "resumed")
+    assert resumed.verdict == "fails"
+    assert found(checked, "alone").verdict == "holds"
+    if lie == "a pointer":
+        assert "robot 1: the FMU crashed with SIGSEGV, in deserialize" in resumed.text
+    else:
+        assert resumed.text.endswith("it has more state than it saves")
+        assert resumed.value > 0
+
+
+@pytest.mark.parametrize("solver", [None, "cvode"])
+def test_a_state_that_is_all_is_found_to_be(solver):
+    m = np.zeros(2)
+    body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
+    task = Task(open_archive(build("planar_robot", 2)), body, driving=Driving(solver=solver))
+    resumed = found(check(task), "resumed")
+    assert (resumed.verdict, resumed.value) == ("holds", 0.0)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_state_that_is_not_claimed_is_a_note(tmp_path, fmi):
+    state = "state" if fmi == 2 else "State"
+    claim = f'canSerializeFMU{state}="true"'
+
+    def edit(text):
+        assert claim in text
+        return text.replace(claim, "")
+
+    checked = check(Task(open_archive(rewritten(tmp_path / "a.fmu", fmi, edit))))
+    assert checked.passes
+    assert found(checked, "resumed").verdict == "note"
+
+
 def test_names_that_are_not_found_tell_what_to_write(tmp_path):
     def edit(text):
         return renamed(
@@ -142,7 +222,7 @@ def test_a_scenario_tells_names_gains_and_driving(tmp_path):
         re.sub(r'fmu = "two_link_arm".*', 'fmu = "x.fmu"\nsolver = "rk4"\nstep = 0.001', text)
     )
     done = nrs("two_link_arm", "--json", "--scenario", scenario)
-    (alone,) = (f for f in json.loads(done.stdout)["findings"] if f["topic"] == "runs")
+    (alone,) = (f for f in json.loads(done.stdout)["findings"] if f["name"] == "alone")
     assert alone["text"].startswith("1 s by Model Exchange, RK4 step 0.001 s: finite")
 
 
