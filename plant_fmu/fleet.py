@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.drives.checkpoint import expect_one_time
+from plant_fmu.drives.checkpoint import time_of
 from plant_fmu.plants import Array, DrivenPlants
 
 
@@ -44,7 +44,7 @@ class Fleet:
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put each robot back to a checkpoint."""
-        expect_one_time(data, len(self.q))
+        time_of(data, len(self.q))
         for rows, plants in self._groups:
             plants.restore([data[row] for row in rows])
         self._gather()

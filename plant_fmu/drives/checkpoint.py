@@ -32,9 +32,9 @@ def decode(
 ) -> tuple[Array, list[bytes]]:
     """Return what was encoded of some robots: their numbers (rows, count), and FMU states.
 
-    `FmuError` where one is not of this FMU, or not whole, and where `expect_one_time` has it.
+    `FmuError` where one is not of this FMU, or not whole, and where `time_of` has it.
     """
-    expect_one_time(data, len(robots))
+    time_of(data, len(robots))
     digest, after = bytes.fromhex(archive.sha256), HEAD.size + 8 * count
     for robot, row in zip(robots, data, strict=True):
         whose, numbers, length = HEAD.unpack_from(row)
@@ -53,8 +53,8 @@ def decode(
     return told.reshape(len(data), count).astype(float), [row[after:] for row in data]
 
 
-def expect_one_time(data: Sequence[bytes], n: int) -> None:
-    """Raise `FmuError` unless there are checkpoints of n robots, and all are of one time."""
+def time_of(data: Sequence[bytes], n: int) -> float:
+    """Return the time of n robots' checkpoints in s; `FmuError` unless all are of one."""
     if len(data) != n:
         raise FmuError(f"got checkpoints of {len(data)} robots, expected {n}")
     short = next((row for row in data if len(row) < HEAD.size + _TIME.size), None)
@@ -66,3 +66,4 @@ def expect_one_time(data: Sequence[bytes], n: int) -> None:
             f"checkpoints of one time are needed, got some of t = {times[0]:g} s and some of "
             f"t = {times[-1]:g} s"
         )
+    return float(times[0])

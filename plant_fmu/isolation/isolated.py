@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import expect_one_time
+from plant_fmu.drives.checkpoint import time_of
 from plant_fmu.drives.driving import Driving
 from plant_fmu.isolation.sharing import (
     ADVANCE,
@@ -58,7 +58,7 @@ class IsolatedPlants:
         path.touch()
         self._memory = Memory(path, len(firsts), n, m)
         self.q, self.qd, self.tau = self._memory.q, self._memory.qd, self._memory.tau
-        self._new = False
+        self._new, self._time = False, 0.0
         self._workers = []
         for number, first in enumerate(firsts):
             own = bodies[self._shares[number]]
@@ -89,20 +89,20 @@ class IsolatedPlants:
             worker.ask(request)
         for worker in self._workers:
             worker.answer(start)
-        self._new = False
+        self._new, self._time = False, start + step
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""
-        return split(b"".join(self._all([frame(SAVE)] * len(self._workers))))
+        return split(b"".join(self._all([frame(SAVE)] * len(self._workers), self._time)))
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put each robot back to a checkpoint."""
-        expect_one_time(data, len(self.q))
+        time = time_of(data, len(self.q))
         self._all([frame(RESTORE, join(data[share])) for share in self._shares])
-        self._new = False
+        self._new, self._time = False, time
 
-    def _all(self, requests: Sequence[bytes]) -> list[bytes]:
-        """Ask each worker its own, all at once; return their answers."""
+    def _all(self, requests: Sequence[bytes], seconds: float | None = None) -> list[bytes]:
+        """Ask each worker its own, all at once; return their answers, as `Worker.answer` has it."""
         for worker, request in zip(self._workers, requests, strict=True):
             worker.ask(request)
-        return [worker.answer() for worker in self._workers]
+        return [worker.answer(seconds) for worker in self._workers]

@@ -392,6 +392,16 @@ def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
             plants.advance(0.0, 0.1)
 
 
+def test_a_worker_that_ends_while_it_saves_is_a_failed_step(faulty, life):
+    with ExitStack() as stack:
+        plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
+        (pid,) = life.until("\n")
+        plants.advance(0.0, 0.1)
+        os.kill(int(pid), signal.SIGKILL)
+        with pytest.raises(StepError, match=r"robots 1, 2 .* at t = 0\.1 s: the FMU was killed"):
+            plants.save()
+
+
 def test_what_is_wrong_with_the_scenario_is_told_as_without_isolation(faulty):
     with ExitStack() as stack, pytest.raises(FmuError, match="has no parameter 'mm'"):
         IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, Driving(), 10.0)
