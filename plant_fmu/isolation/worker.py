@@ -95,7 +95,9 @@ class Share:
 
     def save(self, _request: bytes) -> bytes:
         """Return the robots' checkpoints."""
-        return join(self._plants.save())
+        saved = self._plants.save()
+        self._progress.rest()
+        return join(saved)
 
     def restore(self, request: bytes) -> bytes:
         """Put the robots back to checkpoints."""

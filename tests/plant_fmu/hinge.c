@@ -89,6 +89,13 @@ static int get_states(Hinge *h, double x[], size_t n) { return memcpy(x, h->v + 
 static int get_rates(Hinge *h, double dx[], size_t n) { return update(h), memcpy(dx, h->v + RATE, n * sizeof *dx), 0; }
 static int get_indicators(Hinge *h, double z[], size_t n) { return update(h), memcpy(z, h->v + INDICATOR, n * sizeof *z), 0; }
 static int get_nominals(Hinge *h, double x[], size_t n) { (void)h; for (size_t i = 0; i < n; ++i) x[i] = 1.0; return 0; }
+static int copy(const void *h, Hinge **s)
+{
+    if (!*s)
+        *s = malloc(sizeof **s);
+    memcpy(*s, h, sizeof **s);
+    return 0;
+}
 static int reset(Hinge *h) { Hinge *n = new_hinge(); *h = *n; free(n); return 0; }
 
 #if FMI == 2
@@ -101,6 +108,12 @@ int fmi2EnterInitializationMode(Hinge *h) { (void)h; return 0; }
 int fmi2ExitInitializationMode(Hinge *h) { (void)h; return 0; }
 int fmi2Reset(Hinge *h) { return reset(h); }
 void fmi2FreeInstance(Hinge *h) { free(h); }
+int fmi2GetFMUstate(Hinge *h, Hinge **s) { return copy(h, s); }
+int fmi2SetFMUstate(Hinge *h, const Hinge *s) { return *h = *s, 0; }
+int fmi2FreeFMUstate(Hinge *h, Hinge **s) { (void)h, free(*s); return *s = NULL, 0; }
+int fmi2SerializedFMUstateSize(Hinge *h, Hinge *s, size_t *n) { (void)h, (void)s; return *n = sizeof *s, 0; }
+int fmi2SerializeFMUstate(Hinge *h, const Hinge *s, void *bytes, size_t n) { (void)h; return memcpy(bytes, s, n), 0; }
+int fmi2DeSerializeFMUstate(Hinge *h, const void *bytes, size_t n, Hinge **s) { (void)h, (void)n; return copy(bytes, s); }
 int fmi2SetReal(Hinge *h, const unsigned r[], size_t n, const double v[]) { return set(h, r, n, v); }
 int fmi2GetReal(Hinge *h, const unsigned r[], size_t n, double v[]) { return get(h, r, n, v); }
 int fmi2SetTime(Hinge *h, double t) { return set_time(h, t); }
@@ -126,6 +139,12 @@ int fmi3EnterInitializationMode(Hinge *h, bool a, double b, double start, bool c
 int fmi3ExitInitializationMode(Hinge *h) { (void)h; return 0; }
 int fmi3Reset(Hinge *h) { return reset(h); }
 void fmi3FreeInstance(Hinge *h) { free(h); }
+int fmi3GetFMUState(Hinge *h, Hinge **s) { return copy(h, s); }
+int fmi3SetFMUState(Hinge *h, const Hinge *s) { return *h = *s, 0; }
+int fmi3FreeFMUState(Hinge *h, Hinge **s) { (void)h, free(*s); return *s = NULL, 0; }
+int fmi3SerializedFMUStateSize(Hinge *h, Hinge *s, size_t *n) { (void)h, (void)s; return *n = sizeof *s, 0; }
+int fmi3SerializeFMUState(Hinge *h, const Hinge *s, void *bytes, size_t n) { (void)h; return memcpy(bytes, s, n), 0; }
+int fmi3DeserializeFMUState(Hinge *h, const void *bytes, size_t n, Hinge **s) { (void)h, (void)n; return copy(bytes, s); }
 int fmi3SetFloat64(Hinge *h, const unsigned r[], size_t n, const double v[], size_t m) { (void)m; return set(h, r, n, v); }
 int fmi3GetFloat64(Hinge *h, const unsigned r[], size_t n, double v[], size_t m) { (void)m; return get(h, r, n, v); }
 int fmi3SetTime(Hinge *h, double t) { return set_time(h, t); }

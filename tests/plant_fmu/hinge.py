@@ -65,7 +65,8 @@ def _fmi2(names: list[str]) -> str:
     unknowns = '<Unknown index="4"/><Unknown index="5"/>'
     return (
         '<fmiModelDescription fmiVersion="2.0" modelName="hinge" guid="hinge" '
-        'numberOfEventIndicators="1"><ModelExchange modelIdentifier="hinge"/>'
+        'numberOfEventIndicators="1"><ModelExchange modelIdentifier="hinge" '
+        'canGetAndSetFMUstate="true" canSerializeFMUstate="true"/>'
         f"<ModelVariables>{variables}</ModelVariables><ModelStructure>"
         f'<Outputs><Unknown index="2"/><Unknown index="3"/></Outputs>'
         f"<Derivatives>{unknowns}</Derivatives><InitialUnknowns>{unknowns}</InitialUnknowns>"
@@ -94,7 +95,8 @@ def _fmi3(names: list[str]) -> str:
     )
     return (
         '<fmiModelDescription fmiVersion="3.0" modelName="hinge" instantiationToken="hinge">'
-        '<ModelExchange modelIdentifier="hinge" needsCompletedIntegratorStep="true"/>'
+        '<ModelExchange modelIdentifier="hinge" needsCompletedIntegratorStep="true" '
+        'canGetAndSetFMUState="true" canSerializeFMUState="true"/>'
         '<ModelVariables><Float64 name="time" valueReference="0" causality="independent" '
         f'variability="continuous"/>{variables}</ModelVariables>'
         f"<ModelStructure>{structure}</ModelStructure></fmiModelDescription>"

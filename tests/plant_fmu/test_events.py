@@ -100,9 +100,29 @@ def test_an_fmu_that_ends_the_simulation_is_an_error_that_says_when(play: Play) 
         play(8, 1.0, end=1.0, t_load=0.2)
 
 
-def test_without_states_of_its_own_it_has_no_checkpoint(play: Play) -> None:
-    plants, _ = play(1, 0.0)
-    assert not plants.exact
+SCENES = {
+    "bounces": (-9.8, {"q": 1.0, "wall": 1.0, "e": 0.8}),
+    "loaded before": (3.0, {"load": 1.0, "t_load": 0.2337}),
+    "loaded then": (3.0, {"load": 1.0, "t_load": 0.4}),
+    "loaded after": (3.0, {"load": 1.0, "t_load": 0.5337}),
+    "turns": (2.0, {"q": 1.0, "qd": 15.0, "turn": 1.0}),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_checkpoint_knows_what_has_happened_and_what_is_planned(play: Play, scene: str) -> None:
+    torque, settings = SCENES[scene]
+    uninterrupted, _ = play(12, torque, **settings)
+    plants, _ = play(4, torque, **settings)
+    other, _ = play(0, torque, **settings)
+    assert plants.exact
+    other.restore(plants.save())
+    for k in range(4, 12):
+        other.hold(np.zeros((1, 1)), np.zeros((1, 1)))
+        other.advance(k * H, H)
+    np.testing.assert_array_equal(
+        [other.q, other.qd, other.tau], [uninterrupted.q, uninterrupted.qd, uninterrupted.tau]
+    )
 
 
 def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:
