@@ -3,16 +3,16 @@
 from collections import deque
 from fnmatch import fnmatchcase
 
-from bus.transport import Put
+from bus.transport import Item, Message, Put
 
 
 class MemoryInbox:
-    """A subscription on a `MemoryBus`."""
+    """A party's inbox on a `MemoryBus`; nothing comes while it waits, so it does not."""
 
     def __init__(self) -> None:
-        self.waiting: deque[tuple[str, bytes]] = deque()
+        self.waiting: deque[Item] = deque()
 
-    def take(self) -> list[tuple[str, bytes]]:
+    def take(self, seconds: float = 0.0) -> list[Item]:  # noqa: ARG002
         """Return all that arrived, in order."""
         taken = list(self.waiting)
         self.waiting.clear()
@@ -31,14 +31,14 @@ class MemoryBus:
         def put(payload: bytes) -> None:
             for pattern, inbox in self._listeners:
                 if key.count("/") == pattern.count("/") and fnmatchcase(key, pattern):
-                    inbox.waiting.append((key, payload))
+                    inbox.waiting.append(Message(key, payload))
 
         return put
 
-    def listen(self, pattern: str) -> MemoryInbox:
-        """Hear every key that the pattern matches, from now on."""
+    def listen(self, *patterns: str) -> MemoryInbox:
+        """Hear every key that a pattern matches, from now on, in an inbox of its own."""
         inbox = MemoryInbox()
-        self._listeners.append((pattern, inbox))
+        self._listeners += [(pattern, inbox) for pattern in patterns]
         return inbox
 
     def close(self) -> None:

@@ -128,7 +128,11 @@ class Codec:
                     f"a {self.kind.name} of {len(payload)} bytes was refused: with vectors of "
                     f"{self.m} numbers it has {self.size}"
                 )
-        raw = np.frombuffer(b"".join(payloads), np.uint8).reshape(-1, self.size)
+        return self.parsed(b"".join(payloads))
+
+    def parsed(self, data: bytes) -> NDArray[np.void]:
+        """Return messages that follow one another as records (n,); `BusError` as `decode`."""
+        raw = np.frombuffer(data, np.uint8).reshape(-1, self.size)
         records = raw.reshape(-1).view(self.dtype)
         if not (raw[:, self._fixed] == self._template[self._fixed]).all():
             raise BusError(f"a message that is no {self.kind.name} was refused")

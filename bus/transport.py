@@ -1,27 +1,69 @@
-"""A bus carries bytes from a key to all who listen on it, in order, and drops nothing."""
+"""A bus carries bytes from a key to all who listen on it, in order, and drops nothing.
+
+All that one party hears comes into one inbox, in the order of arrival: messages, who is present,
+and on a network also questions and answers. Keys are the run's own, whatever stands before them
+on the wire; patterns follow Zenoh: `*` stands for one part of a key.
+"""
 
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 Put = Callable[[bytes], None]
 """Puts one message on the key that it was made for."""
 
 
-class Inbox(Protocol):
-    """What arrived on one subscription and was not yet taken."""
+class Message(NamedTuple):
+    """What was put on a key."""
 
-    def take(self) -> list[tuple[str, bytes]]:
-        """Return (key, payload) of all that arrived, in order, and forget it."""
+    key: str
+    payload: bytes
+
+
+class Presence(NamedTuple):
+    """Somebody came, or is gone."""
+
+    key: str
+    here: bool
+
+
+class Answer(NamedTuple):
+    """What was answered to a question on a key; None when nobody did."""
+
+    key: str
+    payload: bytes | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """What somebody asks on a key, to be answered once."""
+
+    key: str
+    payload: bytes
+    answer: Put
+
+
+Item = Message | Presence | Answer | Question
+
+
+class Inbox(Protocol):
+    """What arrived for one party and was not yet taken."""
+
+    def take(self, seconds: float = 0.0) -> list[Item]:
+        """Return all that arrived, in order, and forget it.
+
+        When nothing has, wait for it, at most for so many seconds of wall time.
+        """
 
 
 class Bus(Protocol):
-    """A session on the bus. Key patterns follow Zenoh: `*` stands for one part of a key."""
+    """A party's way to the bus."""
 
     def publisher(self, key: str) -> Put:
         """Declare the right to put on a key."""
 
-    def listen(self, pattern: str) -> Inbox:
-        """Hear every key that the pattern matches, from now on."""
+    def listen(self, *patterns: str) -> Inbox:
+        """Hear every key that a pattern matches, from now on, in an inbox of its own."""
 
     def close(self) -> None:
         """End the session; its publishers and inboxes are void from now on."""

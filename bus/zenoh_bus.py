@@ -1,66 +1,147 @@
-"""The bus over one Eclipse Zenoh session that opens no socket: nobody listens, nobody scouts.
+"""The bus over a Zenoh session; by default one that opens no socket: nobody listens or scouts.
 
 A put reaches the session's own subscribers before it returns (session-local delivery), so what
-was put before `take` is in what `take` returns. The run's id is the session's namespace: it stands
-before every key on the wire, and keys in the code do not show it.
+was put before `take` is in what `take` returns. On the wire `nrs/<run id>/` stands before every
+key; the code sees it only where a message of another run is to be told apart.
 """
 
 import json
-from collections import deque
+from queue import Empty, SimpleQueue
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
-from bus.transport import Put
+from bus.endpoints import Endpoints, zenoh_settings
+from bus.errors import BusError
+from bus.transport import Answer, Item, Message, Presence, Put, Question
 
-_NO_SOCKET = {
-    "mode": "peer",
-    "listen/endpoints": [],
-    "connect/endpoints": [],
-    "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": False,
-    "transport/shared_memory/enabled": False,
-}
+ROOT = "nrs"
+NO_SOCKET = Endpoints()
+_NOBODY = 3600.0
+"""s: how long a question waits for its answer; who asks decides how long to look for it."""
 
 
 class ZenohInbox:
-    """A subscription of a `ZenohBus`; a C callable appends, and no Python runs in its threads."""
+    """A party's inbox; a C callable fills it, and no Python runs in Zenoh's threads."""
 
-    def __init__(self, session: zenoh.Session, pattern: str) -> None:
-        self._waiting: deque[zenoh.Sample] = deque()
-        self._subscriber = session.declare_subscriber(
-            pattern, Callback(self._waiting.append, indirect=False)
-        )
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix
+        self.waiting: SimpleQueue[Any] = SimpleQueue()
 
-    def take(self) -> list[tuple[str, bytes]]:
-        """Return all that arrived, in order."""
-        pop = self._waiting.popleft
-        taken = [pop() for _ in range(len(self._waiting))]
-        return [(str(sample.key_expr), sample.payload.to_bytes()) for sample in taken]
+    def take(self, seconds: float = 0.0) -> list[Item]:
+        """Return all that arrived, in order; wait for the first at most for so many seconds."""
+        queue = self.waiting
+        try:
+            first = queue.get(timeout=seconds) if seconds else queue.get_nowait()
+        except Empty:
+            return []
+        return [self._item(first), *(self._item(queue.get()) for _ in range(queue.qsize()))]
+
+    def _item(self, raw: Any) -> Item:
+        if isinstance(raw, zenoh.Sample):
+            return Message(self._key(raw.key_expr), raw.payload.to_bytes())
+        if isinstance(raw, zenoh.Query):
+            return _question(raw, self._key(raw.key_expr))
+        if isinstance(raw, zenoh.Reply):
+            told = raw.ok
+            if told is None:
+                return Answer("", None)
+            return Answer(self._key(told.key_expr), told.payload.to_bytes())
+        kind, told = raw
+        if kind is Presence:
+            return Presence(self._key(told.key_expr), told.kind == zenoh.SampleKind.PUT)
+        return Answer(told, None)
+
+    def _key(self, wire: zenoh.KeyExpr) -> str:
+        """Return a key of the run's own; one of others, or a pattern of many runs, as it is."""
+        return str(wire).removeprefix(self._prefix)
+
+
+def _question(query: zenoh.Query, key: str) -> Question:
+    def answer(payload: bytes) -> None:
+        query.reply(query.key_expr, payload)
+        query.drop()  # type: ignore[no-untyped-call]
+
+    return Question(key, query.payload.to_bytes() if query.payload else b"", answer)
 
 
 class ZenohBus:
-    """One Zenoh session of a run."""
+    """A party's way to a Zenoh session, on the keys of one run."""
 
-    def __init__(self, run_id: str) -> None:
+    def __init__(self, run_id: str, endpoints: Endpoints = NO_SOCKET) -> None:
+        """Open a session; `BusError` when it cannot be."""
         config = zenoh.Config()
-        for path, value in {**_NO_SOCKET, "namespace": f"nrs/{run_id}"}.items():
+        for path, value in zenoh_settings(endpoints).items():
             config.insert_json5(path, json.dumps(value))
-        self.session = zenoh.open(config)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise BusError(f"no session on the bus: {error}") from None
+        self.run_id = run_id
+        self._tokens: list[zenoh.LivelinessToken] = []
+
+    @property
+    def _prefix(self) -> str:
+        return f"{ROOT}/{self.run_id}/"
 
     def publisher(self, key: str) -> Put:
         """Declare the right to put on a key; reliable, and blocking rather than dropping."""
-        publisher = self.session.declare_publisher(
-            key,
+        publisher = self._session.declare_publisher(
+            self._prefix + key,
             congestion_control=zenoh.CongestionControl.BLOCK,
             reliability=zenoh.Reliability.RELIABLE,
         )
         return publisher.put
 
-    def listen(self, pattern: str) -> ZenohInbox:
-        """Hear every key that the pattern matches, from now on."""
-        return ZenohInbox(self.session, pattern)
+    def listen(self, *patterns: str) -> ZenohInbox:
+        """Hear every key that a pattern matches, from now on, in an inbox of its own."""
+        return self._listen([self._prefix + pattern for pattern in patterns])
+
+    def listen_to_all(self) -> ZenohInbox:
+        """Hear every key of every run that comes by, from now on; those of others in full."""
+        return self._listen([f"{ROOT}/**"])
+
+    def watch(self, pattern: str, inbox: ZenohInbox) -> None:
+        """Let an inbox hear who is present on keys of a pattern, now and from now on."""
+        put = inbox.waiting.put
+
+        def told(sample: zenoh.Sample) -> None:
+            put((Presence, sample))
+
+        self._session.liveliness().declare_subscriber(
+            self._prefix + pattern,
+            Callback(told, indirect=False),
+            history=True,
+        )
+
+    def announce(self, key: str) -> None:
+        """Be present on a key until the session is closed or its process is gone."""
+        self._tokens.append(self._session.liveliness().declare_token(self._prefix + key))
+
+    def serve(self, pattern: str, inbox: ZenohInbox) -> None:
+        """Let questions on keys of a pattern come into an inbox."""
+        self._session.declare_queryable(
+            self._prefix + pattern, Callback(inbox.waiting.put, indirect=False)
+        )
+
+    def ask(self, key: str, payload: bytes, inbox: ZenohInbox) -> None:
+        """Ask on a key; an inbox gets the answers, and `Answer(key, None)` after the last."""
+        put = inbox.waiting.put
+        self._session.get(
+            self._prefix + key,
+            Callback(put, lambda: put((Answer, key)), indirect=False),
+            payload=payload,
+            timeout=_NOBODY,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
 
     def close(self) -> None:
         """Close the session and all that was declared on it."""
-        self.session.close()  # type: ignore[no-untyped-call]
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _listen(self, keys: list[str]) -> ZenohInbox:
+        inbox = ZenohInbox(self._prefix)
+        for key in keys:
+            self._session.declare_subscriber(key, Callback(inbox.waiting.put, indirect=False))
+        return inbox

@@ -17,10 +17,12 @@ import typer
 
 from bus.errors import CosimError, InputError
 from orchestrator import showing
+from orchestrator.alone import alone
 from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
 from orchestrator.errors import Interrupted
 from orchestrator.fmu_cli import fmu
+from orchestrator.manning import Handling, here, hosts_worth_it
 from orchestrator.places import place_for
 from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.running import run as run_scenario
@@ -76,6 +78,8 @@ def run(
     compression: Annotated[
         Literal["zstd", "lz4", "none"], typer.Option(help="Of the recording's chunks.")
     ] = "zstd",
+    hosts: Annotated[str, typer.Option(help="How many processes, or auto.")] = "1",
+    restart: Annotated[bool, typer.Option(help="Start a host again when it is gone.")] = True,
 ) -> None:
     """Run a scenario and record all that was said."""
     file = read_scenario(scenario)
@@ -94,7 +98,11 @@ def run(
                 raise Interrupted
 
         whole = path.absolute()  # an FMU may change the working directory
-        outcome = run_scenario(file, whole, compression=compression, watch=watch)
+        n = hosts_worth_it(file.scenario.n) if hosts == "auto" else int(hosts)
+        handling = Handling(restart, 60.0, lambda text: say("blue", "host", text))
+        man = alone(file) if n == 1 else here(file, n, handling)
+        outcome = run_scenario(file, whole, man, compression=compression, watch=watch)
+        print(outcome.profile, outcome.refused)
     with Reader(whole) as reader:
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
     simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
@@ -103,6 +111,35 @@ def run(
     if outcome.status == "failed":
         say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])
+
+
+@app.command()
+def host(
+    connect: Annotated[list[str], typer.Option()],
+    name: Annotated[str, typer.Option()],
+    robots: Annotated[str, typer.Option()],
+    parent: Annotated[int, typer.Option()] = 0,
+) -> None:
+    """Join."""
+    from bus.endpoints import Endpoints
+    from orchestrator.hosts.member import Membership, serve
+
+    if parent:
+        from plant_fmu.isolation.worker import follow
+
+        follow(parent)
+    serve(
+        Membership(
+            name,
+            [int(r) for r in robots.split(",")],
+            None,
+            60.0,
+            False,
+            not parent,
+            lambda t: say("blue", "host", t),
+        ),
+        Endpoints(connect=tuple(connect)),
+    )
 
 
 @app.command()

@@ -2,34 +2,31 @@
 
 import json
 import platform
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from time import perf_counter
-from uuid import uuid4
+from typing import Any
 
 import numpy as np
 
 from bus.errors import RunError
-from bus.zenoh_bus import ZenohBus
-from estimator_agents.agents import Agents
-from estimator_agents.algorithm import load_algorithm
+from bus.topology import Topology
+from orchestrator.alone import alone
 from orchestrator.clock import Clock, seconds
 from orchestrator.errors import Interrupted
-from orchestrator.host import Host, Watch
-from orchestrator.lockstep import TargetNode, run_ticks
-from orchestrator.plants import Group, group_by_archive, open_fleet
+from orchestrator.host import Spent, Watch, needed
+from orchestrator.lockstep import Lockstep, Manning, TargetNode, window
+from orchestrator.restart import AT_ONCE
 from orchestrator.scenario_file import ScenarioFile
-from orchestrator.setting import (
-    bodies,
-    clock_of,
-    initial_estimates,
-    target_of,
-    topology_of,
-)
-from plant_fmu.fleet import Fleet
+from orchestrator.setting import clock_of, faulty_of, target_of, topology_of
 from recordings.container import Closing, Compression
+from recordings.digest import Message
+from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import RUN
 from recordings.writing import Writer
@@ -38,6 +35,15 @@ SCENARIO = "scenario.toml"
 """The attachment that holds the scenario's text."""
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Where the wall time of a run went, s."""
+
+    hosts: Mapping[str, Spent]
+    orchestrator: Spent
+    recording: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,91 +57,111 @@ class Outcome:
     messages: int
     wall_seconds: float
     """From the states at t_0 to the last tick; set-up and closing are apart."""
+    profile: Profile
+    refused: Mapping[str, int]
+    """How many batches were not believed, by reason."""
 
 
 def run(
     file: ScenarioFile,
     output: Path,
+    man: Manning | None = None,
     *,
     compression: Compression = "zstd",
     watch: Watch = lambda _time_ns: None,
+    past: Iterator[list[Message]] | None = None,
 ) -> Outcome:
     """Run a scenario into a recording.
 
-    `watch` is told each output time, ns, that was reached, and ends the run by `Interrupted`. A
-    failure before the states at t_0 is raised and leaves no file; a later one is the outcome's.
+    `man` gets its hosts; by default its robots are in this thread. `watch` is told each output time, ns, that was reached, and ends the run
+    by `Interrupted`. A failure before the states at t_0 is raised and leaves no file; a later one
+    is the outcome's. `past` are the ticks from 0 on, as messages, that an earlier recording of the
+    same run has: they are copied, and the run goes on after them.
     """
     scenario = file.scenario
-    clock, topology, target = clock_of(scenario), topology_of(scenario), target_of(scenario)
-    algorithm = load_algorithm(
-        scenario.algorithm.name, scenario.algorithm.alpha, scenario.algorithm.beta
-    )
-    groups = group_by_archive(scenario, file.folder)
+    clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
     with ExitStack() as stack, np.errstate(all="ignore"):
-        fleet = open_fleet(stack, groups, bodies(scenario))
-        bus = ZenohBus(uuid4().hex)
-        stack.callback(bus.close)
-        initial = initial_estimates(scenario)
-        agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, initial)
-        host = Host(bus, clock, agents, fleet, scenario.run.divergence_limit)
-        node = TargetNode(bus, clock, target, scenario.m)
+        bus, hosts = (man or alone(file))(stack, clock, watch)
+        wire = hosts.wire()
+        target = TargetNode(bus, clock, wire, target_of(scenario))
+        every = scenario.run.checkpoint_every
         writer = stack.enter_context(
             Writer(
                 output,
                 version=version("nrs-cosim"),
-                channels=channels(scenario.n),
+                channels=channels(n, faulty_of(scenario), checkpoints=every > 0),
                 schemas=schemas(),
                 metadata={
-                    RUN: _about_run(file, clock, groups, fleet),
+                    RUN: _about_run(file, clock, hosts.told()),
                     "nrs.versions": _versions(),
                 },
                 attachments={SCENARIO: ("application/toml", file.text.encode())},
                 compression=compression,
             )
         )
-        recorder = Recorder(bus, writer, scenario.n)
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
+        ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
+        deadline = 30.0
+        lockstep = Lockstep(
+            clock, target, hosts, recorder, _needs(topology, hosts.homes), ahead, deadline, watch
+        )
         status: Closing = "completed"
-        reason, done = "", 0
+        reason = ""
         started = perf_counter()
         try:
-            for done in run_ticks(clock, node, host, recorder, watch):  # noqa: B007
+            for k, tick in enumerate(past or ()):
+                recorder.copy(k, tick)
+            hosts.begin(recorder)
+            for _ in lockstep.run():
                 pass
         except Interrupted:
-            at = seconds(clock.t(done))
+            at = seconds(clock.t(max(recorder.closed, 0)))
             status, reason = "interrupted", f"stopped by the user after t = {at:g} s"
         except RunError as error:
             status, reason = "failed", str(error)
         wall_seconds = perf_counter() - started
+        hosts.end()
         writer.finish(status, reason)
-    return Outcome(status, reason, output, done, recorder.messages, wall_seconds)
+    refused = Counter(recorder.refused) + Counter(hosts.refused)
+    profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording)
+    done = max(recorder.closed, 0)
+    return Outcome(status, reason, output, done, recorder.messages, wall_seconds, profile, refused)
+
+
+def past_of(reader: Reader) -> Iterator[list[Message]]:
+    """Yield the messages of a recording's ticks from 0 on, up to the first that is missing."""
+    k = 0
+    for batch in reader.batches():
+        for sequence, tick in groupby(batch, lambda message: message[2]):
+            if sequence != k:
+                return
+            yield list(tick)
+            k += 1
+
+
+def _needs(topology: Topology, homes: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
+    """Return the hosts whose samples each host needs."""
+    nodes = {host: np.array(robots) for host, robots in homes.items()}
+    return {
+        host: needed(np.unique(topology.source[np.isin(topology.sink, robots)]), nodes)
+        for host, robots in nodes.items()
+    }
 
 
 def _about_run(
-    file: ScenarioFile, clock: Clock, groups: list[Group], fleet: Fleet
+    file: ScenarioFile, clock: Clock, plants: Sequence[Mapping[str, Any]]
 ) -> dict[str, str]:
     """Return the run's metadata record; its numbers are decimal, its times in ns."""
-    about_plants = [
-        {
-            "fmu": group.archive.label,
-            "name": group.archive.name,
-            "fmi_version": group.archive.fmi_version,
-            "kind": plants.kind,
-            "drive": plants.drive,
-            "why": plants.why,
-            "sha256": group.archive.sha256,
-            "robots": [row + 1 for row in group.rows],
-        }
-        for group, plants in zip(groups, fleet.plants, strict=True)
-    ]
     return {
         "name": file.name,
+        "folder": str(file.folder.absolute()),
         "seed": str(file.scenario.run.seed),
         "robots": str(file.scenario.n),
         "joints": str(file.scenario.m),
         "ticks": str(clock.ticks),
         "sampling_period_ns": str(clock.period_ns),
         "output_step_ns": str(clock.output_ns),
-        "plants": json.dumps(about_plants),
+        "plants": json.dumps(plants),
     }
 
 

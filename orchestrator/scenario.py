@@ -137,6 +137,9 @@ class Run(Table):
     divergence_limit: Positive = Field(
         1e5, description="rad, rad/s; the run fails when an estimate or a state is beyond it"
     )
+    checkpoint_every: Count = Field(
+        100, description="ticks between checkpoints, from which robots can be restored; 0 for none"
+    )
 
 
 class AlgorithmChoice(Table):

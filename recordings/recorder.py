@@ -1,59 +1,223 @@
-"""The recorder hears everything and writes the very bytes that travelled, a closed tick at a time.
+"""The recorder writes what hosts say, a closed tick at a time, in the very bytes that travelled.
 
-Tick k closes with the samples of t_k and the states of (t_{k−1}, t_k]; tick 0 holds the states of
-t_0. All that must have travelled is counted, and whoever is missing is named.
+Tick k closes with the samples of t_k and all that the hosts told of it: their states of
+(t_{k−1}, t_k], faults, checkpoints. It is counted by host: a batch is believed only when it holds
+all that its host owes. What cannot be believed is counted by its reason and passed over; what is
+said twice is kept once.
 """
 
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from bus.errors import BusError
-from bus.keys import EVERYTHING, sample_key, state_key
-from bus.messages import HEADER, SAMPLE, STATE
-from bus.transport import Bus
+from bus.keys import (
+    EVERYONE,
+    RECORDS,
+    SAMPLES,
+    TARGET,
+    checkpoint_key,
+    fault_key,
+    sample_key,
+    state_key,
+)
+from bus.messages import CHECKPOINT, FAULT, HEADER, SAMPLE, STATE
+from bus.transport import Message
+from bus.wire import Records, RefusedError, Tick, Wire
 from recordings.container import Channel, Schema
+from recordings.digest import Message as Recorded
+from recordings.reading import Reader
 from recordings.writing import Writer
 
 
-def channels(n: int) -> list[Channel]:
-    """Return the channels of n robots and the target."""
-    samples = [Channel(sample_key(node), SAMPLE.name) for node in range(n + 1)]
-    return samples + [Channel(state_key(robot), STATE.name) for robot in range(1, n + 1)]
+def channels(n: int, faulty: Collection[int], checkpoints: bool) -> list[Channel]:
+    """Return the channels of n robots and the target.
+
+    Those of link faults, for robots that may meet any, and those of checkpoints, if there are any,
+    do not enter the digest.
+    """
+    robots = range(1, n + 1)
+    found = [Channel(sample_key(node), SAMPLE.name) for node in range(n + 1)]
+    found += [Channel(state_key(robot), STATE.name) for robot in robots]
+    found += [Channel(fault_key(robot), FAULT.name, counted=False) for robot in faulty]
+    if checkpoints:
+        found += [Channel(checkpoint_key(r), CHECKPOINT.name, counted=False) for r in robots]
+    return found
 
 
 def schemas() -> list[Schema]:
     """Return the protobuf schemas of all messages."""
-    return [Schema(kind.name, kind.descriptor()) for kind in (SAMPLE, STATE)]
+    kinds = (SAMPLE, STATE, FAULT, CHECKPOINT)
+    return [Schema(kind.name, kind.descriptor()) for kind in kinds]
+
+
+_CHECKPOINTS = checkpoint_key(0)[:-1]
+
+
+@dataclass(slots=True)
+class _Open:
+    """A tick that is not closed yet, by host."""
+
+    samples: dict[str, Records] = field(default_factory=dict)
+    told: dict[str, Tick] = field(default_factory=dict)
 
 
 class Recorder:
-    """Writes what n robots and the target say on a bus."""
+    """Writes what the hosts of a run say.
 
-    def __init__(self, bus: Bus, writer: Writer, n: int) -> None:
-        self._inbox = bus.listen(EVERYTHING)
-        self._writer = writer
-        self._samples = [sample_key(node) for node in range(n + 1)]
-        self._states = [state_key(robot) for robot in range(1, n + 1)]
+    `refused` counts what was not believed, by reason; `repeated` what was said again, as a host
+    does that was restored.
+    """
+
+    def __init__(self, writer: Writer, wire: Wire, n: int, keep: int) -> None:
+        """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand."""
         self.messages = 0
+        self.refused: Counter[str] = Counter()
+        self.repeated = 0
+        self.taken = 0
+        """How many batches were believed and new."""
+        self.closed = -1
+        """The last tick that was written."""
+        self.checkpoints: dict[int, tuple[int, bytes]] = {}
+        """Of each robot the last that is recorded: its tick and its message."""
+        self._writer, self._wire, self._keep = writer, wire, keep
+        self._open: defaultdict[int, _Open] = defaultdict(_Open)
+        self._past: dict[int, list[Records]] = {}
+        self._hosts = frozenset(wire.homes) - {TARGET}
+        self._sample_topics = [sample_key(node) for node in range(n + 1)]
+        self._state_topics = [state_key(node) for node in range(n + 1)]
 
-    def close_tick(self, k: int, outputs: Sequence[int]) -> None:
-        """Write tick k, whose states lie at the output times (ns); `BusError` if one is missing."""
-        header = HEADER.unpack_from
-        batch = []
-        for key, data in self._inbox.take():
-            _, sequence, time_ns = header(data)
-            batch.append((time_ns, key, sequence, data))
-        expected = len(self._states) * len(outputs) + (len(self._samples) if k else 0)
-        if len(batch) != expected:
-            raise BusError(self._who_is_missing(k, outputs, {(t, key) for t, key, *_ in batch}))
+    def take(self, message: Message) -> None:
+        """Take what was put on a key; what is no batch of the run is refused and counted.
+
+        Raises `BusError` when a host says a tick again, and not in the same words.
+        """
+        kind, _, host = message.key.partition("/")
+        try:
+            if kind == SAMPLES:
+                k, samples = self._wire.unpack_samples(host, message.payload)
+            elif kind == RECORDS:
+                k, tick = self._wire.unpack_tick(host, message.payload)
+            else:
+                self.refused["key"] += 1
+                return
+        except RefusedError as refused:
+            self.refused[str(refused)] += 1
+            return
+        if k <= self.closed:
+            new = False
+        elif kind == SAMPLES:
+            first = self._open[k].samples.setdefault(host, samples)
+            self._expect_same(k, host, first is samples or first.tobytes() == samples.tobytes())
+            new = first is samples
+        else:
+            known = self._open[k].told.setdefault(host, tick)
+            same = known is tick or known.states.tobytes() == tick.states.tobytes()
+            self._expect_same(k, host, same)
+            new = known is tick
+        self.taken += new
+        self.repeated += not new
+
+    def is_whole(self, k: int) -> bool:
+        """Return whether nothing of tick k is missing."""
+        tick, hosts = self._open[k], len(self._hosts)
+        return len(tick.told) == hosts and (not k or len(tick.samples) == hosts + 1)
+
+    def missing(self, k: int) -> dict[str, list[str]]:
+        """Return what tick k lacks: of each host, which kinds."""
+        if k <= self.closed:
+            return {}
+        tick = self._open[k]
+        lacks = {host: [RECORDS] for host in self._hosts - tick.told.keys()}
+        for host in (self._hosts | {TARGET}) - tick.samples.keys() if k else ():
+            lacks.setdefault(host, []).append(SAMPLES)
+        return lacks
+
+    def last_heard(self, host: str) -> int:
+        """Return the last tick of which a host's samples came."""
+        heard = (k for k, tick in self._open.items() if host in tick.samples)
+        return max(heard, default=self.closed)
+
+    def close(self, k: int) -> None:
+        """Write tick k, of which nothing is missing."""
+        tick = self._open.pop(k)
+        batch: list[Recorded] = []
+        for records in tick.samples.values():
+            batch += _messages(records, self._sample_topics)
+        for told in tick.told.values():
+            batch += _messages(told.states, self._state_topics)
+            if len(told.faults):
+                topics = {robot: fault_key(robot) for robot in told.faults["robot"].tolist()}
+                batch += _messages(told.faults, topics)
+            batch += _checkpoints(told.checkpoints)
+        self._write(k, batch, list(tick.samples.values()))
+
+    def copy(self, k: int, batch: list[Recorded]) -> None:
+        """Write tick k as another recording of the same run has it."""
+        topics = frozenset(self._sample_topics)
+        samples = [data for _, topic, _, data in batch if topic in topics]
+        self._write(k, batch, [self._wire.samples.decode(samples)])
+
+    def samples(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
+        """Yield the samples of the ticks since … until that are known: k, records, host.
+
+        A closed tick is whole, and its host is `EVERYONE`. What is no more at hand is read from
+        the recording.
+        """
+        if since <= min(until, self.closed) and since not in self._past:
+            yield from self._read(since, min(until, self.closed))
+        else:
+            for k in range(since, until + 1):
+                if self._past.get(k):
+                    yield k, np.concatenate(self._past[k]), EVERYONE
+        for k, tick in self._open.items():
+            if since <= k <= until:
+                yield from ((k, records, host) for host, records in tick.samples.items())
+
+    def _read(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
+        self._writer.flush()
+        found: defaultdict[int, list[bytes]] = defaultdict(list)
+        with Reader(self._writer.path) as reader:
+            times = self._wire.times.t(since), self._wire.times.t(until) + 1
+            for batch in reader.batches(self._sample_topics, *times):
+                for _, _, k, data in batch:
+                    found[k].append(data)
+        for k, samples in found.items():
+            yield k, self._wire.samples.decode(samples), EVERYONE
+
+    def _write(self, k: int, batch: list[Recorded], samples: list[Records]) -> None:
         self._writer.write(batch)
         self.messages += len(batch)
+        self.closed = k
+        for _, topic, _, data in batch:
+            if topic.startswith(_CHECKPOINTS):
+                self.checkpoints[HEADER.unpack_from(data)[0]] = k, data
+        self._past[k] = samples
+        self._past.pop(k - self._keep, None)
 
-    def _who_is_missing(self, k: int, outputs: Sequence[int], got: set[tuple[int, str]]) -> str:
-        wanted = {(t, key) for t in outputs for key in self._states}
-        wanted |= {(outputs[-1], key) for key in self._samples if k}
-        missing = [f"{key} at {t} ns" for t, key in sorted(wanted - got)[:10]]
-        surplus = [f"{key} at {t} ns" for t, key in sorted(got - wanted)[:10]]
-        return (
-            f"tick {k} could not be recorded: missing {', '.join(missing) or 'nothing'}; "
-            f"not expected {', '.join(surplus) or 'nothing that can be told apart'}"
-        )
+    @staticmethod
+    def _expect_same(k: int, host: str, same: bool) -> None:
+        if not same:
+            raise BusError(
+                f"tick {k}: host {host} said it twice, and not the same: its FMUs do not go the "
+                "same way again from the same state"
+            )
+
+
+def _messages(records: Records, topics: Sequence[str] | Mapping[int, str]) -> list[Recorded]:
+    raw, size = records.tobytes(), records.dtype.itemsize
+    columns = zip(
+        records["time_ns"].tolist(), records["robot"].tolist(), records["k"].tolist(), strict=True
+    )
+    return [
+        (time_ns, topics[robot], k, raw[row * size : (row + 1) * size])
+        for row, (time_ns, robot, k) in enumerate(columns)
+    ]
+
+
+def _checkpoints(messages: Iterable[bytes]) -> Iterator[Recorded]:
+    for message in messages:
+        robot, k, time_ns = HEADER.unpack_from(message)
+        yield time_ns, checkpoint_key(robot), k, message

@@ -139,6 +139,10 @@ class Writer:
         if self._open_bytes >= self._chunk_bytes or time.monotonic() >= due:
             self._close_chunk()
 
+    def flush(self) -> None:
+        """Close the open chunk, so that all ticks so far are in the file; UnwritableError."""
+        self._close_chunk()
+
     def finish(
         self, status: Closing, reason: str = "", extra: Mapping[str, str] | None = None
     ) -> None:

@@ -1,0 +1,181 @@
+"""What hosts put on the wire, and what of it is believed.
+
+A host puts two batches a tick: `samples/<host>`, the samples of its robots at t_k, for the other
+hosts and the recorder; and `records/<host>`, all else that is recorded of the tick: its states of
+(t_{k−1}, t_k], the link faults it met, its checkpoints. Each batch is k and then whole messages as
+they will stand in the recording, under a seal. A batch is believed when it is sealed for its key,
+comes from a host that the run has, and holds exactly what that host owes: its robots, its times,
+finite numbers. Any other is refused with the reason, and never mixed in.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from struct import Struct
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.errors import BusError
+from bus.keys import RECORDS, SAMPLES, wire_key
+from bus.messages import FAULT, HEADER, SAMPLE, STATE, Codec
+from bus.parts import joined, parted
+from bus.seal import Seal
+
+Records = NDArray[np.void]
+Nodes = NDArray[np.integer]
+
+_K = Struct("<I")
+_WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
+
+
+class RefusedError(BusError):
+    """A batch that is not believed; the text says why, in few words and without its numbers."""
+
+
+class Times(Protocol):
+    """The sampling times and the output grid, ns; see `orchestrator.clock.Clock`."""
+
+    @property
+    def ticks(self) -> int:
+        """K."""
+
+    def t(self, k: int) -> int:
+        """Return t_k."""
+
+    def outputs(self, k: int) -> range:
+        """Return the output times in (t_{k−1}, t_k]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """What a host tells the recorder of one tick, beside its samples."""
+
+    states: Records
+    faults: Records
+    checkpoints: Sequence[bytes]
+    """Messages, one a robot; none at most ticks."""
+
+
+def _none_silent(_k: int) -> Nodes:
+    return np.empty(0, np.int64)
+
+
+class Wire:
+    """Packs and unpacks the batches of one run; vectors have m numbers."""
+
+    def __init__(
+        self,
+        m: int,
+        times: Times,
+        homes: Mapping[str, Nodes],
+        seal: Seal,
+        silent: Callable[[int], Nodes] = _none_silent,
+    ) -> None:
+        """Know the run: which nodes each host has, ascending, and who does not send at a tick."""
+        self.samples, self.states, self.faults = (Codec(k, m) for k in (SAMPLE, STATE, FAULT))
+        self.homes = dict(homes)
+        self.times = times
+        self._seal, self._silent = seal, silent
+        self.none = self.faults.blank(np.empty(0, np.int64))
+        """No faults."""
+        most = max(len(times.outputs(0)), len(times.outputs(1)))
+        self._owed_samples = {host: self.samples.blank(nodes) for host, nodes in homes.items()}
+        self._owed_states = {
+            host: self.states.blank(np.tile(nodes, most)) for host, nodes in homes.items()
+        }
+
+    def pack_samples(self, host: str, k: int, records: Records) -> bytes:
+        """Return the batch of a host's samples of t_k."""
+        return self._seal.closed(wire_key(SAMPLES, host), _K.pack(k) + records.tobytes())
+
+    def unpack_samples(self, host: str, payload: bytes) -> tuple[int, Records]:
+        """Return k and the samples that a host put; `RefusedError` when they are not believed."""
+        data, nodes = self._open(SAMPLES, host, payload)
+        k = self._tick(data, 1)
+        silent = self._silent(k)
+        owed = self._owed_samples[host]
+        if silent.size:
+            owed = owed[~np.isin(nodes, silent)]
+        owed["k"], owed["time_ns"] = k, self.times.t(k)
+        return k, self._believed(self.samples, data[_K.size :], owed)
+
+    def pack_tick(self, host: str, k: int, tick: Tick) -> bytes:
+        """Return the batch of all else that is recorded of a host's tick."""
+        parts = [tick.states.tobytes(), tick.faults.tobytes(), *tick.checkpoints]
+        return self._seal.closed(wire_key(RECORDS, host), _K.pack(k) + joined(parts))
+
+    def unpack_tick(self, host: str, payload: bytes) -> tuple[int, Tick]:
+        """Return k and what a host told of it; `RefusedError` when it is not believed."""
+        data, robots = self._open(RECORDS, host, payload)
+        k = self._tick(data, 0)
+        parts = parted(data[_K.size :])
+        if parts is None or len(parts) < 2:
+            raise RefusedError("size")
+        told, met, *checkpoints = parts
+        owed, outputs = self._owed_states[host], self.times.outputs(k)
+        owed = owed[: len(robots) * len(outputs)]
+        owed["k"] = k
+        owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
+        states = self._believed(self.states, told, owed)
+        faults = self._decoded(self.faults, met) if met else self.none
+        if (faults["k"] != k).any():
+            raise RefusedError("tick")
+        if len(faults) and not np.isin(faults["robot"], robots).all():
+            raise RefusedError("robot")
+        headers = [_header(checkpoint) for checkpoint in checkpoints]
+        if checkpoints and [robot for robot, _, _ in headers] != robots.tolist():
+            raise RefusedError("robot")
+        if any(header[1:] != (k, self.times.t(k)) for header in headers):
+            raise RefusedError("tick")
+        return k, Tick(states, faults, checkpoints)
+
+    def _open(self, kind: str, host: str, payload: bytes) -> tuple[bytes, Nodes]:
+        nodes = self.homes.get(host)
+        if nodes is None:
+            raise RefusedError("host")
+        data = self._seal.opened(wire_key(kind, host), payload)
+        if data is None:
+            raise RefusedError("seal")
+        return data, nodes
+
+    def _tick(self, data: bytes, first: int) -> int:
+        if len(data) < _K.size:
+            raise RefusedError("size")
+        k: int = _K.unpack_from(data)[0]
+        if not first <= k <= self.times.ticks:
+            raise RefusedError("tick")
+        return k
+
+    def _decoded(self, codec: Codec, data: bytes) -> Records:
+        if len(data) % codec.size:
+            raise RefusedError("size")
+        try:
+            return codec.parsed(data)
+        except BusError:
+            raise RefusedError("value") from None
+
+    def _believed(self, codec: Codec, data: bytes, owed: Records) -> Records:
+        """Return messages as records if they are those owed, whatever finite numbers they hold.
+
+        With the numbers that came, the messages that are owed must be the very bytes that came.
+        """
+        if len(data) != owed.nbytes:
+            raise RefusedError("size")
+        records = np.frombuffer(data, codec.dtype)
+        for name in codec.kind.vectors:
+            owed[name] = records[name]
+            if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
+                raise RefusedError("value")
+        if owed.tobytes() != data:
+            wrong = (why for name, why in _WRONG.items() if (records[name] != owed[name]).any())
+            raise RefusedError(next(wrong, "form"))
+        return records
+
+
+def _header(message: bytes) -> tuple[int, int, int]:
+    if len(message) < HEADER.size:
+        raise RefusedError("size")
+    robot, k, time_ns = HEADER.unpack_from(message)
+    return robot, k, time_ns

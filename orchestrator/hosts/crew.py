@@ -1,0 +1,403 @@
+"""The hosts of a run that are processes of their own, here or elsewhere.
+
+Every robot has a home, and a home has at most one host at a time. A host asks to be let in, opens
+its robots, says that it is ready, and is told to begin when every home has one. A host whose
+presence ends is gone: its home waits for another, which is told to begin where the recording
+allows, while the rest of the run goes on as far as the data lets it.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from secrets import token_bytes
+from struct import Struct
+from time import monotonic
+from typing import Any
+
+from bus.errors import BusError, InputError, RunError
+from bus.keys import ALIVE, FMU, HEARD, JOIN, ORCHESTRATOR, ORDERS, REPORT, START, wire_key
+from bus.parts import joined
+from bus.seal import Seal
+from bus.transport import Item, Message, Presence, Put, Question
+from bus.wire import Wire
+from bus.zenoh_bus import ZenohBus, ZenohInbox
+from orchestrator.host import Spent
+from orchestrator.hosts.local import LocalHost
+from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from orchestrator.numbers import named
+from orchestrator.restart import AT_ONCE, point_of
+from orchestrator.robots import wire_of
+from orchestrator.scenario_file import ScenarioFile
+from orchestrator.setting import clock_of
+from recordings.recorder import Recorder
+
+END = b"end"
+TICK = Struct("<I")
+_MOST_DEATHS = 3
+_LOOK = 0.25
+"""s: how long nothing may come before it is looked whether the hosts are well."""
+_FAREWELL = 5.0
+"""s: how long to wait for the hosts' reports when all else is done."""
+
+
+@dataclass(slots=True)
+class Home:
+    """Some robots, and the host that has them."""
+
+    robots: Sequence[int]
+    process: LocalHost | None = None
+    """When the orchestrator starts it."""
+    incarnation: str | None = None
+    """Of the host that is let in; None while there is none."""
+    since: float = field(default_factory=monotonic)
+    """When that changed."""
+    plants: list[dict[str, Any]] = field(default_factory=list)
+    begin: Put | None = None
+    """Answers a host that is ready and waits for its beginning."""
+    is_ready: bool = False
+    deaths: int = 0
+    """At the tick `died_at`."""
+    died_at: int = -2
+    report: Report | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terms:
+    """How a run treats its hosts."""
+
+    expected: int
+    """How many there will be."""
+    start: Callable[[str, Sequence[int]], LocalHost] | None
+    """Starts a host on this machine; None when they come from elsewhere."""
+    restart: bool
+    """Whether the run goes on when one is gone."""
+    wait: float
+    """s: how long a robot may be without a host."""
+    show: Callable[[str], None]
+    """Is told in words who comes and goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fmu:
+    """An FMU of the scenario."""
+
+    sha256: str
+    content: Callable[[], bytes]
+
+
+class Crew:
+    """The hosts of a run; see `orchestrator.lockstep.Hosts`."""
+
+    def __init__(
+        self,
+        bus: ZenohBus,
+        inbox: ZenohInbox,
+        file: ScenarioFile,
+        fmus: Mapping[str, Fmu],
+        terms: Terms,
+    ) -> None:
+        """Let hosts of a scenario in, from now on; `fmus` are by what the scenario calls them."""
+        self.inbox = inbox
+        self.refused: Counter[str] = Counter()
+        self.restarts = 0
+        self._homes: dict[str, Home] = {}
+        self._bus, self._file, self._fmus, self._terms = bus, file, fmus, terms
+        self._secret = token_bytes(32)
+        self._seal = Seal(self._secret)
+        self._recorder: Recorder | None = None
+        self._began = monotonic()
+        bus.announce(wire_key(ALIVE, ORCHESTRATOR))
+        bus.watch(wire_key(ALIVE, "*/*"), inbox)
+        for kind in (JOIN, START, HEARD, FMU):
+            bus.serve(wire_key(kind, "*"), inbox)
+        if terms.start:
+            robots = range(1, file.scenario.n + 1)
+            for number in range(terms.expected):
+                name = f"local-{number + 1}"
+                share = robots[_share(number, terms.expected, len(robots))]
+                self._homes[name] = Home(share, terms.start(name, share))
+
+    @property
+    def homes(self) -> dict[str, Sequence[int]]:
+        """Return which robots each host has."""
+        return {name: home.robots for name, home in self._homes.items()}
+
+    def gather(self) -> None:
+        """Wait until every robot has a host that is ready.
+
+        Raises the `InputError` of a host of this machine, and `RunError` when some do not come.
+        """
+        while self._free() or not all(home.begin for home in self._homes.values()):
+            for item in self.inbox.take(_LOOK):
+                self.handle(item)
+            self.look_after(0)
+
+    def wire(self) -> Wire:
+        """Return the wire between the hosts that were gathered."""
+        return wire_of(self._file.scenario, self.homes, self._seal)
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return what the user is told of the plants, by group, whatever host they are on."""
+        merged: dict[str, dict[str, Any]] = {}
+        for home in self._homes.values():
+            for told in home.plants:
+                alike = str({**told, "robots": None})
+                merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
+        return sorted(merged.values(), key=lambda told: told["robots"][0])
+
+    def begin(self, recorder: Recorder) -> None:
+        """Tell all hosts to begin where a recording ends."""
+        self._recorder = recorder
+        for home in self._homes.values():
+            self._send_off(home)
+
+    def advance(self, k: int) -> None:
+        """Do nothing: hosts advance by themselves."""
+
+    def handle(self, item: Item) -> None:
+        """Take what came and is neither samples nor records."""
+        if isinstance(item, Question):
+            kind, _, name = item.key.rpartition("/")
+            {JOIN: self._join, START: self._start, HEARD: self._tell_heard, FMU: self._hand_out}[
+                kind.rpartition("/")[2]
+            ](name, item)
+        elif isinstance(item, Presence):
+            _, name, incarnation = item.key.split("/")
+            home = self._homes.get(name)
+            if home and home.incarnation == incarnation and not item.here:
+                self._lose(name, home)
+        elif isinstance(item, Message):
+            self._read_report(item)
+
+    def look_after(self, k: int) -> bool:
+        """Look whether the hosts are well; return whether all are there.
+
+        Raises what a host failed with at tick k or before, and `RunError` when a robot has been
+        without a host for too long.
+        """
+        for name, home in list(self._homes.items()):
+            report = home.report
+            if report and report.failed and report.tick <= k:
+                raise RunError(report.failed)
+            if home.process and home.process.ending() is not None:
+                self._lose(name, home)
+        homeless = [*self._free()]
+        oldest = self._began if homeless else monotonic()
+        for home in self._homes.values():
+            if not home.is_ready and not home.process:
+                homeless += home.robots
+                oldest = min(oldest, home.since)
+        if homeless and monotonic() - oldest >= self._terms.wait:
+            raise RunError(
+                f"{named(homeless)} had no host for {self._terms.wait:g} s: no `nrs host` came for "
+                "them; --wait gives them longer"
+            )
+        return all(home.is_ready for home in self._homes.values())
+
+    def spent(self) -> dict[str, Spent]:
+        """Return where the time of each host went, as far as it said so."""
+        return {
+            name: Spent(home.report.plants, home.report.bus, home.report.waiting)
+            for name, home in self._homes.items()
+            if home.report
+        }
+
+    def end(self) -> None:
+        """Let all hosts end, and hear how it was."""
+        done = self._recorder and self._recorder.closed == clock_of(self._file.scenario).ticks
+        until = monotonic() + (_FAREWELL if done else 0.0)
+        while not all(home.report for home in self._homes.values()) and monotonic() < until:
+            for item in self.inbox.take(_LOOK):
+                if isinstance(item, Message):
+                    self._read_report(item)
+        for name in self._homes:
+            key = wire_key(ORDERS, name)
+            self._bus.publisher(key)(self._seal.closed(key, END))
+        for home in self._homes.values():
+            if home.process:
+                home.process.wait()
+
+    def close(self) -> None:
+        """Kill what still runs on this machine."""
+        for home in self._homes.values():
+            if home.process:
+                home.process.kill()
+
+    def _free(self) -> list[int]:
+        """Return the robots that have no home yet, ascending."""
+        taken = {robot for home in self._homes.values() for robot in home.robots}
+        return [robot for robot in range(1, self._file.scenario.n + 1) if robot not in taken]
+
+    def _join(self, name: str, question: Question) -> None:
+        try:
+            hello: Hello = Hello.read(question.payload)
+            home = self._home_for(name, hello)
+        except (BusError, _NotLetInError) as error:
+            final = not isinstance(error, _NotLetInError) or error.final
+            question.answer(Refusal(reason=str(error), final=final).written())
+            return
+        home.incarnation, home.since = hello.incarnation, monotonic()
+        self._terms.show(f"host {name} has joined with {named(home.robots)}{self._still_missing()}")
+        file = self._file
+        question.answer(
+            Welcome(
+                run=self._bus.run_id,
+                secret=self._secret.hex(),
+                name=file.name,
+                scenario=file.text,
+                folder=str(file.folder.absolute()) if home.process else None,
+                fmus={fmu: about.sha256 for fmu, about in self._fmus.items()},
+                robots=tuple(home.robots),
+            ).written()
+        )
+
+    def _home_for(self, name: str, hello: Hello) -> Home:
+        """Return the home of a host that may have it."""
+        if hello.version != version("nrs-cosim"):
+            raise _NotLetInError(
+                f"the run is of nrs-cosim {version('nrs-cosim')}, the host of {hello.version}: "
+                "install the same",
+                final=True,
+            )
+        home = self._homes.get(name)
+        if home is None:
+            home = self._new_home(hello)
+            self._homes[name] = home
+        elif home.incarnation is not None:
+            raise _NotLetInError(f"there is a host of the name {name!r} already", final=False)
+        elif hello.robots is not None and tuple(home.robots) != hello.robots:
+            raise _NotLetInError(
+                f"--robots: {name!r} has {named(home.robots)} in this run, not "
+                f"{named(hello.robots)}",
+                final=True,
+            )
+        return home
+
+    def _new_home(self, hello: Hello) -> Home:
+        free = self._free()
+        if not free:
+            vacant = [
+                f"{name} ({named(home.robots)})"
+                for name, home in self._homes.items()
+                if home.incarnation is None
+            ]
+            raise _NotLetInError(
+                "every robot has a home"
+                + (f"; take the place of {' or '.join(vacant)} by --name" if vacant else ""),
+                final=not vacant,
+            )
+        if hello.robots is None:
+            left = max(self._terms.expected - len(self._homes), 1)
+            return Home(free[: -(-len(free) // left)])
+        if not hello.robots or not {*hello.robots} <= {*free}:
+            raise _NotLetInError(
+                f"--robots: {named(free)} of {self._file.scenario.n} have no home yet, but "
+                f"{named(hello.robots) if hello.robots else 'none'} were asked for",
+                final=True,
+            )
+        return Home(sorted({*hello.robots}))
+
+    def _still_missing(self) -> str:
+        free = self._free()
+        vacant = [name for name, home in self._homes.items() if home.incarnation is None]
+        missing = ([named(free)] if free else []) + [f"host {name}" for name in vacant]
+        return f"; missing: {', '.join(missing)}" if missing else ""
+
+    def _start(self, name: str, question: Question) -> None:
+        home = self._homes.get(name)
+        try:
+            ready: Ready = Ready.read(question.payload)
+        except BusError:
+            home = None
+        if home is None or home.incarnation != ready.incarnation:
+            self.refused[START] += 1
+            return
+        home.plants, home.begin, home.report = ready.plants, question.answer, None
+        if self._recorder is not None:
+            self._send_off(home)
+
+    def _send_off(self, home: Home) -> None:
+        """Tell a host that is ready where to begin."""
+        recorder = self._recorder
+        if recorder is None or home.begin is None:
+            return
+        point = point_of(home.robots, recorder.checkpoints, recorder.closed)
+        homes = {name: tuple(each.robots) for name, each in self._homes.items()}
+        go = Go(homes=homes, start=point.start, recorded=point.recorded)
+        home.begin(go.with_checkpoints(point.checkpoints))
+        home.begin, home.is_ready = None, True
+
+    def _tell_heard(self, name: str, question: Question) -> None:
+        """Answer with the samples of the next ticks that are known."""
+        recorder = self._recorder
+        if name not in self._homes or recorder is None or len(question.payload) != TICK.size:
+            self.refused[HEARD] += 1
+            return
+        (since,) = TICK.unpack(question.payload)
+        known = recorder.samples(since, since + AT_ONCE - 1)
+        parts = (
+            part
+            for k, records, host in known
+            for part in (TICK.pack(k), records.tobytes(), host.encode())
+        )
+        question.answer(joined(parts))
+
+    def _hand_out(self, sha256: str, question: Question) -> None:
+        found = [fmu for fmu in self._fmus.values() if fmu.sha256 == sha256]
+        if found:
+            question.answer(found[0].content())
+        else:
+            self.refused[FMU] += 1
+
+    def _read_report(self, message: Message) -> None:
+        kind, _, name = message.key.partition("/")
+        if kind == ORDERS:
+            return
+        home = self._homes.get(name) if kind == REPORT else None
+        data = self._seal.opened(message.key, message.payload) if home else None
+        if home is None or data is None:
+            self.refused["seal" if home else "key"] += 1
+            return
+        report: Report = Report.read(data)
+        home.report = report
+        if report.tick < 0 and report.failed:
+            if home.process:
+                raise InputError(report.failed)
+            self._terms.show(f"host {name} cannot open {named(home.robots)}: {report.failed}")
+
+    def _lose(self, name: str, home: Home) -> None:
+        """Do without a host that is gone, or start it again."""
+        if home.report and home.report.failed is None:
+            return
+        how = home.process.kill() if home.process else "is gone"
+        home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()
+        closed = self._recorder.closed if self._recorder else -1
+        told = f"host {name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
+        home.deaths = home.deaths + 1 if home.died_at == closed else 1
+        home.died_at = closed
+        if home.process and home.deaths > _MOST_DEATHS:
+            raise RunError(f"{told}, for the {home.deaths}th time in a row")
+        if self._recorder is None:
+            if home.process is None:
+                del self._homes[name]
+        elif not self._terms.restart:
+            raise RunError(told)
+        else:
+            self.restarts += 1
+        if home.process and self._terms.start:
+            self._terms.show(f"{told}; it is started again")
+            home.process = self._terms.start(name, home.robots)
+        else:
+            self._terms.show(f"{told}; waiting for it to come back{self._still_missing()}")
+
+
+class _NotLetInError(Exception):
+    def __init__(self, reason: str, *, final: bool) -> None:
+        super().__init__(reason)
+        self.final = final
+
+
+def _share(number: int, shares: int, n: int) -> slice:
+    """Return one of the shares of n in a row that are as even as can be."""
+    return slice(number * n // shares, (number + 1) * n // shares)

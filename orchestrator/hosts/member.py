@@ -1,0 +1,279 @@
+"""The process of a host: it joins a run, runs its robots in it, and leaves when the run ends.
+
+It needs no scenario file: it is given the scenario, and knows FMUs by their content. When its link
+or the orchestrator is gone, it forgets the run and asks to be let in again; what its robots did so
+far is in the recording.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from time import monotonic
+from uuid import uuid4
+
+from bus.endpoints import Endpoints
+from bus.errors import BusError, CosimError, InputError, RunError
+from bus.keys import ALIVE, FMU, HEARD, JOIN, ORCHESTRATOR, ORDERS, REPORT, SAMPLES, START, wire_key
+from bus.parts import parted
+from bus.seal import Seal
+from bus.transport import Answer, Item, Message, Presence
+from bus.wire import RefusedError, Wire
+from bus.zenoh_bus import ZenohBus, ZenohInbox
+from orchestrator.host import Heard
+from orchestrator.hosts.crew import END, TICK
+from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from orchestrator.numbers import named
+from orchestrator.restart import AT_ONCE
+from orchestrator.robots import Robots, wire_of
+from orchestrator.scenario_file import parse_scenario
+from orchestrator.setting import clock_of
+from plant_fmu.archives.archive import Archive, find_archive
+from plant_fmu.archives.store import keep, stored
+from plant_fmu.errors import FmuError
+
+_AGAIN = 0.5
+"""s: how long to wait before a run is asked again."""
+_SILENCE = 1.0
+"""s: after that long without a sample the orchestrator is asked for it."""
+
+
+class AbandonedError(CosimError):
+    """The orchestrator is gone; its text says so to a user."""
+
+
+class EndedError(CosimError):
+    """The run is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Membership:
+    """How a host joins."""
+
+    name: str
+    robots: Sequence[int] | None
+    """The ones that it wants, ascending; None for any that are free."""
+    run: str | None
+    """Which run, when several can be joined."""
+    wait: float
+    """s: how long to look for a run, or for one that is gone to come back."""
+    allow_fmus: bool
+    """Whether FMUs of the orchestrator may be run."""
+    stays: bool
+    """Whether to join again when the orchestrator is gone."""
+    show: Callable[[str], None]
+    """Is told in words what happens."""
+
+
+def serve(member: Membership, endpoints: Endpoints) -> None:
+    """Join a run, run robots in it until it ends.
+
+    Raises `RunError` when there is no run in time, or the host is not let in; `InputError` when its
+    robots cannot be opened.
+    """
+    while True:
+        with ExitStack() as stack:
+            bus = ZenohBus("*", endpoints)
+            stack.callback(bus.close)
+            incarnation = uuid4().hex
+            try:
+                welcome = _let_in(bus, member, incarnation)
+                _take_part(stack, bus, member, incarnation, welcome)
+            except EndedError:
+                return
+            except AbandonedError as error:
+                if not member.stays:
+                    return
+                member.show(f"{error}; looking for it again")
+
+
+def _let_in(bus: ZenohBus, member: Membership, incarnation: str) -> Welcome:
+    """Ask to be let in until a run does."""
+    inbox = bus.listen()
+    robots = None if member.robots is None else tuple(member.robots)
+    hello = Hello(version=version("nrs-cosim"), incarnation=incarnation, robots=robots).written()
+    until = monotonic() + member.wait
+    last = "no run was found that waits for hosts"
+    while monotonic() < until:
+        bus.run_id = member.run or "*"
+        bus.ask(wire_key(JOIN, member.name), hello, inbox)
+        answers: list[bytes] = []
+        ended = False
+        while not ended:
+            items = inbox.take(_AGAIN)
+            answers += [i.payload for i in items if isinstance(i, Answer) and i.payload is not None]
+            ended = not items or any(isinstance(i, Answer) and i.payload is None for i in items)
+        for answer in answers:
+            note = _welcome_or_refusal(answer)
+            if isinstance(note, Welcome):
+                bus.run_id = note.run
+                return note
+            last = note.reason
+            if note.final:
+                raise RunError(f"not let into the run: {last}")
+        inbox.take(_AGAIN)
+    raise RunError(f"not let into a run within {member.wait:g} s: {last}")
+
+
+def _welcome_or_refusal(data: bytes) -> Welcome | Refusal:
+    try:
+        return Welcome.read(data)
+    except BusError:
+        return Refusal.read(data)
+
+
+def _take_part(
+    stack: ExitStack, bus: ZenohBus, member: Membership, incarnation: str, welcome: Welcome
+) -> None:
+    """Open the robots, and run them from where the orchestrator says, until it ends the run."""
+    name, seal = member.name, Seal(bytes.fromhex(welcome.secret))
+    report_key = wire_key(REPORT, name)
+    put_report = bus.publisher(report_key)
+
+    def report(note: Report) -> None:
+        put_report(seal.closed(report_key, note.written()))
+
+    member.show(f"joined {welcome.name} with {named(welcome.robots)}")
+    inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(ORDERS, name))
+    bus.watch(wire_key(ALIVE, ORCHESTRATOR), inbox)
+    bus.announce(wire_key(ALIVE, f"{name}/{incarnation}"))
+    listening = _Listening(bus, inbox, name, seal)
+    try:
+        folder = Path(welcome.folder) if welcome.folder else Path("/nonexistent")
+        file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
+        finder = _Finder(bus, member, welcome, folder)
+        robots = Robots.opened(stack, file, welcome.robots, finder.find)
+    except InputError as error:
+        report(Report(tick=-1, failed=str(error)))
+        raise
+    ready = Ready(incarnation=incarnation, plants=robots.told())
+    go, checkpoints = Go.and_checkpoints(listening.ask_to_begin(ready))
+    clock = clock_of(file.scenario)
+    listening.wire = wire = wire_of(file.scenario, go.homes, seal)
+    listening.recorded = go.recorded
+    host = robots.hosted(name, bus, inbox, wire, clock)
+    if go.start:
+        host.restore(go.start, checkpoints)
+    k = go.start
+    try:
+        for k in host.run(go.recorded, lambda _time: None, listening):  # noqa: B007
+            pass
+    except (AbandonedError, EndedError):
+        raise
+    except RunError as error:
+        report(Report(tick=host.now, failed=str(error)))
+    else:
+        spent = host.spent
+        report(Report(tick=k, plants=spent.plants, bus=spent.bus, waiting=spent.waiting))
+    listening.until_end()
+
+
+class _Listening:
+    """What a host hears beside samples, and how it asks for those that it missed."""
+
+    patience = _SILENCE
+
+    def __init__(self, bus: ZenohBus, inbox: ZenohInbox, name: str, seal: Seal) -> None:
+        self.wire: Wire
+        self.recorded = -1
+        self._bus, self._inbox, self._name, self._seal = bus, inbox, name, seal
+        self._early: list[Item] = []
+        self._asked_until = -1
+        self._lacking = (-1, 0.0)
+
+    def ask_to_begin(self, ready: Ready) -> bytes:
+        """Return the answer to being ready; samples that come before it are kept."""
+        key = wire_key(START, self._name)
+        self._bus.ask(key, ready.written(), self._inbox)
+        while True:
+            for item in self._inbox.take(_SILENCE):
+                if isinstance(item, Answer) and item.key == key:
+                    if item.payload is None:
+                        raise AbandonedError("the orchestrator did not begin the run")
+                    return item.payload
+                if isinstance(item, Message) and not item.key.startswith(ORDERS):
+                    self._early.append(item)
+                else:
+                    list(self.handle(item))
+
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:  # noqa: ARG002
+        """Return samples that came early; ask for others when they will not come by themselves.
+
+        That is when the recording has them, or when they are late: then they may have been lost
+        with a link, and the orchestrator has what reached it.
+        """
+        early, self._early = self._early, []
+        now = monotonic()
+        if k <= self.recorded + 1:
+            if k > self._asked_until:
+                self._ask(k)
+        elif k != self._lacking[0]:
+            self._lacking = k, now
+        elif now - self._lacking[1] >= _SILENCE:
+            self._ask(k)
+            self._lacking = k, now
+        for item in early:
+            if isinstance(item, Message):
+                host = item.key.rpartition("/")[2]
+                with suppress(RefusedError):
+                    yield (*self.wire.unpack_samples(host, item.payload), host)
+
+    def handle(self, item: Item) -> Iterable[Heard]:
+        """Take an answer or an order; `AbandonedError` and `EndedError` end the host's part."""
+        if isinstance(item, Presence) and not item.here:
+            raise AbandonedError("the orchestrator is gone")
+        if isinstance(item, Message):
+            if self._seal.opened(item.key, item.payload) == END:
+                raise EndedError("the run is over")
+        elif isinstance(item, Answer) and item.payload:
+            parts = parted(item.payload) or []
+            for k, records, host in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
+                yield TICK.unpack(k)[0], self.wire.samples.parsed(records), host.decode()
+
+    def until_end(self) -> None:
+        """Wait until the run is over; raises as `handle`."""
+        while True:
+            for item in self._inbox.take(_SILENCE):
+                if not isinstance(item, Message) or item.key.startswith(ORDERS):
+                    list(self.handle(item))
+
+    def _ask(self, k: int) -> None:
+        self._bus.ask(wire_key(HEARD, self._name), TICK.pack(k), self._inbox)
+        self._asked_until = k + AT_ONCE - 1
+
+
+class _Finder:
+    """Finds the FMUs of a run on a host, by content."""
+
+    def __init__(self, bus: ZenohBus, member: Membership, welcome: Welcome, folder: Path) -> None:
+        self._bus, self._member, self._welcome, self._folder = bus, member, welcome, folder
+
+    def find(self, fmu: str) -> Archive:
+        """Return the FMU that the scenario calls so, as the orchestrator has it.
+
+        It is looked for where the scenario says, then in the cache, then with the orchestrator, if
+        the user allowed that; `FmuError` when it is not there.
+        """
+        sha256 = self._welcome.fmus[fmu]
+        with suppress(FmuError):
+            archive = find_archive(fmu, self._folder)
+            if archive.sha256 == sha256:
+                return archive
+        path = stored(sha256) or self._fetched(fmu, sha256)
+        return replace(find_archive(str(path), Path()), label=fmu)
+
+    def _fetched(self, fmu: str, sha256: str) -> Path:
+        if not self._member.allow_fmus:
+            raise FmuError(
+                f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}…; copy it here, or let the "
+                "orchestrator's be run with --allow-fmus"
+            )
+        inbox = self._bus.listen()
+        self._bus.ask(wire_key(FMU, sha256), b"", inbox)
+        while True:
+            for item in inbox.take(_SILENCE):
+                if isinstance(item, Answer):
+                    if item.payload is None:
+                        raise AbandonedError("the orchestrator is gone")
+                    return keep(item.payload, sha256)

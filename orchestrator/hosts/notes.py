@@ -1,0 +1,106 @@
+"""What hosts and the orchestrator write to each other beside samples, as JSON.
+
+A host asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`) and
+is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`).
+"""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bus.errors import BusError
+from bus.parts import joined, parted
+
+
+class Note(BaseModel):
+    """A note whose fields are all known."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def read(cls, data: bytes) -> Self:
+        """Read one; `BusError` when it is none."""
+        try:
+            return cls.model_validate_json(data)
+        except ValidationError as error:
+            fault = error.errors()[0]
+            where = ".".join(map(str, fault["loc"]))
+            raise BusError(f"no {cls.__name__}: {where}: {fault['msg']}") from None
+
+    def written(self) -> bytes:
+        """Return it as it travels."""
+        return self.model_dump_json().encode()
+
+
+class Hello(Note):
+    """A host wants to join."""
+
+    version: str
+    """Of nrs-cosim."""
+    incarnation: str
+    """Which of the processes of this name it is."""
+    robots: tuple[int, ...] | None
+    """The ones that it wants; None for any home that is free."""
+
+
+class Welcome(Note):
+    """A host is let in."""
+
+    run: str
+    secret: str
+    """Hexadecimal; see `bus.seal`."""
+    name: str
+    """The scenario's."""
+    scenario: str
+    """Its text."""
+    folder: str | None
+    """What its paths are relative to, for a host of the same machine."""
+    fmus: dict[str, str]
+    """The SHA-256 of each FMU, by what the scenario calls it."""
+    robots: tuple[int, ...]
+
+
+class Refusal(Note):
+    """A host is not let in."""
+
+    reason: str
+    final: bool
+    """Whether asking again is of no use."""
+
+
+class Ready(Note):
+    """A host's robots are open."""
+
+    incarnation: str
+    plants: list[dict[str, Any]]
+    """What is told to the user of its plants, by group; `robots` among it."""
+
+
+class Go(Note):
+    """A host is to begin: at the tick `start`, of a recording that has those up to `recorded`."""
+
+    homes: dict[str, tuple[int, ...]]
+    start: int
+    recorded: int
+
+    def with_checkpoints(self, checkpoints: Sequence[bytes]) -> bytes:
+        """Return it as it travels, with the checkpoint of each robot at `start`."""
+        return joined([self.written(), *checkpoints])
+
+    @classmethod
+    def and_checkpoints(cls, data: bytes) -> tuple[Self, list[bytes]]:
+        """Read what `with_checkpoints` returned."""
+        note, *checkpoints = parted(data) or [b""]
+        return cls.read(note), checkpoints
+
+
+class Report(Note):
+    """How a host ended: it is done, or failed at a tick, or could not open its robots (−1)."""
+
+    tick: int
+    failed: str | None = None
+    plants: float = 0.0
+    bus: float = 0.0
+    waiting: float = 0.0
+    """s of wall time."""

@@ -1,0 +1,103 @@
+"""Some robots of a scenario as a host has them: their plants opened, their agents ready."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bus.keys import TARGET
+from bus.seal import Seal
+from bus.transport import Bus, Inbox
+from bus.wire import Nodes, Wire
+from estimator_agents.agents import Agents
+from orchestrator.clock import Clock
+from orchestrator.host import Host
+from orchestrator.plants import Group, group_by_archive, open_fleet
+from orchestrator.scenario import Scenario
+from orchestrator.scenario_file import ScenarioFile
+from orchestrator.setting import (
+    algorithm_of,
+    bodies,
+    clock_of,
+    initial_estimates,
+    links_of,
+    silent_of,
+    topology_of,
+)
+from plant_fmu.archives.archive import Archive
+from plant_fmu.fleet import Fleet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robots:
+    """Robots, ascending, with what they are made of."""
+
+    numbers: Sequence[int]
+    scenario: Scenario
+    agents: Agents
+    fleet: Fleet
+    groups: Sequence[Group]
+
+    @classmethod
+    def opened(
+        cls,
+        stack: ExitStack,
+        file: ScenarioFile,
+        numbers: Sequence[int],
+        find: Callable[[str], Archive] | None = None,
+    ) -> "Robots":
+        """Open some robots' plants at t_0; the stack ends them. `FmuError` as `open_fleet`.
+
+        `find` finds an FMU by what the scenario calls it; by default relative to its file.
+        """
+        scenario = file.scenario
+        groups = group_by_archive(scenario, file.folder, numbers, find)
+        fleet = open_fleet(stack, groups, bodies(scenario, numbers))
+        agents = Agents(
+            np.array(numbers),
+            topology_of(scenario),
+            algorithm_of(scenario),
+            initial_estimates(scenario, numbers),
+            links_of(scenario, numbers),
+        )
+        return cls(numbers, scenario, agents, fleet, groups)
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return what the user is told of the plants, by group."""
+        return [
+            {
+                "fmu": group.archive.label,
+                "name": group.archive.name,
+                "fmi_version": group.archive.fmi_version,
+                "kind": plants.kind,
+                "drive": plants.drive,
+                "why": plants.why,
+                "sha256": group.archive.sha256,
+                "robots": [self.numbers[row] for row in group.rows],
+            }
+            for group, plants in zip(self.groups, self.fleet.plants, strict=True)
+        ]
+
+    def hosted(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Host:
+        """Return the host that runs them."""
+        run = self.scenario.run
+        return Host(
+            name,
+            bus,
+            inbox,
+            wire,
+            clock,
+            self.agents,
+            self.fleet,
+            run.divergence_limit,
+            run.checkpoint_every,
+        )
+
+
+def wire_of(scenario: Scenario, homes: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+    """Return the wire of a run whose robots are at home on some hosts."""
+    nodes: dict[str, Nodes] = {host: np.array(robots) for host, robots in homes.items()}
+    nodes[TARGET] = np.array([0])
+    return Wire(scenario.m, clock_of(scenario), nodes, seal, silent_of(scenario))
