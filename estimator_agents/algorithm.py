@@ -6,7 +6,7 @@ Others' packages add algorithms through the entry-point group `nrs.algorithms`.
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from estimator_agents.condition import Condition
 from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import Missing
 
 GROUP = "nrs.algorithms"
 
@@ -22,6 +23,9 @@ Spectrum = NDArray[np.complex128]
 
 class Algorithm(Protocol):
     """A distributed estimator, built as `Algorithm(alpha, beta)`."""
+
+    missing: ClassVar[tuple[Missing, ...]]
+    """What its agents may do without a sample of an in-neighbour; the first unless asked."""
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
         """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k."""

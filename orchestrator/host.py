@@ -84,7 +84,7 @@ class Host:
         missing = self.agents.missing(k)
         if missing:
             raise BusError(f"tick {k}: no sample came from node {', '.join(map(str, missing))}")
-        self.agents.jump(self.left)
+        self.agents.jump(k, self.left)
 
     def _publish_states(self, k: int, t: int) -> None:
         self._expect_bounded(t)
