@@ -99,6 +99,11 @@ class Agents:
         return self._hearing.links.silent(k) if self._hearing else []
 
     @property
+    def faulty(self) -> list[int]:
+        """The robots here into which a link has faults, ascending."""
+        return np.unique(self._hearing.links.sink).tolist() if self._hearing else []
+
+    @property
     def faults(self) -> NDArray[np.void]:
         """What befell the samples of the last jump on their way here: records of `FAULT`."""
         return self._hearing.faults if self._hearing else self._no_faults

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from bus.errors import BusError
-from bus.keys import SAMPLES, sample_key, state_key
-from bus.messages import SAMPLE, STATE, Codec
+from bus.keys import SAMPLES, fault_key, sample_key, state_key
+from bus.messages import FAULT, SAMPLE, STATE, Codec
 from bus.transport import Bus, Put
 from estimator_agents.agents import Agents
 from orchestrator.clock import Clock, seconds
@@ -39,6 +39,8 @@ class Host:
         self._state = self._states.blank(agents.robots)
         self._put_sample = [bus.publisher(sample_key(int(robot))) for robot in agents.robots]
         self._put_state = [bus.publisher(state_key(int(robot))) for robot in agents.robots]
+        self._faults = Codec(FAULT, m)
+        self._put_fault = {robot: bus.publisher(fault_key(robot)) for robot in agents.faulty}
         self._inbox = bus.listen(SAMPLES)
         self._node_of = {sample_key(int(node)): int(node) for node in agents.in_neighbours}
 
@@ -59,14 +61,22 @@ class Host:
             watch(t)
 
     def publish_samples(self, k: int) -> None:
-        """Publish ε_i(t_k), υ_i(t_k) of each robot on its own key."""
+        """Publish ε_i(t_k), υ_i(t_k) of each robot on its own key, unless it is in an outage."""
         records = self._sample
         records["k"], records["time_ns"] = k, self._clock.t(k)
         records["position"], records["velocity"] = self.left.position, self.left.velocity
-        _put_all(self._put_sample, self._samples.encode(records))
+        puts, silent = self._put_sample, self.agents.silent(k)
+        if silent:
+            sending = ~np.isin(self.agents.robots, silent)
+            puts = [put for put, sends in zip(puts, sending, strict=True) if sends]
+            records = records[sending]
+        _put_all(puts, self._samples.encode(records))
 
     def hear(self, k: int) -> None:
-        """Take the in-neighbours' samples of t_k and jump; `BusError` names who is missing."""
+        """Take the in-neighbours' samples of t_k, jump, and publish what befell them on the way.
+
+        `BusError` names who is missing.
+        """
         node_of, nodes, payloads = self._node_of, [], []
         for key, payload in self._inbox.take():
             if key in node_of:
@@ -85,6 +95,11 @@ class Host:
         if missing:
             raise BusError(f"tick {k}: no sample came from node {', '.join(map(str, missing))}")
         self.agents.jump(k, self.left)
+        faults = self.agents.faults
+        _put_all(
+            [self._put_fault[robot] for robot in faults["robot"].tolist()],
+            self._faults.encode(faults),
+        )
 
     def _publish_states(self, k: int, t: int) -> None:
         self._expect_bounded(t)

@@ -48,5 +48,5 @@ def run_ticks(
         target.publish_sample(k)
         host.publish_samples(k)
         host.hear(k)
-        recorder.close_tick(k, clock.outputs(k))
+        recorder.close_tick(k, clock.outputs(k), host.agents.silent(k))
         yield k

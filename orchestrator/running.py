@@ -25,6 +25,8 @@ from orchestrator.setting import (
     bodies,
     clock_of,
     initial_estimates,
+    links_of,
+    missing_of,
     target_of,
     topology_of,
 )
@@ -76,15 +78,18 @@ def run(
         bus = ZenohBus(uuid4().hex)
         stack.callback(bus.close)
         initial = initial_estimates(scenario)
-        agents = Agents(np.arange(1, scenario.n + 1), topology, algorithm, initial)
+        robots = np.arange(1, scenario.n + 1)
+        links = links_of(scenario, robots)
+        missing = missing_of(scenario) if links else "hold"
+        agents = Agents(robots, topology, algorithm, initial, links, missing)
         host = Host(bus, clock, agents, fleet, scenario.run.divergence_limit)
         node = TargetNode(bus, clock, target, scenario.m)
         writer = stack.enter_context(
             Writer(
                 output,
                 version=version("nrs-cosim"),
-                channels=channels(scenario.n),
-                schemas=schemas(),
+                channels=channels(scenario.n, agents.faulty),
+                schemas=schemas(agents.faulty),
                 metadata={
                     RUN: _about_run(file, clock, groups, fleet),
                     "nrs.versions": _versions(),
@@ -93,7 +98,7 @@ def run(
                 compression=compression,
             )
         )
-        recorder = Recorder(bus, writer, scenario.n)
+        recorder = Recorder(bus, writer, scenario.n, agents.faulty)
         status: Closing = "completed"
         reason, done = "", 0
         started = perf_counter()

@@ -9,10 +9,14 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from bus.links import LinkFault, Links
 from bus.topology import Topology
+from estimator_agents.algorithm import policies_of
 from estimator_agents.estimate import Estimate
+from estimator_agents.hearing import Missing
 from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, nanoseconds
+from orchestrator.faults import link_faults, silences
 from orchestrator.scenario import Axis, Robot, Scenario, Uniform
 from plant_fmu.plants import Body, Disturbance
 
@@ -35,6 +39,23 @@ def topology_of(scenario: Scenario) -> Topology:
 def target_of(scenario: Scenario) -> Harmonic:
     """Return the target's motion."""
     return Harmonic(*_terms(scenario.target.axes))
+
+
+def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
+    """Return the faults on the links into some robots; None if the scenario has none at all."""
+    topology = topology_of(scenario)
+    faults, quiet = link_faults(scenario, topology), silences(scenario)
+    if not quiet and all(fault == LinkFault() for fault in faults.values()):
+        return None
+    period = nanoseconds(scenario.run.sampling_period)
+    return Links(
+        topology, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
+    )
+
+
+def missing_of(scenario: Scenario) -> Missing:
+    """Return what an agent does without a neighbour's sample."""
+    return scenario.algorithm.missing or policies_of(scenario.algorithm.name)[0]
 
 
 def initial_estimates(scenario: Scenario) -> Estimate:
