@@ -34,13 +34,21 @@ _SCALARS = (
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """A protobuf message: robot, k and time_ns (ns), then vectors of m doubles each.
+    """A protobuf message: robot, k and time_ns (ns), further scalars, vectors of m doubles each.
 
-    At most 12 vectors, so that every field number fits the one-byte tag.
+    At most 12 scalars and vectors, so that every field number fits the one-byte tag.
     """
 
     name: str
     vectors: tuple[str, ...]
+    further: tuple[str, ...] = ()
+    """Scalars of 32 bits, unsigned."""
+
+    @property
+    def scalars(self) -> tuple[tuple[str, str, int, FieldDescriptorProto.Type.ValueType], ...]:
+        """Name, dtype, wire type and protobuf type of each scalar, in the order of the fields."""
+        _, dtype, wire, kind = _SCALARS[0]
+        return _SCALARS + tuple((name, dtype, wire, kind) for name in self.further)
 
     def descriptor(self) -> bytes:
         """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
@@ -50,7 +58,7 @@ class MessageType:
             syntax="proto3",
         )
         message = file.message_type.add(name=self.name.rpartition(".")[2])
-        for number, (name, _, _, kind) in enumerate(_SCALARS, start=1):
+        for number, (name, _, _, kind) in enumerate(self.scalars, start=1):
             message.oneof_decl.add(name=f"_{name}")
             message.field.add(
                 name=name,
@@ -60,7 +68,7 @@ class MessageType:
                 proto3_optional=True,
                 oneof_index=number - 1,
             )
-        for number, name in enumerate(self.vectors, start=len(_SCALARS) + 1):
+        for number, name in enumerate(self.vectors, start=len(self.scalars) + 1):
             message.field.add(
                 name=name,
                 number=number,
@@ -76,6 +84,14 @@ SAMPLE = MessageType("nrs.Sample", ("position", "velocity"))
 STATE = MessageType("nrs.State", ("q", "qd", "tau", "position", "velocity"))
 """Robot i's q, q̇, applied torque, and ε_i, υ_i at one time; k is the tick that closes it."""
 
+FAULT = MessageType("nrs.Fault", ("position", "velocity"), ("source", "lost", "outage", "delay"))
+"""What befell the sample of t_k on its way from node `source` to robot i.
+
+`lost` and `outage` are 0 or 1; `delay` is in sampling periods, also of a sample that never
+arrives; position and velocity are what arrives, zeros when nothing does. A message whose source is
+the robot itself says that the robot is in an outage.
+"""
+
 
 class Codec:
     """Codes a message type for vectors of m numbers: n messages as one array of n records."""
@@ -85,11 +101,11 @@ class Codec:
         self.m = m
         layout: list[tuple[Any, ...]] = []
         template: list[int | bytes] = []
-        for number, (name, dtype, wire, _) in enumerate(_SCALARS, start=1):
+        for number, (name, dtype, wire, _) in enumerate(kind.scalars, start=1):
             layout += [(f"tag_{name}", "u1"), (name, dtype)]
             template += [number << 3 | wire, 0]
         length = _varint(8 * m)
-        for number, name in enumerate(kind.vectors, start=len(_SCALARS) + 1):
+        for number, name in enumerate(kind.vectors, start=len(kind.scalars) + 1):
             layout += [(f"tag_{name}", "u1"), (f"len_{name}", "u1", len(length))]
             layout += [(name, "<f8", (m,))]
             template += [number << 3 | _BYTES, length, bytes(8 * m)]
@@ -100,7 +116,7 @@ class Codec:
             for i, part in enumerate(template)
         )
         self._template = np.frombuffer(flat, np.uint8)
-        numbers = {name for name, *_ in _SCALARS} | set(kind.vectors)
+        numbers = {name for name, *_ in kind.scalars} | set(kind.vectors)
         self._fixed = np.ones(self.size, bool)
         for name in numbers:
             column, offset = self.dtype.fields[name][:2]  # type: ignore[index]

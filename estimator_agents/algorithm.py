@@ -6,7 +6,7 @@ Others' packages add algorithms through the entry-point group `nrs.algorithms`.
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from estimator_agents.condition import Condition
 from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import POLICIES, Missing
 
 GROUP = "nrs.algorithms"
 
@@ -22,6 +23,9 @@ Spectrum = NDArray[np.complex128]
 
 class Algorithm(Protocol):
     """A distributed estimator, built as `Algorithm(alpha, beta)`."""
+
+    missing: ClassVar[tuple[Missing, ...]]
+    """What its agents may do without a sample of an in-neighbour; the first unless asked."""
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
         """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k."""
@@ -40,10 +44,28 @@ def algorithm_names() -> tuple[str, ...]:
 
 def load_algorithm(name: str, alpha: float, beta: float) -> Algorithm:
     """Return an installed algorithm with its gains; `InputError` if there is none of that name."""
+    algorithm: Algorithm = _installed(name)(alpha, beta)
+    return algorithm
+
+
+def policies_of(name: str) -> tuple[Missing, ...]:
+    """Return what an algorithm's agents may do without a sample, the default first.
+
+    Raises `InputError` if there is no such algorithm, or when it does not say.
+    """
+    policies: tuple[Missing, ...] = getattr(_installed(name), "missing", ())
+    if not policies or not set(policies) <= set(POLICIES):
+        raise InputError(
+            f"algorithm.name: {name} does not say what its agents do without a sample; let its "
+            f"class have an attribute missing with some of {', '.join(POLICIES)}"
+        )
+    return policies
+
+
+def _installed(name: str) -> Any:
     found = entry_points(group=GROUP, name=name)
     if not found:
         raise InputError(
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {name!r}"
         )
-    algorithm: Algorithm = next(iter(found)).load()(alpha, beta)
-    return algorithm
+    return next(iter(found)).load()

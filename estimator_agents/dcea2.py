@@ -6,18 +6,22 @@ Its error obeys x(t_{k+1}) = Γ x(t_k) + Δ(k) (equation 2.0).
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from estimator_agents.algorithm import Spectrum
 from estimator_agents.condition import Condition
 from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import POLICIES, Missing
 from estimator_agents.theory import largest_period, smallest_theta
 
 
 @dataclass(frozen=True, slots=True)
 class SecondOrder:
     """The second-order algorithm with gains α on position and β on velocity."""
+
+    missing: ClassVar[tuple[Missing, ...]] = POLICIES
 
     alpha: float
     beta: float

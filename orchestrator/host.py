@@ -170,7 +170,7 @@ class Host:
         records["k"], records["time_ns"] = k, self._clock.t(k)
         records["position"], records["velocity"] = self.left.position, self.left.velocity
         silent = self.agents.silent(k)
-        if silent.size:
+        if silent:
             records = records[~np.isin(self.agents.robots, silent)]
         self._put_samples(self._wire.pack_samples(self.name, k, records))
         self.spent.bus += perf_counter() - began

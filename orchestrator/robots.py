@@ -23,6 +23,7 @@ from orchestrator.setting import (
     clock_of,
     initial_estimates,
     links_of,
+    missing_of,
     silent_of,
     topology_of,
 )
@@ -60,7 +61,8 @@ class Robots:
             topology_of(scenario),
             algorithm_of(scenario),
             initial_estimates(scenario, numbers),
-            links_of(scenario, numbers),
+            links_of(scenario, np.array(numbers)),
+            missing_of(scenario),
         )
         return cls(numbers, scenario, agents, fleet, groups)
 

@@ -17,6 +17,8 @@ from pydantic import (
     WrapValidator,
 )
 
+from estimator_agents.hearing import Missing
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 Weight = Annotated[Number, Field(ge=0)]
@@ -35,7 +37,10 @@ NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
 VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
 VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
-FORMS = frozenset({NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN})
+PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
+FORMS = frozenset(
+    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
+)
 
 
 def _form(value: Any) -> str:
@@ -148,6 +153,11 @@ class AlgorithmChoice(Table):
     name: str = Field(description="dcea1, dcea2, or the name of an installed plug-in")
     alpha: Positive = Field(description="gain on the positions")
     beta: Positive = Field(description="gain on the velocities")
+    missing: Missing | None = Field(
+        None,
+        description="without a neighbour's sample an agent goes by the last one (hold), or without "
+        "that neighbour (drop); by default the first that the algorithm knows",
+    )
 
 
 class Controller(Table):
@@ -257,6 +267,79 @@ class Robot(Table):
     initial: RobotInitial = RobotInitial()
 
 
+def _delay_form(value: Any) -> str:
+    return DRAW if isinstance(value, dict | WholeUniform) else PERIODS
+
+
+def _pair_form(value: Any) -> str:
+    return PAIR if isinstance(value, dict | Pair) else NUMBER
+
+
+Periods = Annotated[Count, Field(le=10_000)]
+Extent = Annotated[Number, Field(ge=0, le=1e100)]
+Span = tuple[Weight, Weight]
+
+
+class WholeUniform(Table):
+    """A seeded draw of a whole number."""
+
+    uniform: tuple[Periods, Periods] = Field(description="[low, high], both included")
+
+
+class Pair(Table):
+    """One number for positions and one for velocities."""
+
+    position: Extent = 0.0
+    velocity: Extent = 0.0
+
+
+Delay = Annotated[
+    Annotated[WholeUniform, Tag(DRAW)] | Annotated[Periods, Tag(PERIODS)],
+    Discriminator(_delay_form),
+]
+Each = Annotated[
+    Annotated[Extent, Tag(NUMBER)] | Annotated[Pair, Tag(PAIR)], Discriminator(_pair_form)
+]
+
+
+class FaultyLink(Table):
+    """What is wrong with some links; a later entry's keys replace an earlier one's."""
+
+    from_: Count | None = Field(
+        None, alias="from", description="a node, 0 is the target; all unless given"
+    )
+    to: Count | None = Field(None, description="a robot; all unless given")
+    loss: Annotated[Number, Field(ge=0, le=1)] = Field(
+        0.0, description="the probability that a sample is lost"
+    )
+    delay: Delay = Field(0, description="sampling periods: a whole number or {uniform = [a, b]}")
+    outages: tuple[Span, ...] = Field(
+        (), description="s; [from, to]: samples of from <= t_k < to are lost"
+    )
+    noise: Each = Field(
+        0.0, description="standard deviation of what is added to each number of a sample"
+    )
+    quantisation: Each = Field(
+        0.0, description="each number is rounded to a multiple of this, after the noise"
+    )
+
+
+class FaultyRobot(Table):
+    """When a robot neither sends nor hears."""
+
+    id: int = Field(strict=True, ge=1, description="1 to n")
+    outages: tuple[Span, ...] = Field(
+        (), description="s; [from, to]: at from <= t_k < to it neither sends nor hears"
+    )
+
+
+class Faults(Table):
+    """What goes wrong between robots, by the seed and by the clock."""
+
+    links: tuple[FaultyLink, ...] = ()
+    robots: tuple[FaultyRobot, ...] = ()
+
+
 class Scenario(Table):
     """A run, whole."""
 
@@ -269,6 +352,7 @@ class Scenario(Table):
     disturbance: Disturbance = Disturbance()
     initial: Initial
     robots: tuple[Robot, ...] = ()
+    faults: Faults = Faults()
 
     @property
     def n(self) -> int:

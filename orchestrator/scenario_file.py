@@ -11,10 +11,11 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from bus.topology import Topology
-from estimator_agents.algorithm import algorithm_names
+from estimator_agents.algorithm import algorithm_names, policies_of
 from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, Uniform
+from orchestrator.faults import wrong_faults
+from orchestrator.scenario import FORMS, Disturbance, Faults, Plant, Scenario, Uniform
 from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
@@ -115,7 +116,8 @@ def _keys_at(path: Sequence[int | str]) -> list[str]:
     for part in path:
         if isinstance(part, str) and get_origin(annotation) is not dict:
             annotation = next(_tables(annotation)).model_fields[part].annotation
-    return list(next(_tables(annotation)).model_fields)
+    fields = next(_tables(annotation)).model_fields
+    return [field.alias or name for name, field in fields.items()]
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -135,11 +137,7 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 def _faults(scenario: Scenario) -> Iterator[str]:
     """Yield what is wrong in shape or in the relation of one field to another."""
     n, m = scenario.n, scenario.m
-    if scenario.algorithm.name not in algorithm_names():
-        yield (
-            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
-            f"got {scenario.algorithm.name!r}"
-        )
+    yield from _algorithm_faults(scenario)
     yield from _time_faults(scenario)
     yield from _plant_faults("plant", scenario.plant)
     yield from _network_faults(scenario)
@@ -151,6 +149,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield from _length_fault(f"initial.{name}", value, n, "rows, one for each robot")
             for i, row in enumerate(value):
                 yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
+    yield from _link_faults(scenario)
     seen: set[int] = set()
     for i, robot in enumerate(scenario.robots):
         here = f"robots[{i}]"
@@ -169,6 +168,29 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield from _draw_faults(f"{here}.initial.{name}", value)
             if isinstance(value, tuple):
                 yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
+
+
+def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
+    if scenario.algorithm.name not in algorithm_names():
+        yield (
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
+            f"got {scenario.algorithm.name!r}"
+        )
+    elif scenario.algorithm.missing:
+        known = policies_of(scenario.algorithm.name)
+        if scenario.algorithm.missing not in known:
+            yield (
+                f"algorithm.missing: expected one of {', '.join(known)}, which "
+                f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
+            )
+
+
+def _link_faults(scenario: Scenario) -> Iterator[str]:
+    if scenario.faults != Faults():
+        network = scenario.network
+        shaped = not any(_network_faults(scenario))
+        topology = Topology.of(network.adjacency, network.pinning) if shaped else None
+        yield from wrong_faults(scenario, topology)
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:

@@ -4,16 +4,21 @@ A draw is keyed by (seed, what is drawn, robot): it depends neither on the order
 are built nor on where they run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bus.links import LinkFault, Links
+from bus.outages import Outages
 from bus.topology import Topology
+from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from estimator_agents.estimate import Estimate
+from estimator_agents.hearing import Missing
 from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, nanoseconds
+from orchestrator.faults import link_faults, silences
 from orchestrator.scenario import Axis, Robot, Scenario, Uniform
 from plant_fmu.plants import Body, Disturbance
 
@@ -36,6 +41,40 @@ def topology_of(scenario: Scenario) -> Topology:
 def target_of(scenario: Scenario) -> Harmonic:
     """Return the target's motion."""
     return Harmonic(*_terms(scenario.target.axes))
+
+
+def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
+    """Return the faults on the links into some robots; None if the scenario has none at all."""
+    topology = topology_of(scenario)
+    faults, quiet = link_faults(scenario, topology), silences(scenario)
+    if not quiet and all(fault == LinkFault() for fault in faults.values()):
+        return None
+    period = nanoseconds(scenario.run.sampling_period)
+    return Links(
+        topology, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
+    )
+
+
+def silent_of(scenario: Scenario) -> Callable[[int], NDArray[np.intp]]:
+    """Return which robots send nothing, ascending, by the tick."""
+    return Outages.of(silences(scenario), nanoseconds(scenario.run.sampling_period)).at
+
+
+def faulty_of(scenario: Scenario) -> list[int]:
+    """Return the robots that may meet faults on the links into them, ascending."""
+    links = links_of(scenario, np.arange(1, scenario.n + 1))
+    return np.unique(links.sink).tolist() if links else []
+
+
+def algorithm_of(scenario: Scenario) -> Algorithm:
+    """Return the estimator with its gains."""
+    choice = scenario.algorithm
+    return load_algorithm(choice.name, choice.alpha, choice.beta)
+
+
+def missing_of(scenario: Scenario) -> Missing:
+    """Return what an agent does without a neighbour's sample."""
+    return scenario.algorithm.missing or policies_of(scenario.algorithm.name)[0]
 
 
 def initial_estimates(scenario: Scenario, robots: Sequence[int] | None = None) -> Estimate:

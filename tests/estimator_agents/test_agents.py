@@ -30,7 +30,7 @@ def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
         agents.hear(k, np.array([0]), position[None], velocity[None])
         agents.hear(k, agents.robots, left.position, left.velocity)
         assert agents.missing(k) == []
-        agents.jump(left)
+        agents.jump(k, left)
     return story
 
 
@@ -68,9 +68,9 @@ def test_robots_apart_jump_to_the_same_bits_as_together():
         for agents in (part, together):
             agents.hear(1, np.array([0]), position[None], velocity[None])
             agents.hear(1, np.arange(1, 7), left.position, left.velocity)
-        part.jump(Estimate(left.position[rows], left.velocity[rows]))
+        part.jump(1, Estimate(left.position[rows], left.velocity[rows]))
         parts.append((rows, part.estimate))
-    together.jump(left)
+    together.jump(1, left)
     for rows, estimate in parts:
         assert estimate.position.tobytes() == together.estimate.position[rows].tobytes()
         assert estimate.velocity.tobytes() == together.estimate.velocity[rows].tobytes()
@@ -86,7 +86,7 @@ def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
         velocity = np.vstack([target(0.1)[1], left.velocity])
         position[loud] += 1e3
         agents.hear(1, np.arange(7), position, velocity)
-        agents.jump(left)
+        agents.jump(1, left)
         heard_by[loud] = agents.estimate.position
     quiet = Agents(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
     quiet.hear(
@@ -95,7 +95,7 @@ def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
         np.vstack([target(0.1)[0], left.position]),
         np.vstack([target(0.1)[1], left.velocity]),
     )
-    quiet.jump(left)
+    quiet.jump(1, left)
     moved = {
         loud: (np.flatnonzero((position != quiet.estimate.position).any(axis=1)) + 1).tolist()
         for loud, position in heard_by.items()
@@ -116,7 +116,7 @@ def test_second_order_positions_are_continuous():
     agents = Agents(np.arange(1, 7), Topology.of(*PAPER), SecondOrder(1.1, 0.9), start)
     left = start.after(0.1)
     agents.hear(1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
-    agents.jump(left)
+    agents.jump(1, left)
     assert agents.estimate.position is left.position
     assert not np.array_equal(agents.estimate.velocity, left.velocity)
 
