@@ -5,22 +5,14 @@ was put before `take` is in what `take` returns. The run's id is the session's n
 before every key on the wire, and keys in the code do not show it.
 """
 
-import json
 from collections import deque
 
 import zenoh
 from zenoh.handlers import Callback
 
+from bus.endpoints import Endpoints
+from bus.sessions import open_session
 from bus.transport import Put
-
-_NO_SOCKET = {
-    "mode": "peer",
-    "listen/endpoints": [],
-    "connect/endpoints": [],
-    "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": False,
-    "transport/shared_memory/enabled": False,
-}
 
 
 class ZenohInbox:
@@ -43,10 +35,7 @@ class ZenohBus:
     """One Zenoh session of a run."""
 
     def __init__(self, run_id: str) -> None:
-        config = zenoh.Config()
-        for path, value in {**_NO_SOCKET, "namespace": f"nrs/{run_id}"}.items():
-            config.insert_json5(path, json.dumps(value))
-        self.session = zenoh.open(config)
+        self.session = open_session(Endpoints(), namespace=f"nrs/{run_id}")
 
     def publisher(self, key: str) -> Put:
         """Declare the right to put on a key; reliable, and blocking rather than dropping."""
