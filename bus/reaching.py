@@ -6,6 +6,7 @@ probe reads once: silence, which a listener of Zenoh's keeps, means that it was 
 
 import socket
 import ssl
+from contextlib import suppress
 from dataclasses import dataclass
 
 from bus.certificates import Tls, context, reason
@@ -71,13 +72,12 @@ def _connected(address: Address) -> socket.socket:
 def _shaken(link: socket.socket, address: Address, tls: Tls) -> Finding | None:
     """Return why a TLS handshake fails, on this side or the other."""
     try:
-        with context(tls).wrap_socket(link, server_hostname=address.host) as shaken:
+        with (
+            context(tls).wrap_socket(link, server_hostname=address.host) as shaken,
+            suppress(TimeoutError),
+        ):
             shaken.settimeout(_HEARING)
-            try:
-                shaken.recv(1)
-            except TimeoutError:
-                return None
-            return None
+            shaken.recv(1)
     except ssl.SSLCertVerificationError as error:
         return Finding(f"its certificate is refused here: {error.verify_message}", final=True)
     except ssl.SSLError as error:
@@ -90,3 +90,4 @@ def _shaken(link: socket.socket, address: Address, tls: Tls) -> Finding | None:
         return Finding("no TLS is spoken with it: it is silent", final=False)
     except (ConnectionResetError, BrokenPipeError):
         return Finding(f"it ended the handshake; it may refuse {tls.certificate}", final=False)
+    return None
