@@ -254,6 +254,26 @@ class Robot(Table):
     initial: RobotInitial = RobotInitial()
 
 
+class TlsTable(Table):
+    """Certificates of the run's orchestrator, and of the hosts that may take part."""
+
+    ca: str = Field(description="path of the authority's certificate, PEM, relative to this file")
+    certificate: str = Field(description="path of the orchestrator's own")
+    key: str = Field(description="path of its private key")
+    hosts: dict[str, Text] = Field(
+        {}, description="robots, such as 1-3,7, by the common name of their host's certificate"
+    )
+
+
+class BusTable(Table):
+    """How hosts of a run on several machines talk."""
+
+    deadline: Positive = Field(
+        30.0, description="s of wall time; a tick that hosts do not close in it ends the run"
+    )
+    tls: TlsTable | None = None
+
+
 class Scenario(Table):
     """A run, whole."""
 
@@ -266,6 +286,7 @@ class Scenario(Table):
     disturbance: Disturbance = Disturbance()
     initial: Initial
     robots: tuple[Robot, ...] = ()
+    bus: BusTable = BusTable()
 
     @property
     def n(self) -> int:
