@@ -5,15 +5,14 @@ was put before `take` is in what `take` returns. On the wire `nrs/<run id>/` sta
 key; the code sees it only where a message of another run is to be told apart.
 """
 
-import json
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
-from bus.endpoints import Endpoints, zenoh_settings
-from bus.errors import BusError
+from bus.endpoints import Endpoints
+from bus.sessions import open_session
 from bus.transport import Answer, Item, Message, Presence, Put, Question
 
 ROOT = "nrs"
@@ -70,14 +69,8 @@ class ZenohBus:
     """A party's way to a Zenoh session, on the keys of one run."""
 
     def __init__(self, run_id: str, endpoints: Endpoints = NO_SOCKET) -> None:
-        """Open a session; `BusError` when it cannot be."""
-        config = zenoh.Config()
-        for path, value in zenoh_settings(endpoints).items():
-            config.insert_json5(path, json.dumps(value))
-        try:
-            self._session = zenoh.open(config)
-        except zenoh.ZError as error:
-            raise BusError(f"no session on the bus: {error}") from None
+        """Open a session; `InputError` and `BusError` as `open_session`."""
+        self._session = open_session(endpoints)
         self.run_id = run_id
         self._tokens: list[zenoh.LivelinessToken] = []
 

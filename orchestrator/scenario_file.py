@@ -10,12 +10,16 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from bus.access import expect_host_name
+from bus.errors import InputError
+from bus.hosting import parse_robots
 from bus.topology import Topology
 from estimator_agents.algorithm import algorithm_names, policies_of
 from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
 from orchestrator.faults import wrong_faults
 from orchestrator.scenario import FORMS, Disturbance, Faults, Plant, Scenario, Uniform
+from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, TlsTable, Uniform
 from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
@@ -168,6 +172,25 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield from _draw_faults(f"{here}.initial.{name}", value)
             if isinstance(value, tuple):
                 yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
+    yield from _hosts_faults(scenario.bus.tls, n)
+
+
+def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
+    """Yield what is wrong with the hosts' names and robots; a robot has one host."""
+    taken: dict[int, str] = {}
+    for host, text in (tls.hosts if tls else {}).items():
+        here = f"bus.tls.hosts.{host}"
+        try:
+            expect_host_name(host, "bus.tls.hosts")
+            robots = parse_robots(text, here, n)
+        except InputError as error:
+            yield str(error)
+            continue
+        for robot in robots:
+            if robot in taken:
+                yield f"{here}: robot {robot} is already {taken[robot]!r}'s"
+                break
+            taken[robot] = host
 
 
 def _algorithm_faults(scenario: Scenario) -> Iterator[str]:

@@ -13,7 +13,29 @@ from orchestrator.setting import bodies, draw, gain, initial_estimates, target_o
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 
+TLS = "[bus.tls]\nca = 'ca'\ncertificate = 'c'\nkey = 'k'\nhosts = {%s}\n\n[target]"
+
 BAD = {
+    "host of a robot that is not there": (
+        ("[target]", TLS % "left = '1-7'"),
+        "bus.tls.hosts.left: got '1-7' in '1-7', but there are robots 1 to 6",
+    ),
+    "robot of two hosts": (
+        ("[target]", TLS % "left = '1-3', right = '3-6'"),
+        "bus.tls.hosts.right: robot 3 is already 'left''s",
+    ),
+    "host whose name is taken": (
+        ("[target]", TLS % "target = '1-3'"),
+        "bus.tls.hosts: expected the name of a host",
+    ),
+    "certificate without a key": (
+        ("[target]", "[bus]\ntls = {ca = 'ca', certificate = 'c'}\n[target]"),
+        "bus.tls.key: missing",
+    ),
+    "deadline that is none": (
+        ("[target]", "[bus]\ndeadline = 0\n[target]"),
+        "bus.deadline: expected greater than 0, got 0",
+    ),
     "misspelt key": (("alpha", "alhpa"), "algorithm.alhpa: unknown key; did you mean 'alpha'?"),
     "missing key": (("alpha = 0.9", ""), "algorithm.alpha: missing"),
     "unknown table": (("[target]", "[goal]"), "goal: unknown key"),
@@ -296,3 +318,10 @@ def test_times_are_whole_nanoseconds():
     assert [clock.t(k) for k in (0, 1, 1000)] == [0, 100, 100_000]
     assert list(clock.outputs(0)) == [0]
     assert list(clock.outputs(3)) == [225, 250, 275, 300]
+
+
+def test_hosts_on_other_machines_have_certificates_and_robots(paper):
+    assert paper().scenario.bus.tls is None
+    bus = paper(("[target]", TLS % "left = '1-3', right = '4,5,6'")).scenario.bus
+    assert bus.deadline == 30.0
+    assert bus.tls.hosts == {"left": "1-3", "right": "4,5,6"}

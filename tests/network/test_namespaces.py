@@ -1,0 +1,99 @@
+"""Sessions reach each other over a wire, also one that loses packets, and notice when it is cut."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+
+from tests.network.authority import Authority
+from tests.network.namespaces import two_machines
+
+PORT = 7447
+MESSAGES = 200
+LEASE = 3.0
+"""s; more than the default, for a machine that is busy with other things."""
+
+NODE = """
+import json, queue, sys, zenoh
+from pathlib import Path
+from bus.certificates import Tls
+from bus.endpoints import Endpoints
+from bus.sessions import open_session
+
+told = json.loads(sys.argv[1])
+if told.get("tls"):
+    told["tls"] = Tls(*map(Path, told["tls"]))
+for side in ("listen", "connect"):
+    told[side] = tuple(told.get(side, ()))
+session = open_session(Endpoints(**told))
+block = zenoh.CongestionControl.BLOCK
+"""
+
+HUB = (
+    NODE
+    + """
+events = queue.Queue()
+watch = session.liveliness().declare_subscriber(
+    "nrs/r/alive/*", lambda s: events.put(f"{s.kind} {s.key_expr}"))
+echo = session.declare_queryable("nrs/r/start/*", lambda q: q.reply(q.key_expr, b"go"))
+heard = session.declare_subscriber(
+    "nrs/r/samples/*",
+    lambda s: session.put("nrs/r/orders/left", s.payload, congestion_control=block))
+print("open")
+print(events.get())
+sys.stdin.readline()
+print(events.get())
+session.close()
+"""
+)
+
+CLIENT = (
+    NODE
+    + """
+inbox = queue.Queue()
+listener = session.declare_subscriber(
+    "nrs/r/orders/left", lambda s: inbox.put(s.payload.to_string()))
+token = session.liveliness().declare_token("nrs/r/alive/left")
+assert [r.ok.payload.to_bytes() for r in session.get("nrs/r/start/left")] == [b"go"]
+for k in range(int(sys.argv[2])):
+    session.put("nrs/r/samples/left", str(k), congestion_control=block)
+print(json.dumps([inbox.get() for _ in range(int(sys.argv[2]))]))
+sys.stdin.readline()
+session.close()
+"""
+)
+
+
+def told(tls=None, **endpoints):
+    """Return what a node of the test is told: fields of its `Endpoints`."""
+    return json.dumps({**endpoints, "tls": tls and [str(path) for path in asdict(tls).values()]})
+
+
+WHOLE, POOR = {}, {"delay_ms": 5, "loss_percent": 2}
+
+
+@pytest.mark.parametrize("quality", [WHOLE, POOR], ids=["whole", "poor"])
+@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path):
+    with two_machines(**quality) as wire:
+        authority, address = Authority(tmp_path), wire.left.address
+        hub_tls = client_tls = None
+        if protocol == "tls":
+            hub_tls = authority.issue("orchestrator", address)
+            client_tls = authority.issue("left", wire.right.address)
+        meet = [f"{protocol}/{address}:{PORT}"]
+        listen = told(hub_tls, listen=meet, insecure_tcp=True, lease=LEASE)
+        connect = told(client_tls, connect=meet, insecure_tcp=True, lease=LEASE, wait=60.0)
+        with wire.left.python(HUB, listen) as hub:
+            assert hub.stdout.readline() == "open\n"
+            with wire.right.python(CLIENT, connect, str(MESSAGES)) as client:
+                assert json.loads(client.stdout.readline()) == list(map(str, range(MESSAGES)))
+                assert "PUT nrs/r/alive/left" in hub.stdout.readline()
+                wire.cut()
+                hub.stdin.write("\n")
+                hub.stdin.flush()
+                assert "DELETE nrs/r/alive/left" in hub.stdout.readline()
+                wire.mend()
+                client.communicate("\n", timeout=60)
+            hub.wait(timeout=60)
+        assert (hub.returncode, client.returncode) == (0, 0)
