@@ -4,38 +4,29 @@
 130 interrupted, with the recording closed and valid.
 """
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from importlib.metadata import version as installed
 from pathlib import Path
-from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from bus.errors import CosimError, InputError
-from orchestrator import showing
-from orchestrator.alone import alone
+from orchestrator import run_cli, showing
 from orchestrator.checking import check as check_scenario
-from orchestrator.clock import seconds
-from orchestrator.errors import Interrupted
 from orchestrator.fmu_cli import fmu
-from orchestrator.manning import Handling, here, hosts_worth_it
-from orchestrator.places import place_for
+from orchestrator.options import RecordingPath, ScenarioPath
 from orchestrator.plants import group_by_archive, open_fleet
-from orchestrator.running import run as run_scenario
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import bodies, clock_of
+from orchestrator.setting import bodies
 from orchestrator.summary import describe, lines, measure
-from orchestrator.terminal import AsJson, err, out, print_json, say
+from orchestrator.terminal import AsJson, out, print_json, say
 from recordings.export import export_csv
 from recordings.reading import Reader
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-EXIT = {"completed": DONE, "failed": FAILED, "interrupted": INTERRUPTED}
+FAILED, BAD_INPUT = 1, 2
 
 app = typer.Typer(
     name="nrs",
@@ -44,10 +35,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(fmu, name="fmu")
-
-
-ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
-RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
 
 
 def _print_version(asked: bool) -> None:
@@ -68,78 +55,9 @@ def nrs(
     """Co-simulate networked robots under sampled interaction."""
 
 
-@app.command()
-def run(
-    scenario: ScenarioPath,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
-    ] = None,
-    compression: Annotated[
-        Literal["zstd", "lz4", "none"], typer.Option(help="Of the recording's chunks.")
-    ] = "zstd",
-    hosts: Annotated[str, typer.Option(help="How many processes, or auto.")] = "1",
-    restart: Annotated[bool, typer.Option(help="Start a host again when it is gone.")] = True,
-) -> None:
-    """Run a scenario and record all that was said."""
-    file = read_scenario(scenario)
-    for warning in check_scenario(file.scenario).warnings():
-        say("yellow", "warning", warning)
-    clock = clock_of(file.scenario)
-    with (
-        place_for(output, file.name) as path,
-        _signals() as stopped,
-        showing.progress(err, clock) as show,
-    ):
-
-        def watch(time_ns: int) -> None:
-            show(seconds(time_ns))
-            if stopped():
-                raise Interrupted
-
-        whole = path.absolute()  # an FMU may change the working directory
-        n = hosts_worth_it(file.scenario.n) if hosts == "auto" else int(hosts)
-        handling = Handling(restart, 60.0, lambda text: say("blue", "host", text))
-        man = alone(file) if n == 1 else here(file, n, handling)
-        outcome = run_scenario(file, whole, man, compression=compression, watch=watch)
-        print(outcome.profile, outcome.refused)
-    with Reader(whole) as reader:
-        told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
-    simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
-    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
-    showing.summary(out, told)
-    if outcome.status == "failed":
-        say("red", "failed", outcome.reason)
-    raise typer.Exit(EXIT[outcome.status])
-
-
-@app.command()
-def host(
-    connect: Annotated[list[str], typer.Option()],
-    name: Annotated[str, typer.Option()],
-    robots: Annotated[str, typer.Option()],
-    parent: Annotated[int, typer.Option()] = 0,
-) -> None:
-    """Join."""
-    from bus.endpoints import Endpoints
-    from orchestrator.hosts.member import Membership, serve
-
-    if parent:
-        from plant_fmu.isolation.worker import follow
-
-        follow(parent)
-    serve(
-        Membership(
-            name,
-            [int(r) for r in robots.split(",")],
-            None,
-            60.0,
-            False,
-            not parent,
-            lambda t: say("blue", "host", t),
-        ),
-        Endpoints(connect=tuple(connect)),
-    )
+app.command()(run_cli.run)
+app.command()(run_cli.resume)
+app.command()(run_cli.host)
 
 
 @app.command()
@@ -201,30 +119,3 @@ def main() -> None:
     except CosimError as error:
         say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
-
-
-@contextmanager
-def _signals() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all.
-
-    As long as nobody has asked, a run is still being set up, and the first one ends all.
-    """
-    asked = stopped = False
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal stopped
-        if stopped or not asked:
-            raise KeyboardInterrupt
-        stopped = True
-
-    def ask() -> bool:
-        nonlocal asked
-        asked = True
-        return stopped
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield ask
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -145,6 +145,7 @@ class Lockstep:
             self._recorder.close(k)
             self.recording += perf_counter() - began
             self._target.publish_until(k + self._ahead)
+            self._watch(self._clock.t(k))
             yield k
 
     def _gather(self, k: int) -> None:

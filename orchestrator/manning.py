@@ -35,6 +35,8 @@ class Handling:
     """s: how long a robot may be without a host."""
     show: Callable[[str], None]
     """Is told in words who comes and goes."""
+    expected: int = 1
+    """How many hosts share the robots, when they do not say which they want."""
 
 
 def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
@@ -44,18 +46,26 @@ def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
         endpoint = f"unixsock-stream/{folder}/bus"
         start = partial(LocalHost, endpoint=endpoint, folder=folder)
-        return _crew(stack, file, Endpoints(listen=(endpoint,)), hosts, handling, start)
+        n = file.scenario.n
+        robots = range(1, n + 1)
+        homes = {
+            f"local-{i + 1}": robots[i * n // hosts : (i + 1) * n // hosts] for i in range(hosts)
+        }
+        return _crew(stack, file, Endpoints(listen=(endpoint,)), homes, handling, start)
 
     return man
 
 
 def elsewhere(
-    file: ScenarioFile, endpoints: Endpoints, expected: int, handling: Handling
+    file: ScenarioFile,
+    endpoints: Endpoints,
+    homes: Mapping[str, Sequence[int]],
+    handling: Handling,
 ) -> Manning:
-    """The robots on hosts that join by themselves."""
+    """The robots on hosts that join by themselves; `homes` are those whose names are known."""
 
     def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
-        return _crew(stack, file, endpoints, expected, handling, None)
+        return _crew(stack, file, endpoints, homes, handling, None)
 
     return man
 
@@ -64,7 +74,7 @@ def _crew(
     stack: ExitStack,
     file: ScenarioFile,
     endpoints: Endpoints,
-    expected: int,
+    homes: Mapping[str, Sequence[int]],
     handling: Handling,
     start: Callable[[str, Sequence[int]], LocalHost] | None,
 ) -> tuple[Bus, Hosts]:
@@ -73,8 +83,8 @@ def _crew(
     stack.callback(bus.close)
     batches = [wire_key(kind, "*") for kind in (SAMPLES, RECORDS, REPORT)]
     inbox = bus.listen_to_all() if endpoints.listen else bus.listen(*batches)
-    terms = Terms(expected, start, handling.restart, handling.wait, handling.show)
-    crew = Crew(bus, inbox, file, fmus, terms)
+    terms = Terms(handling.expected, start, handling.restart, handling.wait, handling.show)
+    crew = Crew(bus, inbox, file, fmus, homes, terms)
     stack.callback(crew.close)
     crew.gather()
     return bus, crew

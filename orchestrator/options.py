@@ -1,4 +1,4 @@
-"""How a run's sessions are reached, as options that several commands share."""
+"""Arguments and options that several commands share."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +8,9 @@ import typer
 from bus.certificates import Tls
 from bus.errors import InputError
 from orchestrator.scenario import TlsTable
+
+ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
+RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
 
 _PANEL = "Beyond this machine"
 
@@ -88,3 +91,37 @@ def tls_of(
             f"{' and '.join(missing)}: missing; certificate, key and authority go together"
         )
     return Tls(**{name: path for name, path in given.items() if path is not None})
+
+
+Hosts = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N|auto",
+        help="Spread the robots over N processes of this machine; auto: as many as are worth it.",
+    ),
+]
+Expect = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        rich_help_panel=_PANEL,
+        help="How many hosts share the robots, when they do not say which they want.",
+    ),
+]
+Wait = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        rich_help_panel=_PANEL,
+        help="How long to wait for one another, at the start or after a link was lost.",
+    ),
+]
+Deadline = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="End the run after so long a silence; bus.deadline of the scenario unless given.",
+    ),
+]
+NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a host is gone.")]
+ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]

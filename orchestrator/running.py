@@ -69,14 +69,16 @@ def run(
     *,
     compression: Compression = "zstd",
     watch: Watch = lambda _time_ns: None,
+    deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
 ) -> Outcome:
     """Run a scenario into a recording.
 
-    `man` gets its hosts; by default its robots are in this thread. `watch` is told each output time, ns, that was reached, and ends the run
-    by `Interrupted`. A failure before the states at t_0 is raised and leaves no file; a later one
-    is the outcome's. `past` are the ticks from 0 on, as messages, that an earlier recording of the
-    same run has: they are copied, and the run goes on after them.
+    `man` gets its hosts; by default its robots are in this thread. `watch` is told each output
+    time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
+    t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
+    scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
+    run has: they are copied, and the run goes on after them.
     """
     scenario = file.scenario
     clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
@@ -101,9 +103,15 @@ def run(
         )
         recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
         ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
-        deadline = 30.0
         lockstep = Lockstep(
-            clock, target, hosts, recorder, _needs(topology, hosts.homes), ahead, deadline, watch
+            clock,
+            target,
+            hosts,
+            recorder,
+            _needs(topology, hosts.homes),
+            ahead,
+            deadline or scenario.bus.deadline,
+            watch,
         )
         status: Closing = "completed"
         reason = ""
@@ -121,6 +129,7 @@ def run(
             status, reason = "failed", str(error)
         wall_seconds = perf_counter() - started
         hosts.end()
+        recorder.end()
         writer.finish(status, reason)
     refused = Counter(recorder.refused) + Counter(hosts.refused)
     profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording)

@@ -143,7 +143,7 @@ class Run(Table):
         1e5, description="rad, rad/s; the run fails when an estimate or a state is beyond it"
     )
     checkpoint_every: Count = Field(
-        100, description="ticks between checkpoints, from which robots can be restored; 0 for none"
+        500, description="ticks between checkpoints, from which robots can be restored; 0 for none"
     )
 
 
@@ -338,6 +338,8 @@ class Faults(Table):
 
     links: tuple[FaultyLink, ...] = ()
     robots: tuple[FaultyRobot, ...] = ()
+
+
 class TlsTable(Table):
     """Certificates of the run's orchestrator, and of the hosts that may take part."""
 

@@ -18,8 +18,7 @@ from estimator_agents.algorithm import algorithm_names, policies_of
 from orchestrator.clock import nanoseconds
 from orchestrator.errors import ScenarioError
 from orchestrator.faults import wrong_faults
-from orchestrator.scenario import FORMS, Disturbance, Faults, Plant, Scenario, Uniform
-from orchestrator.scenario import FORMS, Disturbance, Plant, Scenario, TlsTable, Uniform
+from orchestrator.scenario import FORMS, Disturbance, Faults, Plant, Scenario, TlsTable, Uniform
 from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import groupby
 from math import prod
+from statistics import fmean
 from typing import Any
 
 from rich.console import Console
@@ -14,6 +15,8 @@ from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
+from orchestrator.host import Spent
+from orchestrator.running import Profile
 from plant_fmu.checking.findings import FmuCheck
 
 _VERDICTS = {
@@ -107,3 +110,40 @@ def fmu_check(console: Console, checked: FmuCheck) -> None:
 
 def _complex(real: float, imaginary: float) -> str:
     return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
+
+
+def shares(profile: Profile, wall: float) -> str:
+    """Say in a line which part of the wall time, s, each process spent on what."""
+    told = [f"{name}: {_parts(spent, wall)}" for name, spent in profile.hosts.items()]
+    mine = f"recorder: {_percent(profile.recording, wall)} recording"
+    waits = profile.orchestrator
+    if len(told) > 1:
+        names = ("plants", "bus", "waiting")
+        mean = Spent(*(fmean(getattr(s, n) for s in profile.hosts.values()) for n in names))
+        told = [f"hosts on average: {_parts(mean, wall)}"]
+        mine += f", {_percent(waits.waiting, wall)} waiting"
+    return "; ".join([*told, mine])
+
+
+def profile(console: Console, told: Profile, wall: float) -> None:
+    """Show where the wall time, s, of each process of a run went."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("s of wall time")
+    for title in ("plants", "bus", "recording", "waiting", "other"):
+        table.add_column(title, justify="right")
+    rows = [(name, spent, 0.0) for name, spent in told.hosts.items()]
+    for name, spent, recording in (*rows, ("orchestrator", told.orchestrator, told.recording)):
+        parts = (spent.plants, spent.bus, recording, spent.waiting)
+        numbers = (f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0)))
+        table.add_row(name, *numbers)
+    console.print()
+    console.print(table)
+
+
+def _parts(spent: Spent, wall: float) -> str:
+    parts = {"plants": spent.plants, "bus": spent.bus, "waiting": spent.waiting}
+    return ", ".join(f"{_percent(part, wall)} {name}" for name, part in parts.items())
+
+
+def _percent(part: float, wall: float) -> str:
+    return f"{100 * part / wall:.0f} %" if wall else "0 %"

@@ -67,9 +67,9 @@ def scenario_text(reader: Reader) -> str:
 
 
 def scenario_of(reader: Reader) -> ScenarioFile:
-    """Return the scenario that a recording came from; its paths are relative to the recording."""
-    folder = Path(reader.path).parent
-    return parse_scenario(scenario_text(reader), reader.metadata[RUN]["name"], folder, SCENARIO)
+    """Return the scenario that a recording came from; its paths are relative to where it was."""
+    about = reader.metadata[RUN]
+    return parse_scenario(scenario_text(reader), about["name"], Path(about["folder"]), SCENARIO)
 
 
 def measure(reader: Reader) -> SteadyState:

@@ -85,6 +85,8 @@ class Recorder:
         self._writer, self._wire, self._keep = writer, wire, keep
         self._open: defaultdict[int, _Open] = defaultdict(_Open)
         self._past: dict[int, list[Records]] = {}
+        self._reader: Reader | None = None
+        self._read_until = -1
         self._hosts = frozenset(wire.homes) - {TARGET}
         self._sample_topics = [sample_key(node) for node in range(n + 1)]
         self._state_topics = [state_key(node) for node in range(n + 1)]
@@ -176,14 +178,21 @@ class Recorder:
             if since <= k <= until:
                 yield from ((k, records, host) for host, records in tick.samples.items())
 
+    def end(self) -> None:
+        """Let go of what was read again."""
+        if self._reader:
+            self._reader.close()
+
     def _read(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
-        self._writer.flush()
+        if not self._reader or self._read_until < until:
+            self.end()
+            self._writer.flush()
+            self._reader, self._read_until = Reader(self._writer.path), self.closed
         found: defaultdict[int, list[bytes]] = defaultdict(list)
-        with Reader(self._writer.path) as reader:
-            times = self._wire.times.t(since), self._wire.times.t(until) + 1
-            for batch in reader.batches(self._sample_topics, *times):
-                for _, _, k, data in batch:
-                    found[k].append(data)
+        times = self._wire.times.t(since), self._wire.times.t(until) + 1
+        for batch in self._reader.batches(self._sample_topics, *times):
+            for _, _, k, data in batch:
+                found[k].append(data)
         for k, samples in found.items():
             yield k, self._wire.samples.decode(samples), EVERYONE
 

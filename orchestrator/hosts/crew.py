@@ -67,7 +67,7 @@ class Terms:
     """How a run treats its hosts."""
 
     expected: int
-    """How many there will be."""
+    """How many there will be, when those that name no robots are to share them."""
     start: Callable[[str, Sequence[int]], LocalHost] | None
     """Starts a host on this machine; None when they come from elsewhere."""
     restart: bool
@@ -95,9 +95,13 @@ class Crew:
         inbox: ZenohInbox,
         file: ScenarioFile,
         fmus: Mapping[str, Fmu],
+        homes: Mapping[str, Sequence[int]],
         terms: Terms,
     ) -> None:
-        """Let hosts of a scenario in, from now on; `fmus` are by what the scenario calls them."""
+        """Let hosts of a scenario in, from now on; `fmus` are by what the scenario calls them.
+
+        `homes` are those whose hosts' names are known; further ones come about as hosts ask.
+        """
         self.inbox = inbox
         self.refused: Counter[str] = Counter()
         self.restarts = 0
@@ -111,12 +115,8 @@ class Crew:
         bus.watch(wire_key(ALIVE, "*/*"), inbox)
         for kind in (JOIN, START, HEARD, FMU):
             bus.serve(wire_key(kind, "*"), inbox)
-        if terms.start:
-            robots = range(1, file.scenario.n + 1)
-            for number in range(terms.expected):
-                name = f"local-{number + 1}"
-                share = robots[_share(number, terms.expected, len(robots))]
-                self._homes[name] = Home(share, terms.start(name, share))
+        for name, robots in homes.items():
+            self._homes[name] = Home(robots, terms.start(name, robots) if terms.start else None)
 
     @property
     def homes(self) -> dict[str, Sequence[int]]:
@@ -396,8 +396,3 @@ class _NotLetInError(Exception):
     def __init__(self, reason: str, *, final: bool) -> None:
         super().__init__(reason)
         self.final = final
-
-
-def _share(number: int, shares: int, n: int) -> slice:
-    """Return one of the shares of n in a row that are as even as can be."""
-    return slice(number * n // shares, (number + 1) * n // shares)

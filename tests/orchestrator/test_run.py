@@ -1,6 +1,6 @@
 """Whole runs: real FMUs, a real Zenoh session, a real file, against an independent oracle."""
 
-from collections import defaultdict
+from collections import Counter
 from contextlib import ExitStack
 
 import numpy as np
@@ -10,21 +10,13 @@ from bus.errors import BusError
 from bus.memory_bus import MemoryBus
 from bus.messages import HEADER, SAMPLE, Codec
 from bus.zenoh_bus import ZenohBus
-from estimator_agents.agents import Agents
-from estimator_agents.algorithm import load_algorithm
 from estimator_agents.estimate import Estimate
-from orchestrator.host import Host
-from orchestrator.lockstep import TargetNode, run_ticks
-from orchestrator.plants import group_by_archive, open_fleet
+from orchestrator.alone import Alone
+from orchestrator.lockstep import Lockstep, TargetNode
+from orchestrator.robots import Robots
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.setting import (
-    bodies,
-    clock_of,
-    initial_estimates,
-    target_of,
-    topology_of,
-)
+from orchestrator.setting import clock_of, target_of
 from orchestrator.summary import describe, lines, measure, scenario_of
 from plant_fmu.errors import StepError
 from recordings.reading import Reader
@@ -242,22 +234,19 @@ class Loop:
 
     def __init__(self, stack, file, bus, writer):
         scenario = file.scenario
-        self.clock = clock_of(scenario)
-        groups = group_by_archive(scenario, file.folder)
-        fleet = open_fleet(stack, groups, bodies(scenario))
-        choice = scenario.algorithm
-        self.agents = Agents(
-            np.arange(1, scenario.n + 1),
-            topology_of(scenario),
-            load_algorithm(choice.name, choice.alpha, choice.beta),
-            initial_estimates(scenario),
-        )
-        self.host = Host(bus, self.clock, self.agents, fleet, 1e9)
-        self.target = TargetNode(bus, self.clock, target_of(scenario), scenario.m)
-        self.recorder = Recorder(bus, writer, scenario.n)
+        clock, n = clock_of(scenario), scenario.n
+        robots = Robots.opened(stack, file, range(1, n + 1))
+        self.agents = robots.agents
+        self.hosts = Alone(bus, clock, robots, lambda _t: None)
+        wire = self.hosts.wire()
+        self.target = TargetNode(bus, clock, wire, target_of(scenario))
+        self.recorder = Recorder(writer, wire, n, 0)
+        parts = (clock, self.target, self.hosts, self.recorder)
+        self.lockstep = Lockstep(*parts, {}, 1, 0.1, lambda _t: None)
 
     def ticks(self):
-        return run_ticks(self.clock, self.target, self.host, self.recorder, lambda _t: None)
+        self.hosts.begin(self.recorder)
+        return self.lockstep.run()
 
 
 class Kept:
@@ -275,39 +264,30 @@ def test_who_received_what_and_when(paper):
     file, m = paper(SHORT), 2
     codec = Codec(SAMPLE, m)
     with ExitStack() as stack:
-        bus = ZenohBus("listened")
+        bus, kept = ZenohBus("listened"), Kept()
         stack.callback(bus.close)
         ear = bus.listen("**")
-        loop = Loop(stack, file, bus, Kept())
+        loop = Loop(stack, file, bus, kept)
         heard = {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
-        advance = loop.host.advance
-        between = defaultdict(list)
-
-        def advance_and_listen(k, watch):
-            assert ear.take() == [], "something was said between the end of a tick and its interval"
-            advance(k, watch)
-            between[k] = ear.take()
-
-        loop.host.advance = advance_and_listen
+        said = []
         for k in loop.ticks():
-            said = ear.take()
+            said += [item.key for item in ear.take()]
             if k == 0:
-                assert sorted(key for key, _ in said) == [f"state/{i}" for i in range(1, 7)]
                 continue
-            keys = [key for key, _ in between[k]]
-            assert sorted(keys) == sorted(f"state/{i}" for i in range(1, 7) for _ in range(5))
-            assert sorted(key for key, _ in said) == [f"sample/{i}" for i in range(7)]
             spoken = {}
-            for key, payload in said:
-                robot, sequence, time_ns = HEADER.unpack_from(payload)
-                assert (f"sample/{robot}", k, k * 100_000_000) == (key, sequence, time_ns)
-                record = codec.decode([payload])[0]
-                spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
+            for time_ns, topic, sequence, data in kept.batches[k]:
+                if topic.startswith("sample/"):
+                    robot = HEADER.unpack_from(data)[0]
+                    assert (topic, sequence, time_ns) == (f"sample/{robot}", k, k * 100_000_000)
+                    record = codec.decode([data])[0]
+                    spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
+            assert spoken.keys() == {*range(7)}
             for robot, nodes in heard.items():
                 got = loop.agents.heard_by(robot)
                 assert {j: (p.tolist(), v.tolist()) for j, (p, v) in got.items()} == {
                     j: spoken[j] for j in nodes
                 }
+        assert Counter(said) == {"samples/target": 10, "samples/here": 10, "records/here": 11}
 
 
 def test_both_buses_carry_the_same_run(paper):
@@ -360,50 +340,88 @@ class Intercepted(MemoryBus):
         return changed
 
 
-FAULTS = {
-    "lost": (lambda _payload: None, "tick 1: no sample came from node 3"),
-    "another robot's": (
-        lambda payload: payload[:1] + b"\x02" + payload[2:],
-        "tick 1: sample/3 carried the sample of robot 2 for k = 1, which was refused",
-    ),
-    "another tick's": (
-        lambda payload: payload[:6] + b"\x07" + payload[7:],
-        "tick 1: sample/3 carried the sample of robot 3 for k = 7, which was refused",
-    ),
-    "cut": (lambda payload: payload[:-1], "a nrs.Sample of 54 bytes was refused"),
+SECOND = 4 + 55  # where robot 2's sample begins in a batch: after k and robot 1's
+
+
+def with_byte(payload, at, value):
+    return payload[:at] + bytes([value]) + payload[at + 1 :]
+
+
+REFUSED = {
+    "another robot's": (lambda p: with_byte(p, SECOND + 1, 3), "robot"),
+    "another tick's": (lambda p: with_byte(p, SECOND + 6, 7), "tick"),
+    "of another time": (lambda p: with_byte(p, SECOND + 11, 7), "time"),
+    "of another form": (lambda p: with_byte(p, SECOND, 7), "form"),
+    "a batch of another tick": (lambda p: with_byte(p, 0, 2), "tick"),
+    "a batch beyond the end": (lambda p: with_byte(p, 2, 1), "tick"),
+    "cut": (lambda p: p[:-1], "size"),
+    "a robot's left out": (lambda p: p[:SECOND] + p[SECOND + 55 :], "size"),
+    "not finite": (lambda p: p[:-8] + np.array([np.nan]).tobytes(), "value"),
+    "empty": (lambda _p: b"", "size"),
+}
+
+
+@pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_bad_batch_of_samples_is_refused_and_its_host_named(paper, change, reason):
+    with ExitStack() as stack:
+        loop = Loop(stack, paper(SHORT), Intercepted("samples/here", change), Kept())
+        with pytest.raises(BusError, match="tick 1: no samples came from here"):
+            list(loop.ticks())
+        for item in loop.hosts.inbox.take():
+            loop.recorder.take(item)
+    assert loop.recorder.refused == {reason: 1}
+
+
+def test_samples_that_are_lost_are_missed_and_named(paper):
+    with ExitStack() as stack:
+        loop = Loop(stack, paper(SHORT), Intercepted("samples/here", lambda _p: None), Kept())
+        with pytest.raises(BusError, match="tick 1: no samples came from here"):
+            list(loop.ticks())
+
+
+STATE_BATCH = {
+    "lost": (lambda _p: None, {}),
+    "cut": (lambda p: p[:-1], {"size": 1}),
+    "another robot's": (lambda p: with_byte(p, 9, 3), {"robot": 1}),
+    "another tick's": (lambda p: with_byte(p, 14, 7), {"tick": 1}),
     "not finite": (
-        lambda payload: payload[:-8] + np.array([np.nan]).tobytes(),
-        "velocity of robot 3 at k = 1",
+        lambda p: p[: 8 + 27] + np.array([np.nan]).tobytes() + p[8 + 35 :],
+        {"form": 1},
     ),
 }
 
 
-@pytest.mark.parametrize(("change", "message"), FAULTS.values(), ids=FAULTS.keys())
-def test_a_bad_sample_is_refused_and_named(paper, change, message):
+@pytest.mark.parametrize(("change", "refused"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
+def test_a_state_that_is_not_recorded_is_missed_and_its_host_named(paper, change, refused):
     with ExitStack() as stack:
-        loop = Loop(stack, paper(SHORT), Intercepted("sample/3", change), Kept())
-        with pytest.raises(BusError) as error:
+        loop = Loop(stack, paper(SHORT), Intercepted("records/here", change), Kept())
+        silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on host here"
+        with pytest.raises(BusError, match=silence):
             list(loop.ticks())
-    assert message in str(error.value)
+    assert loop.recorder.refused == refused
 
 
-def test_a_state_that_is_not_recorded_is_missed_and_named(paper):
-    with ExitStack() as stack:
-        bus = Intercepted("state/2", lambda _payload: None)
-        loop = Loop(stack, paper(SHORT), bus, Kept())
-        with pytest.raises(BusError, match="tick 0 could not be recorded: missing state/2 at 0 ns"):
-            list(loop.ticks())
-
-
-def test_a_message_too_many_is_refused_and_named(paper):
+def test_a_message_too_many_is_refused_and_counted(paper):
     with ExitStack() as stack:
         bus = MemoryBus()
         loop = Loop(stack, paper(SHORT), bus, Kept())
-        codec = Codec(SAMPLE, 2)
-        stray = codec.encode(codec.blank(np.array([4])))[0]
-        bus.publisher("sample/4")(stray)
-        with pytest.raises(BusError, match="not expected sample/4 at 0 ns"):
-            list(loop.ticks())
+        bus.publisher("samples/nobody")(b"stray")
+        list(loop.ticks())
+    assert loop.recorder.refused == {"host": 1}
+
+
+def test_what_is_said_again_is_kept_once(paper):
+    def twice(payload):
+        put(payload)
+        return payload
+
+    with ExitStack() as stack:
+        bus, kept = Intercepted("records/here", twice), Kept()
+        put = MemoryBus.publisher(bus, "records/here")
+        loop = Loop(stack, paper(SHORT), bus, kept)
+        list(loop.ticks())
+        assert [len(batch) for batch in kept.batches] == [6] + [37] * 10
+        assert loop.recorder.repeated == 10  # the last repetition comes after the end
 
 
 def test_the_recording_carries_its_scenario(paper, tmp_path):

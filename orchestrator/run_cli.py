@@ -1,0 +1,293 @@
+"""`nrs run`, `nrs resume` and `nrs host`: a run as its user starts, continues and joins it."""
+
+import json
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Literal
+
+import typer
+
+from bus.endpoints import Endpoints
+from bus.errors import InputError
+from bus.hosting import parse_robots
+from orchestrator import showing
+from orchestrator.alone import alone
+from orchestrator.checking import check as check_scenario
+from orchestrator.clock import seconds
+from orchestrator.errors import Interrupted
+from orchestrator.hosts.member import Membership, serve
+from orchestrator.lockstep import Manning
+from orchestrator.manning import Handling, elsewhere, here, hosts_worth_it
+from orchestrator.options import (
+    Connect,
+    Deadline,
+    Expect,
+    Hosts,
+    InsecureTcp,
+    Listen,
+    NoRestart,
+    RecordingPath,
+    ScenarioPath,
+    ShowProfile,
+    TlsCa,
+    TlsCertificate,
+    TlsKey,
+    Wait,
+    tls_of,
+)
+from orchestrator.places import place_for
+from orchestrator.plants import group_by_archive
+from orchestrator.running import Outcome, past_of
+from orchestrator.running import run as run_scenario
+from orchestrator.scenario_file import ScenarioFile, read_scenario
+from orchestrator.setting import clock_of
+from orchestrator.summary import describe, lines, measure, scenario_of
+from orchestrator.terminal import err, out, say
+from plant_fmu.isolation.worker import follow
+from recordings.container import Compression
+from recordings.digest import Message
+from recordings.reading import Reader
+from recordings.tables import RUN
+
+EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
+
+Output = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
+]
+Compressed = Annotated[
+    Literal["zstd", "lz4", "none"],
+    typer.Option("--compression", help="Of the recording's chunks."),
+]
+
+
+def run(
+    scenario: ScenarioPath,
+    output: Output = None,
+    compression: Compressed = "zstd",
+    hosts: Hosts = None,
+    profile: ShowProfile = False,
+    deadline: Deadline = None,
+    no_restart: NoRestart = False,
+    listen: Listen = None,
+    connect: Connect = None,
+    expect: Expect = 1,
+    wait: Wait = 300.0,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    insecure_tcp: InsecureTcp = False,
+) -> None:
+    """Run a scenario and record all that was said."""
+    file = read_scenario(scenario)
+    for warning in check_scenario(file.scenario).warnings():
+        say("yellow", "warning", warning)
+    tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
+    ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
+    handling = Handling(not no_restart, wait, _show, expect)
+    man = _manning(file, hosts, handling, listen, connect, ends)
+    _perform(file, output, man, compression, profile, deadline)
+
+
+def resume(
+    recording: RecordingPath,
+    output: Output = None,
+    compression: Compressed = "zstd",
+    hosts: Hosts = None,
+    profile: ShowProfile = False,
+    deadline: Deadline = None,
+    no_restart: NoRestart = False,
+    listen: Listen = None,
+    connect: Connect = None,
+    expect: Expect = 1,
+    wait: Wait = 300.0,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    insecure_tcp: InsecureTcp = False,
+) -> None:
+    """Continue a run that did not come to its end, in a new recording that holds all of it."""
+    with Reader(recording) as reader:
+        file = _resumable(reader, output)
+        tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
+        ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
+        handling = Handling(not no_restart, wait, _show, expect)
+        man = _manning(file, hosts, handling, listen, connect, ends)
+        _perform(file, output, man, compression, profile, deadline, past_of(reader))
+
+
+def host(
+    connect: Annotated[
+        list[str],
+        typer.Option(metavar="ENDPOINT", help="Where to meet, such as tls/lab.example:7447."),
+    ],
+    robots: Annotated[
+        str | None,
+        typer.Option(metavar="1-3,7", help="Which robots; any that are free unless given."),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(help="Of this host: its certificate's common name; by default the machine's."),
+    ] = None,
+    run_id: Annotated[
+        str | None, typer.Option("--run", help="Which run, when several wait for hosts.")
+    ] = None,
+    allow_fmus: Annotated[
+        bool,
+        typer.Option("--allow-fmus", help="Run FMUs that the orchestrator sends: native code."),
+    ] = False,
+    wait: Wait = 300.0,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    insecure_tcp: InsecureTcp = False,
+    parent: Annotated[int, typer.Option(hidden=True)] = 0,
+) -> None:
+    """Run some robots of a run that an orchestrator elsewhere listens for."""
+    if parent:
+        follow(parent)
+    tls = tls_of(tls_ca, tls_certificate, tls_key)
+    endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
+    wanted = None if robots is None else parse_robots(robots, "--robots")
+    member = Membership(
+        name or socket.gethostname(), wanted, run_id, wait, allow_fmus, not parent, _show
+    )
+    serve(member, endpoints)
+
+
+def _manning(
+    file: ScenarioFile,
+    hosts: str | None,
+    handling: Handling,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    ends: Callable[..., Endpoints],
+) -> Manning:
+    """Return how a run gets the hosts that were asked for."""
+    n = file.scenario.n
+    if listen or connect:
+        if hosts is not None:
+            option = "--listen" if listen else "--connect"
+            raise InputError(f"--hosts {hosts}: starts hosts here, {option} waits for others")
+        tls = file.scenario.bus.tls
+        places = {
+            name: parse_robots(robots, f"bus.tls.hosts.{name}", n)
+            for name, robots in (tls.hosts if tls else {}).items()
+        }
+        endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), hosts=places)
+        return elsewhere(file, endpoints, places, handling)
+    if hosts == "auto":
+        count = hosts_worth_it(n)
+    elif hosts is None or (hosts.isdecimal() and 1 <= int(hosts) <= n):
+        count = int(hosts or 1)
+    else:
+        raise InputError(f"--hosts: expected auto or 1 to {n}, a robot each at least, got {hosts}")
+    return alone(file) if count == 1 else here(file, count, handling)
+
+
+def _perform(
+    file: ScenarioFile,
+    output: Path | None,
+    man: Manning,
+    compression: Compression,
+    profile: bool,
+    deadline: float | None,
+    past: Iterator[list[Message]] | None = None,
+) -> None:
+    """Run with everything that a person sees of it, and exit with its status."""
+    clock = clock_of(file.scenario)
+    with (
+        place_for(output, file.name) as path,
+        _signals() as stopped,
+        showing.progress(err, clock) as show,
+    ):
+
+        def watch(time_ns: int) -> None:
+            show(seconds(time_ns))
+            if stopped():
+                raise Interrupted
+
+        whole = path.absolute()  # an FMU may change the working directory
+        outcome = run_scenario(
+            file,
+            whole,
+            man,
+            compression=compression,
+            watch=watch,
+            deadline=deadline,
+            past=past,
+        )
+    with Reader(whole) as reader:
+        told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
+    simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
+    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    if outcome.refused:
+        told["refused"] = _counted(outcome)
+    told["time"] = showing.shares(outcome.profile, took)
+    showing.summary(out, told)
+    if profile:
+        showing.profile(out, outcome.profile, took)
+    if outcome.status == "failed":
+        say("red", "failed", outcome.reason)
+    raise typer.Exit(EXIT[outcome.status])
+
+
+def _counted(outcome: Outcome) -> str:
+    """Say what was refused, and why."""
+    reasons = ", ".join(f"{count} {why}" for why, count in sorted(outcome.refused.items()))
+    return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
+
+
+def _resumable(reader: Reader, output: Path | None) -> ScenarioFile:
+    """Return the scenario of a recording that can be continued; `InputError` where it cannot."""
+    if reader.status == "completed" and not reader.damage:
+        raise InputError(f"{reader.path}: is completed: there is nothing to resume")
+    if output is not None and output.exists() and output.samefile(reader.path):
+        raise InputError(f"-o {output}: is the recording to resume; give another name")
+    file = scenario_of(reader)
+    plants = json.loads(reader.metadata[RUN]["plants"])
+    recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
+    for group in group_by_archive(file.scenario, file.folder):
+        sha256 = recorded.get(group.archive.label)
+        if sha256 != group.archive.sha256:
+            raise InputError(
+                f"{group.field}: {group.archive.label} is not the FMU that the recording was made "
+                f"with: its SHA-256 is {group.archive.sha256}, not {sha256}"
+            )
+    return file
+
+
+def _show(text: str) -> None:
+    say("blue", "host", text)
+
+
+@contextmanager
+def _signals() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all.
+
+    As long as nobody has asked, a run is still being set up, and the first one ends all.
+    """
+    asked = stopped = False
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        if stopped or not asked:
+            raise KeyboardInterrupt
+        stopped = True
+
+    def ask() -> bool:
+        nonlocal asked
+        asked = True
+        return stopped
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ask
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
