@@ -14,6 +14,7 @@ from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
+from orchestrator.doctor import Diagnosis
 from plant_fmu.checking.findings import FmuCheck
 
 _VERDICTS = {
@@ -21,6 +22,8 @@ _VERDICTS = {
     "fails": "[red]does not hold[/]",
     "unknown": "[yellow]unknown[/]",
     "note": "",
+    "ok": "[green]ok[/]",
+    "warning": "[yellow]warning[/]",
 }
 
 
@@ -103,6 +106,16 @@ def fmu_check(console: Console, checked: FmuCheck) -> None:
             mark = _VERDICTS[finding.verdict]
             gap = " " * (15 - len(Text.from_markup(mark)))
             console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
+
+
+def diagnosis(console: Console, made: Diagnosis) -> None:
+    """Show what a machine is fit for, by topic, and what is to be done where it is not."""
+    for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
+        console.print(f"[bold]{topic}[/]")
+        for symptom in symptoms:
+            mark = "[red]fails[/]" if symptom.verdict == "fails" else _VERDICTS[symptom.verdict]
+            gap = " " * (9 - len(Text.from_markup(mark)))
+            console.print(f"  {escape(f'{symptom.name:<20}')}{mark}{gap}{escape(symptom.text)}")
 
 
 def _complex(real: float, imaginary: float) -> str:

@@ -96,6 +96,12 @@ def cache_folder() -> Path:
     return Path(os.environ.get(variable) or default) / "nrs-cosim"
 
 
+def try_compiler() -> str:
+    """Compile one function and say with what; `FmuError` as for `build`."""
+    _compile("doctor", {"doctor.c": b"int one(void);\nint one(void) { return 1; }\n"})
+    return f"{' '.join(_compiler())} compiles"
+
+
 def _unknown(name: str) -> str:
     known = bundled_models()
     close = get_close_matches(name, known, n=1)
