@@ -32,7 +32,8 @@ _FORM = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream//absolute/path"
 class Endpoints:
     """Where a session listens or what it connects to; with neither it opens no socket.
 
-    `lease` is the silence, in s, after which a link counts as lost; by default `NETWORK_LEASE`, or
+    `lease` is how long this side may be silent, in s, before the other counts the link as lost; by
+    default `NETWORK_LEASE`, or
     `LOCAL_LEASE` where all endpoints are Unix sockets. `wait` is how long, in s, a client tries to
     connect before it gives up. `hosts` are the common names of the certificates that may take part
     when TLS is listened on; without any, every certificate of the authority may.

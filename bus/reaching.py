@@ -13,7 +13,8 @@ from bus.certificates import Tls, context, reason
 from bus.endpoints import Address
 
 _DEADLINE = 2.0
-_HEARING = 0.3
+BRIEFLY, LONG = 0.3, 5.0
+"""s; how long a listener is given for its refusal."""
 _ALERTS = {
     "certificate required": "it wants a certificate",
     "unknown ca": "it does not know the authority of this certificate",
@@ -34,16 +35,13 @@ class Finding:
     final: bool
 
 
-def probe(address: Address, tls: Tls | None) -> Finding | None:
-    """Return what stands in the way to an address; None when the way is open.
-
-    It waits at most a few seconds.
-    """
+def probe(address: Address, tls: Tls | None, hearing: float) -> Finding | None:
+    """Return what stands in the way to an address; None when no refusal came within `hearing` s."""
     try:
         with _connected(address) as link:
             if address.protocol != "tls" or tls is None:
                 return None
-            return _shaken(link, address, tls)
+            return _shaken(link, address, tls, hearing)
     except socket.gaierror:
         return Finding(f"the name {address.host} is not known", final=False)
     except (TimeoutError, BlockingIOError):
@@ -69,14 +67,14 @@ def _connected(address: Address) -> socket.socket:
     return link
 
 
-def _shaken(link: socket.socket, address: Address, tls: Tls) -> Finding | None:
+def _shaken(link: socket.socket, address: Address, tls: Tls, hearing: float) -> Finding | None:
     """Return why a TLS handshake fails, on this side or the other."""
     try:
         with (
             context(tls).wrap_socket(link, server_hostname=address.host) as shaken,
             suppress(TimeoutError),
         ):
-            shaken.settimeout(_HEARING)
+            shaken.settimeout(hearing)
             shaken.recv(1)
     except ssl.SSLCertVerificationError as error:
         return Finding(f"its certificate is refused here: {error.verify_message}", final=True)

@@ -6,7 +6,7 @@ import zenoh
 
 from bus.endpoints import Address, Endpoints, zenoh_settings
 from bus.errors import BusError, InputError
-from bus.reaching import Finding, probe
+from bus.reaching import BRIEFLY, LONG, Finding, probe
 
 
 def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Session:
@@ -15,9 +15,7 @@ def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Se
     `InputError` where nothing can be listened on, or certificates are refused; `BusError` where
     what was to be connected to does not answer within `endpoints.wait` s.
     """
-    for found, endpoint in _findings(endpoints):
-        if found.final:
-            raise InputError(f"--connect: {endpoint}: {found.text}")
+    _expect_no_refusal(endpoints, _findings(endpoints, BRIEFLY))
     config = zenoh.Config()
     settings = zenoh_settings(endpoints)
     if namespace is not None:
@@ -34,23 +32,30 @@ def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Se
         raise BusError(f"no session could be opened: {_cause(error)}") from None
 
 
-def _not_reached(endpoints: Endpoints, error: zenoh.ZError) -> BusError | InputError:
-    findings = _findings(endpoints)
-    for found, endpoint in findings:
-        if found.final:
-            return InputError(f"--connect: {endpoint}: {found.text}")
-    told = [f"{endpoint}: {found.text}" for found, endpoint in findings]
-    why = "; ".join(told) or (
+def _not_reached(endpoints: Endpoints, error: zenoh.ZError) -> BusError:
+    findings = _findings(endpoints, LONG)
+    _expect_no_refusal(endpoints, findings)
+    why = "; ".join(f"{endpoint}: {found.text}" for endpoint, found in findings.items()) or (
         f"{', '.join(endpoints.connect)}: something answers that is no Zenoh router, or it is too "
         f"busy ({_cause(error)})"
     )
     return BusError(f"no connection within {endpoints.wait:g} s: {why}")
 
 
-def _findings(endpoints: Endpoints) -> list[tuple[Finding, str]]:
+def _findings(endpoints: Endpoints, hearing: float) -> dict[str, Finding]:
     """Return what stands in the way to each endpoint to connect to."""
-    probed = [(probe(Address.of("--connect", e), endpoints.tls), e) for e in endpoints.connect]
-    return [(found, endpoint) for found, endpoint in probed if found]
+    probed = {
+        endpoint: probe(Address.of("--connect", endpoint), endpoints.tls, hearing)
+        for endpoint in endpoints.connect
+    }
+    return {endpoint: found for endpoint, found in probed.items() if found}
+
+
+def _expect_no_refusal(endpoints: Endpoints, findings: dict[str, Finding]) -> None:
+    """Do not wait where waiting mends nothing: all endpoints refuse, or are refused."""
+    final = {endpoint: found.text for endpoint, found in findings.items() if found.final}
+    if final and len(final) == len(endpoints.connect):
+        raise InputError("\n".join(f"--connect: {e}: {text}" for e, text in final.items()))
 
 
 def _cause(error: Exception) -> str:

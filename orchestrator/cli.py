@@ -15,8 +15,17 @@ import typer
 from bus.errors import CosimError, InputError
 from orchestrator import run_cli, showing
 from orchestrator.checking import check as check_scenario
+from orchestrator.doctor import diagnose
 from orchestrator.fmu_cli import fmu
-from orchestrator.options import RecordingPath, ScenarioPath
+from orchestrator.options import (
+    Listen,
+    RecordingPath,
+    ScenarioPath,
+    TlsCa,
+    TlsCertificate,
+    TlsKey,
+    tls_of,
+)
 from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
@@ -100,6 +109,23 @@ def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
         print_json(checked.as_json())
     else:
         showing.check(out, checked)
+
+
+@app.command()
+def doctor(
+    listen: Listen = None,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    as_json: AsJson = False,
+) -> None:
+    """Try all that a run needs of this machine, and say what to do where something fails."""
+    made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
+    if as_json:
+        print_json(made.as_json())
+    else:
+        showing.diagnosis(out, made)
+    raise typer.Exit(0 if made.fit else FAILED)
 
 
 @app.command()

@@ -16,7 +16,7 @@ import numpy as np
 
 from bus.errors import RunError
 from bus.topology import Topology
-from orchestrator.alone import alone
+from orchestrator.alone import Alone, alone
 from orchestrator.clock import Clock, seconds
 from orchestrator.errors import Interrupted
 from orchestrator.host import Spent, Watch, needed
@@ -44,6 +44,8 @@ class Profile:
     hosts: Mapping[str, Spent]
     orchestrator: Spent
     recording: float
+    in_one_thread: bool
+    """Whether the only host is in the orchestrator's own thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,7 @@ def run(
         recorder.end()
         writer.finish(status, reason)
     refused = Counter(recorder.refused) + Counter(hosts.refused)
-    profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording)
+    profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, isinstance(hosts, Alone))
     done = max(recorder.closed, 0)
     return Outcome(status, reason, output, done, recorder.messages, wall_seconds, profile, refused)
 

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
-from orchestrator.host import Spent
+from orchestrator.doctor import Diagnosis
 from orchestrator.running import Profile
 from plant_fmu.checking.findings import FmuCheck
 
@@ -24,6 +24,8 @@ _VERDICTS = {
     "fails": "[red]does not hold[/]",
     "unknown": "[yellow]unknown[/]",
     "note": "",
+    "ok": "[green]ok[/]",
+    "warning": "[yellow]warning[/]",
 }
 
 
@@ -108,21 +110,28 @@ def fmu_check(console: Console, checked: FmuCheck) -> None:
             console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
 
 
+def diagnosis(console: Console, made: Diagnosis) -> None:
+    """Show what a machine is fit for, by topic, and what is to be done where it is not."""
+    for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
+        console.print(f"[bold]{topic}[/]")
+        for symptom in symptoms:
+            mark = "[red]fails[/]" if symptom.verdict == "fails" else _VERDICTS[symptom.verdict]
+            gap = " " * (9 - len(Text.from_markup(mark)))
+            console.print(f"  {escape(f'{symptom.name:<20}')}{mark}{gap}{escape(symptom.text)}")
+
+
 def _complex(real: float, imaginary: float) -> str:
     return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
 
 
-def shares(profile: Profile, wall: float) -> str:
-    """Say in a line which part of the wall time, s, each process spent on what."""
-    told = [f"{name}: {_parts(spent, wall)}" for name, spent in profile.hosts.items()]
-    mine = f"recorder: {_percent(profile.recording, wall)} recording"
-    waits = profile.orchestrator
-    if len(told) > 1:
-        names = ("plants", "bus", "waiting")
-        mean = Spent(*(fmean(getattr(s, n) for s in profile.hosts.values()) for n in names))
-        told = [f"hosts on average: {_parts(mean, wall)}"]
-        mine += f", {_percent(waits.waiting, wall)} waiting"
-    return "; ".join([*told, mine])
+def shares(told: Profile, wall: float) -> str:
+    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder."""
+    names = ("plants", "bus", "waiting")
+    mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
+    parts = dict(zip(names, mean, strict=True)) | {"recording": told.recording}
+    if told.in_one_thread:
+        parts["bus"] += told.orchestrator.bus
+    return ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
 
 
 def profile(console: Console, told: Profile, wall: float) -> None:
@@ -131,19 +140,15 @@ def profile(console: Console, told: Profile, wall: float) -> None:
     table.add_column("s of wall time")
     for title in ("plants", "bus", "recording", "waiting", "other"):
         table.add_column(title, justify="right")
-    rows = [(name, spent, 0.0) for name, spent in told.hosts.items()]
-    for name, spent, recording in (*rows, ("orchestrator", told.orchestrator, told.recording)):
-        parts = (spent.plants, spent.bus, recording, spent.waiting)
+    mine = told.orchestrator
+    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.hosts.items()}
+    if told.in_one_thread:
+        (name, (plants, bus, _, _)) = rows.popitem()
+        rows[name] = plants, bus + mine.bus, told.recording, mine.waiting
+    else:
+        rows["orchestrator"] = mine.plants, mine.bus, told.recording, mine.waiting
+    for name, parts in rows.items():
         numbers = (f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0)))
         table.add_row(name, *numbers)
     console.print()
     console.print(table)
-
-
-def _parts(spent: Spent, wall: float) -> str:
-    parts = {"plants": spent.plants, "bus": spent.bus, "waiting": spent.waiting}
-    return ", ".join(f"{_percent(part, wall)} {name}" for name, part in parts.items())
-
-
-def _percent(part: float, wall: float) -> str:
-    return f"{100 * part / wall:.0f} %" if wall else "0 %"

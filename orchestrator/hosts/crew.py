@@ -111,10 +111,10 @@ class Crew:
         self._seal = Seal(self._secret)
         self._recorder: Recorder | None = None
         self._began = monotonic()
-        bus.announce(wire_key(ALIVE, ORCHESTRATOR))
-        bus.watch(wire_key(ALIVE, "*/*"), inbox)
         for kind in (JOIN, START, HEARD, FMU):
             bus.serve(wire_key(kind, "*"), inbox)
+        bus.watch(wire_key(ALIVE, "*/*"), inbox)
+        bus.announce(wire_key(ALIVE, ORCHESTRATOR))
         for name, robots in homes.items():
             self._homes[name] = Home(robots, terms.start(name, robots) if terms.start else None)
 

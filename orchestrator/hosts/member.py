@@ -184,15 +184,17 @@ class _Listening:
 
     def ask_to_begin(self, ready: Ready) -> bytes:
         """Return the answer to being ready; samples that come before it are kept."""
-        key = wire_key(START, self._name)
-        self._bus.ask(key, ready.written(), self._inbox)
+        key, asked = wire_key(START, self._name), False
         while True:
+            if not asked:
+                self._bus.ask(key, ready.written(), self._inbox)
+                asked = True
             for item in self._inbox.take(_SILENCE):
                 if isinstance(item, Answer) and item.key == key:
-                    if item.payload is None:
-                        raise AbandonedError("the orchestrator did not begin the run")
-                    return item.payload
-                if isinstance(item, Message) and not item.key.startswith(ORDERS):
+                    if item.payload is not None:
+                        return item.payload
+                    asked = False
+                elif isinstance(item, Message) and not item.key.startswith(ORDERS):
                     self._early.append(item)
                 else:
                     list(self.handle(item))

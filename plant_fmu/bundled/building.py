@@ -117,6 +117,12 @@ def replacing(path: Path) -> Iterator[Path]:
         ) from error
 
 
+def try_compiler() -> str:
+    """Compile one function and say with what; `FmuError` as for `build`."""
+    _compile("doctor", {"doctor.c": b"int one(void);\nint one(void) { return 1; }\n"})
+    return f"{' '.join(_compiler())} compiles"
+
+
 def _unknown(name: str) -> str:
     known = bundled_models()
     close = get_close_matches(name, known, n=1)

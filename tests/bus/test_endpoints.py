@@ -195,8 +195,8 @@ class TestAccess:
         hub, left, right, _ = hosts
         at_hub, at_left = heard(hub, "nrs/**"), heard(left, "nrs/r/samples/*")
         assert answered(left, "nrs/r/start/left") == [b"go"]
-        forged = ("samples/left", "samples/target", "states/left", "orders/left", "orders/right")
-        own = ("samples/right", "states/right", "report/right")
+        forged = ("samples/left", "samples/target", "records/left", "orders/left", "orders/right")
+        own = ("samples/right", "records/right", "report/right")
         for key in (*forged, *own):
             right.put(f"nrs/r/{key}", b"x", congestion_control=BLOCK)
         assert answered(right, "nrs/r/heard/right") == [b"go"]
@@ -210,11 +210,11 @@ class TestAccess:
     def test_orders_and_samples_are_heard_by_whom_they_are_for(self, hosts):
         hub, left, right, _ = hosts
         inboxes = [heard(host, "nrs/r/orders/*") for host in (left, right)]
-        spied = heard(left, "nrs/r/states/*")
+        spied = heard(left, "nrs/r/records/*")
         samples = heard(left, "nrs/r/samples/*")
         for host, name in ((left, "left"), (right, "right")):
             assert answered(host, f"nrs/r/start/{name}") == [b"go"]
-        right.put("nrs/r/states/right", b"x", congestion_control=BLOCK)
+        right.put("nrs/r/records/right", b"x", congestion_control=BLOCK)
         right.put("nrs/r/samples/right", b"x", congestion_control=BLOCK)
         for name in ("left", "right"):
             hub.put(f"nrs/r/orders/{name}", b"x", congestion_control=BLOCK)
@@ -236,17 +236,19 @@ class TestAccess:
         alive, seen = queue.Queue(), queue.Queue()
         tokens = [hub.liveliness().declare_token("nrs/r/alive/orchestrator")]
         hub.liveliness().declare_subscriber(
-            "nrs/r/alive/*", lambda s: alive.put((s.kind, str(s.key_expr)))
+            "nrs/r/alive/*/*", lambda s: alive.put((s.kind, str(s.key_expr)))
         )
         left.liveliness().declare_subscriber(
             "nrs/r/alive/orchestrator", lambda s: seen.put(str(s.key_expr)), history=True
         )
         assert seen.get(timeout=PATIENCE) == "nrs/r/alive/orchestrator"
-        tokens += [right.liveliness().declare_token(f"nrs/r/alive/{n}") for n in ("left", "right")]
-        assert alive.get(timeout=PATIENCE) == (zenoh.SampleKind.PUT, "nrs/r/alive/right")
+        tokens += [
+            right.liveliness().declare_token(f"nrs/r/alive/{n}/1") for n in ("left", "right")
+        ]
+        assert alive.get(timeout=PATIENCE) == (zenoh.SampleKind.PUT, "nrs/r/alive/right/1")
         for token in tokens[1:]:
             token.undeclare()
-        assert alive.get(timeout=PATIENCE) == (zenoh.SampleKind.DELETE, "nrs/r/alive/right")
+        assert alive.get(timeout=PATIENCE) == (zenoh.SampleKind.DELETE, "nrs/r/alive/right/1")
         assert alive.empty()
 
     def test_a_certificate_that_no_host_is_named_by_is_heard_by_nobody(self, hosts):

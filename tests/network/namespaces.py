@@ -2,8 +2,8 @@
 
     left 10.77.0.1  ── veth, tc netem ──  10.77.0.2 right
 
-Making them needs rights, and delay and loss need the kernel's netem; where something is missing
-the test that asks for it is skipped, with the reason.
+Making them needs rights; where these are missing the test is skipped, with the reason. Where the
+kernel has no netem, a process carries the packets instead (`tests.network.relay`).
 """
 
 import os
@@ -58,12 +58,6 @@ class Wire:
     left: Machine
     right: Machine
 
-    def shape(self, delay_ms: float = 0.0, loss_percent: float = 0.0) -> None:
-        """Delay each direction by so many ms, and lose so many of its packets."""
-        for end in (self.left, self.right):
-            how = ("netem", "delay", f"{delay_ms}ms", "loss", f"{loss_percent}%")
-            _try(*end.command("tc", "qdisc", "replace", "dev", end.device, "root", *how))
-
     def cut(self) -> None:
         """Cut it: nothing passes, and no connection over it is told."""
         _run("ip", "-n", self.left.name, "link", "set", self.left.device, "down")
@@ -75,7 +69,10 @@ class Wire:
 
 @contextmanager
 def two_machines(delay_ms: float = 0.0, loss_percent: float = 0.0) -> Iterator[Wire]:
-    """Yield two machines on a wire; processes that still run inside are ended with them."""
+    """Yield two machines on a wire; processes that still run inside are ended with them.
+
+    Each direction is delayed by so many ms, and loses so many of its packets.
+    """
     own = f"{os.getpid() % 100_000}"
     left = Machine(f"nrsl{own}", "10.77.0.1", f"nrl{own}")
     right = Machine(f"nrsr{own}", "10.77.0.2", f"nrr{own}")
@@ -84,15 +81,45 @@ def two_machines(delay_ms: float = 0.0, loss_percent: float = 0.0) -> Iterator[W
         for end in (left, right):
             _try("ip", "netns", "add", end.name)
             stack.callback(_remove, end)
-        peer = ("peer", "name", right.device, "netns", right.name)
-        _try("ip", "link", "add", left.device, "netns", left.name, "type", "veth", *peer)
+        poor = delay_ms > 0 or loss_percent > 0
+        in_kernel = not poor or _has_netem(left)
+        if in_kernel:
+            peer = ("peer", "name", right.device, "netns", right.name)
+            _try("ip", "link", "add", left.device, "netns", left.name, "type", "veth", *peer)
+        else:
+            stack.enter_context(_relayed(wire, delay_ms, loss_percent))
         for end in (left, right):
             _try("ip", "-n", end.name, "addr", "add", f"{end.address}/24", "dev", end.device)
             for device in ("lo", end.device):
                 _try("ip", "-n", end.name, "link", "set", device, "up")
-        if delay_ms or loss_percent:
-            wire.shape(delay_ms, loss_percent)
+        if poor and in_kernel:
+            for end in (left, right):
+                how = ("netem", "delay", f"{delay_ms}ms", "loss", f"{loss_percent}%")
+                _try(*end.command("tc", "qdisc", "add", "dev", end.device, "root", *how))
         yield wire
+
+
+def _has_netem(end: Machine) -> bool:
+    command = end.command("tc", "qdisc", "add", "dev", "lo", "root", "netem")
+    if subprocess.run(command, check=False, capture_output=True).returncode:
+        return False
+    _run(*end.command("tc", "qdisc", "delete", "dev", "lo", "root"))
+    return True
+
+
+@contextmanager
+def _relayed(wire: Wire, delay_ms: float, loss_percent: float) -> Iterator[None]:
+    """Join two machines by a process that carries packets as long as the block goes on."""
+    ends = (wire.left.name, wire.left.device, wire.right.name, wire.right.device)
+    command = [sys.executable, "-m", "tests.network.relay", *ends, str(delay_ms), str(loss_percent)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as process:
+        try:
+            if process.stdout.readline() != "joined\n":
+                pytest.skip(f"neither netem nor TUN here: {process.stderr.read().splitlines()[-1]}")
+            yield
+        finally:
+            process.kill()
 
 
 def _run(*command: str) -> str:

@@ -385,8 +385,8 @@ STATE_BATCH = {
     "another robot's": (lambda p: with_byte(p, 9, 3), {"robot": 1}),
     "another tick's": (lambda p: with_byte(p, 14, 7), {"tick": 1}),
     "not finite": (
-        lambda p: p[: 8 + 27] + np.array([np.nan]).tobytes() + p[8 + 35 :],
-        {"form": 1},
+        lambda p: p[: 8 + 21] + np.array([np.nan]).tobytes() + p[8 + 29 :],
+        {"value": 1},
     ),
 }
 
@@ -421,7 +421,7 @@ def test_what_is_said_again_is_kept_once(paper):
         loop = Loop(stack, paper(SHORT), bus, kept)
         list(loop.ticks())
         assert [len(batch) for batch in kept.batches] == [6] + [37] * 10
-        assert loop.recorder.repeated == 10  # the last repetition comes after the end
+        assert loop.recorder.repeated == 11
 
 
 def test_the_recording_carries_its_scenario(paper, tmp_path):

@@ -1,0 +1,149 @@
+"""The doctor finds what a run would stumble over, and says what to do."""
+
+import json
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.serialization import PrivateFormat
+
+from bus.errors import InputError
+from bus.vetting import vet
+from orchestrator.doctor import diagnose
+from orchestrator.options import tls_of
+from orchestrator.scenario import TlsTable
+from tests.network.authority import LONG_AGO, Authority
+
+NRS = Path(sys.executable).with_name("nrs")
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory):
+    return Authority(tmp_path_factory.mktemp("authority"))
+
+
+def seen(tls, now=None):
+    """Return what was looked at in certificates: verdict and text by name."""
+    return {name: (verdict, text) for name, verdict, text in vet(tls, now)}
+
+
+def by_name(diagnosis):
+    return {symptom.name: symptom for symptom in diagnosis.symptoms}
+
+
+class TestMachine:
+    def test_this_machine_is_fit(self, tmp_path):
+        made = diagnose([f"unixsock-stream/{tmp_path}/s"], None)
+        assert made.fit
+        assert {s.verdict for s in made.symptoms} == {"ok"}
+        assert [s.topic for s in made.symptoms] == [
+            "plants",
+            "plants",
+            "bus",
+            "recording",
+            "listen",
+        ]
+
+    def test_without_a_compiler_it_says_how_to_get_one(self, monkeypatch):
+        monkeypatch.setenv("CC", "no-such-compiler")
+        compiler = by_name(diagnose([], None))["compiler"]
+        assert compiler.verdict == "fails"
+        assert "CC=no-such-compiler" in compiler.text
+        assert "apt install gcc" in compiler.text
+
+    def test_a_port_that_is_taken(self):
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+            made = diagnose([endpoint], None)
+        assert not made.fit
+        assert "in use; choose another port" in by_name(made)[endpoint].text
+
+    def test_tls_without_certificates(self):
+        made = diagnose(["tls/127.0.0.1:7447"], None)
+        assert by_name(made)["files"].verdict == "fails"
+
+    def test_a_malformed_endpoint_is_bad_input(self):
+        with pytest.raises(InputError, match="--listen: expected"):
+            diagnose(["7447"], None)
+
+    def test_the_command(self, authority):
+        old = authority.issue("old", valid=LONG_AGO)
+        options = {"ca": old.ca, "certificate": old.certificate, "key": old.key}
+        given = [word for name, path in options.items() for word in (f"--tls-{name}", str(path))]
+        command = [NRS, "doctor", *given]
+        shown = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert (shown.returncode, shown.stderr) == (1, "")
+        assert "dates               fails    expired on 2021-01-01" in shown.stdout
+        told = subprocess.run([*command, "--json"], check=False, capture_output=True, text=True)
+        assert told.returncode == 1
+        report = json.loads(told.stdout)
+        assert not report["fit"]
+        assert [s["name"] for s in report["symptoms"] if s["verdict"] == "fails"] == ["dates"]
+
+
+class TestCertificates:
+    def test_a_good_one(self, authority):
+        found = seen(authority.issue("left", "lab.example", "192.0.2.1"))
+        assert {verdict for verdict, _ in found.values()} == {"ok"}
+        assert found["host"][1].startswith("left is its name")
+        assert found["addresses"][1].startswith("lab.example, 192.0.2.1")
+
+    def test_of_another_authority(self, authority, tmp_path):
+        other = Authority(tmp_path).issue("left")
+        found = seen(replace(other, ca=authority.issue("left").ca))
+        assert found["signature"][0] == "fails"
+        assert "is not the authority in --tls-ca" in found["signature"][1]
+
+    @pytest.mark.parametrize(
+        ("days", "verdict", "said"),
+        [
+            (-1, "fails", "not valid before 2020-01-01"),
+            (1, "ok", "until 2021-01-01"),
+            (340, "warning", "expires on 2021-01-01"),
+            (367, "fails", "expired on 2021-01-01"),
+        ],
+    )
+    def test_dates(self, authority, days, verdict, said):
+        now = datetime(2020, 1, 1, tzinfo=UTC) + timedelta(days=days)
+        found = seen(authority.issue("left", valid=LONG_AGO), now)
+        assert found["dates"][0] == verdict
+        assert found["dates"][1].startswith(said)
+
+    def test_a_name_that_no_host_can_have(self, authority):
+        assert "no host can have it" in seen(authority.issue("orchestrator"))["host"][1]
+        verdict, said = seen(authority.issue("robot*"))["host"]
+        assert verdict == "fails"
+        assert "'robot*'" in said
+
+    def test_a_key_of_another_form_is_only_warned_of(self, authority):
+        found = seen(authority.issue("left", form=PrivateFormat.TraditionalOpenSSL))
+        assert found["key"][0] == "warning"
+        assert "openssl pkcs8" in found["key"][1]
+
+    def test_files_that_do_not_belong_together(self, authority):
+        left, right = authority.issue("left"), authority.issue("right")
+        found = seen(replace(left, key=right.key))
+        assert list(found) == ["files"]
+        assert "is not the key of the certificate" in found["files"][1]
+
+    def test_without_the_extra_it_is_named(self, authority, monkeypatch):
+        left = authority.issue("left")
+        monkeypatch.setitem(sys.modules, "cryptography", None)
+        assert seen(left)["certificate"] == ("warning", "not read: pip install 'nrs-cosim[tls]'")
+
+
+class TestOptions:
+    def test_an_option_goes_before_the_scenarios_table(self):
+        table = TlsTable(ca="ca.pem", certificate="c.pem", key="k.pem")
+        tls = tls_of(None, None, Path("own.pem"), table, Path("folder"))
+        assert tls.ca == Path("folder/ca.pem")
+        assert tls.key == Path("own.pem")
+        assert tls_of(None, None, None) is None
+
+    def test_certificates_go_together(self):
+        with pytest.raises(InputError, match="--tls-certificate and --tls-key: missing"):
+            tls_of(Path("ca.pem"), None, None)
