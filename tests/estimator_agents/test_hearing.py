@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from bus.errors import InputError
@@ -19,6 +19,7 @@ FUZZ = settings(
     derandomize=True,
     deadline=None,
     database=None,
+    phases=(Phase.generate,),
     suppress_health_check=[HealthCheck.too_slow],
 )
 ALGORITHMS = {1: FirstOrder(0.9, 1.1), 2: SecondOrder(1.1, 0.9)}
