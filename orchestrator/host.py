@@ -90,7 +90,7 @@ class Host:
                 f"tick {k}: {sample_key(nodes[at])} carried the sample of robot "
                 f"{records['robot'][at]} for k = {records['k'][at]}, which was refused"
             )
-        self.agents.hear(k, np.array(nodes), records["position"], records["velocity"])
+        self.agents.hear(k, np.array(nodes, np.intp), records["position"], records["velocity"])
         missing = self.agents.missing(k)
         if missing:
             raise BusError(f"tick {k}: no sample came from node {', '.join(map(str, missing))}")
