@@ -307,7 +307,7 @@ BAD = {
     LINK + "loss = nan": "faults.links[0].loss: expected a finite number, got nan",
     LINK + "delay = 1.5": "faults.links[0].delay: expected a valid integer, got 1.5",
     LINK + "delay = -1": "faults.links[0].delay: expected greater than or equal to 0, got -1",
-    LINK + "delay = 10001": "faults.links[0].delay: expected less than or equal to 10000",
+    LINK + "delay = 1001": "faults.links[0].delay: expected less than or equal to 1000, got 1001",
     LINK + "delay = { unifrom = [0, 1] }": "links[0].delay.unifrom: unknown key; did you mean 'uni",
     LINK + "delay = { uniform = [0, 1.5] }": "faults.links[0].delay.uniform[1]: expected a valid",
     LINK + "delay = { uniform = [3, 1] }": (
