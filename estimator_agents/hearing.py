@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
-from bus.links import Fate, Links
+from bus.faults import told
+from bus.links import Links
 from bus.messages import FAULT, Codec
 
 Missing = Literal["hold", "drop"]
@@ -33,10 +34,10 @@ class Hearing:
         self.links = links
         self.there = np.zeros(len(links.faulty), bool)
         """(F,) whether there is a sample to go by."""
-        self.faults = Codec(FAULT, m).blank(np.array([], np.intp))
+        self._codec = Codec(FAULT, m)
+        self.faults = self._codec.blank(np.array([], np.intp))
         """What befell the samples of the last tick: records of `FAULT`, by robot and source."""
         self._robots, self._m, self._drops = robots, m, missing == "drop"
-        self._codec = Codec(FAULT, m)
         self._slots = links.longest + 1
         ends = np.cumsum(self._slots + 1)
         self._last = ends - self._slots - 1
@@ -55,7 +56,6 @@ class Hearing:
         """
         fate = self.links.fate(k)
         received = self.links.received(k, sent)
-        received[fate.gone] = 0
         leaving = np.flatnonzero(~fate.gone)
         due = self._slot(k + fate.delay)[leaving]
         self._cells[due, 0] = k
@@ -65,7 +65,7 @@ class Hearing:
         self._cells[self._last[newer]] = self._cells[now[newer]]
         self._cells[now] = 0
         self.there = newer if self._drops else self._cells[self._last, 0] > 0
-        self._note(k, fate, sent, received)
+        self.faults = told(self._codec, self.links, self._robots, k, fate, sent, received)
 
     def memory(self, robot: int) -> bytes:
         """Return what one robot remembers, little-endian doubles; nothing without faults."""
@@ -89,19 +89,3 @@ class Hearing:
     def _span(self, robot: int) -> slice:
         first, end = np.searchsorted(self.links.sink, [robot, robot + 1])
         return slice(self._starts[first], self._starts[end])
-
-    def _note(
-        self, k: int, fate: Fate, sent: NDArray[np.float64], received: NDArray[np.float64]
-    ) -> None:
-        altered = (received != sent).any(axis=(1, 2))
-        told = np.flatnonzero(fate.gone | (fate.delay > 0) | altered)
-        silent = np.intersect1d(self._robots, self.links.silent(k))
-        faults = self._codec.blank(np.concatenate([self.links.sink[told], silent]))
-        faults["k"], faults["time_ns"] = k, k * self.links.period_ns
-        faults["source"] = np.concatenate([self.links.source[told], silent])
-        on_links, alone = faults[: len(told)], faults[len(told) :]
-        on_links["lost"], on_links["outage"] = fate.lost[told], fate.outage[told]
-        on_links["delay"] = fate.delay[told]
-        on_links["position"], on_links["velocity"] = received[told, 0], received[told, 1]
-        alone["outage"] = 1
-        self.faults = faults[np.lexsort((faults["source"], faults["robot"]))]

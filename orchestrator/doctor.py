@@ -98,11 +98,12 @@ def _try_bus() -> str:
 def _try_recording() -> str:
     with tempfile.TemporaryDirectory(prefix="nrs-") as folder:
         path = Path(folder) / "doctor.mcap"
+        topics = channels(1, (), checkpoints=False)
         with Writer(
             path,
             version=version("nrs-cosim"),
-            channels=channels(1, (), checkpoints=False),
-            schemas=schemas(),
+            channels=topics,
+            schemas=schemas(topics),
             metadata={},
             attachments={},
         ) as writer:

@@ -89,12 +89,13 @@ def run(
         wire = hosts.wire()
         target = TargetNode(bus, clock, wire, target_of(scenario))
         every = scenario.run.checkpoint_every
+        topics = channels(n, faulty_of(scenario), checkpoints=0 < every <= clock.ticks)
         writer = stack.enter_context(
             Writer(
                 output,
                 version=version("nrs-cosim"),
-                channels=channels(n, faulty_of(scenario), checkpoints=every > 0),
-                schemas=schemas(),
+                channels=topics,
+                schemas=schemas(topics),
                 metadata={
                     RUN: _about_run(file, clock, hosts.told()),
                     "nrs.versions": _versions(),

@@ -275,7 +275,7 @@ def _pair_form(value: Any) -> str:
     return PAIR if isinstance(value, dict | Pair) else NUMBER
 
 
-Periods = Annotated[Count, Field(le=10_000)]
+Periods = Annotated[Count, Field(le=1000)]
 Extent = Annotated[Number, Field(ge=0, le=1e100)]
 Span = tuple[Weight, Weight]
 

@@ -47,10 +47,11 @@ def channels(n: int, faulty: Collection[int], checkpoints: bool) -> list[Channel
     return found
 
 
-def schemas() -> list[Schema]:
-    """Return the protobuf schemas of all messages."""
+def schemas(used_by: Iterable[Channel]) -> list[Schema]:
+    """Return the protobuf schemas of some channels."""
+    used = {channel.schema_name for channel in used_by}
     kinds = (SAMPLE, STATE, FAULT, CHECKPOINT)
-    return [Schema(kind.name, kind.descriptor()) for kind in kinds]
+    return [Schema(kind.name, kind.descriptor()) for kind in kinds if kind.name in used]
 
 
 _CHECKPOINTS = checkpoint_key(0)[:-1]

@@ -9,6 +9,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from bus.errors import BusError
 from bus.messages import (
     CHECKPOINT,
+    FAULT,
     HEADER,
     SAMPLE,
     STATE,
@@ -34,12 +35,14 @@ def filled(kind: MessageType, m: int, robots: list[int]) -> tuple[Codec, np.ndar
     codec = Codec(kind, m)
     records = codec.blank(np.array(robots))
     records["k"], records["time_ns"] = 12, 1_200_000_000
+    for number, name in enumerate(kind.further):
+        records[name] = 70_000 * number
     for name in kind.vectors:
         records[name] = RNG.normal(size=(len(robots), m))
     return codec, records
 
 
-@pytest.mark.parametrize("kind", [SAMPLE, STATE], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [SAMPLE, STATE, FAULT], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("m", [1, 2, 15, 16, 300])
 def test_bytes_are_those_of_protobuf(kind, m):
     codec, records = filled(kind, m, [0, 1, 70_000])
@@ -51,10 +54,14 @@ def test_bytes_are_those_of_protobuf(kind, m):
             robot=int(record["robot"]),
             k=12,
             time_ns=1_200_000_000,
+            **{name: int(record[name]) for name in kind.further},
             **{name: record[name].tolist() for name in kind.vectors},
         )
         assert payload == theirs.SerializeToString(deterministic=True)
         read = message_class.FromString(payload)
+        assert [getattr(read, name) for name in kind.further] == [
+            70_000 * number for number in range(len(kind.further))
+        ]
         assert struct.pack(f"{m}d", *getattr(read, kind.vectors[1])) == (
             record[kind.vectors[1]].tobytes()
         )

@@ -1,0 +1,163 @@
+"""Links with faults: frequencies, independence of the draws, and the edges of the definitions."""
+
+import numpy as np
+import pytest
+
+from bus.links import BLOCK, LinkFault, Links
+from bus.outages import Outages
+from bus.topology import Topology
+from tests.bus.test_topology import PAPER
+
+TOPOLOGY = Topology.of(*PAPER)
+ALL = np.arange(1, 7)
+EDGES = [*zip(TOPOLOGY.source.tolist(), TOPOLOGY.sink.tolist(), strict=True)]
+TICKS = 4000
+
+
+def links(faults, silences=None, robots=ALL, seed=3, m=2, period_ns=10):
+    return Links(
+        TOPOLOGY, np.asarray(robots), faults, silences or {}, period_ns=period_ns, seed=seed, m=m
+    )
+
+
+def everywhere(**given):
+    return dict.fromkeys(EDGES, LinkFault(**given))
+
+
+def story(made, ticks=range(1, 200)):
+    """Return lost, outage, delay (ticks, F) and what zeros become (ticks, F, 2, m)."""
+    fates = [made.fate(k) for k in ticks]
+    zeros = np.zeros((len(made.faulty), 2, 2))
+    return (
+        np.array([fate.lost for fate in fates]),
+        np.array([fate.outage for fate in fates]),
+        np.array([fate.delay for fate in fates]),
+        np.array([made.received(k, zeros) for k in ticks]),
+    )
+
+
+def test_links_without_faults_are_not_kept():
+    made = links({(3, 6): LinkFault(loss=0.5), (2, 5): LinkFault(), (3, 4): LinkFault()})
+    assert made.faulty.tolist() == [EDGES.index((3, 6))]
+    assert (made.source.tolist(), made.sink.tolist()) == ([3], [6])
+    assert len(links({}).faulty) == len(links({}).fate(1).lost) == 0
+    assert links({}).received(1, np.zeros((0, 2, 2))).shape == (0, 2, 2)
+
+
+def test_all_links_of_a_robot_with_outages_are_kept():
+    made = links({}, {4: ((0, 5),)})
+    assert sorted(zip(made.source.tolist(), made.sink.tolist(), strict=True)) == [
+        (1, 4), (3, 4), (4, 5),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("p", [0.02, 0.3, 0.9])
+def test_as_many_are_lost_as_the_probability_says(p):
+    lost, *_ = story(links(everywhere(loss=p)), range(1, TICKS + 1))
+    deviation = np.sqrt(p * (1 - p))
+    assert np.abs(lost.mean(axis=0) - p).max() < 4 * deviation / np.sqrt(TICKS)
+    assert abs(lost.mean() - p) < 4 * deviation / np.sqrt(lost.size)
+    correlation = np.corrcoef(np.vstack([lost.T[:, 1:], lost.T[:, :-1]]).astype(float))
+    assert np.abs(correlation - np.eye(len(correlation))).max() < 5 / np.sqrt(TICKS)
+
+
+def test_probabilities_of_none_and_all():
+    assert not story(links(everywhere(loss=0.0, delay=(1, 1))))[0].any()
+    assert story(links(everywhere(loss=1.0)))[0].all()
+
+
+def test_delays_are_uniform_and_both_ends_are_included():
+    _, _, delay, _ = story(links(everywhere(delay=(1, 4))), range(1, TICKS + 1))
+    values, counts = np.unique(delay, return_counts=True)
+    assert values.tolist() == [1, 2, 3, 4]
+    share = delay.size / 4
+    assert ((counts - share) ** 2 / share).sum() < 16.3  # chi squared, 3 degrees: p = 0.001
+    assert set(story(links(everywhere(delay=(2, 2))))[2].ravel().tolist()) == {2}
+
+
+def test_noise_is_normal_with_the_deviations_asked_for():
+    *_, received = story(links(everywhere(noise=(0.5, 3.0))), range(1, TICKS + 1))
+    for part, deviation in ((0, 0.5), (1, 3.0)):
+        numbers = received[:, :, part].ravel() / deviation
+        assert abs(numbers.mean()) < 4 / np.sqrt(numbers.size)
+        assert abs(numbers.var() - 1) < 4 * np.sqrt(2 / numbers.size)
+        assert abs((np.abs(numbers) < 1).mean() - 0.682689) < 2 / np.sqrt(numbers.size)
+
+
+def test_a_draw_depends_on_its_own_key_alone():
+    given = {"loss": 0.4, "delay": (0, 5), "noise": (1.0, 2.0)}
+    whole = story(links(everywhere(**given)))
+    for robot in (1, 5):
+        rows = TOPOLOGY.sink == robot
+        for alone, all_of_them in zip(
+            story(links(everywhere(**given), robots=[robot])), whole, strict=True
+        ):
+            assert alone.tobytes() == all_of_them[:, rows].tobytes()
+    for name, part in (("loss", 0), ("delay", 2), ("noise", 3)):
+        only = story(links(everywhere(**{name: given[name]})))[part]
+        assert only.tobytes() == whole[part].tobytes()
+    other = story(links(everywhere(**given), seed=4))
+    assert all((other[part] != whole[part]).any() for part in (0, 2, 3))
+
+
+def test_time_may_begin_anywhere_and_go_back():
+    given = everywhere(loss=0.5, delay=(0, 3), noise=(1.0, 1.0))
+    onwards = links(given)
+    forth = [story(onwards, [k]) for k in range(1, 4 * BLOCK)]
+    asked = links(given)
+    for k in (3 * BLOCK + 5, 2, BLOCK, BLOCK - 1, 4 * BLOCK - 1):
+        for now, then in zip(story(asked, [k]), forth[k - 1], strict=True):
+            assert now.tobytes() == then.tobytes()
+    assert onwards._noise._block.shape[0] == BLOCK
+
+
+GOLDEN = ([True, True], [6, 6], [-0.4194387463801478, 0.17775625887763816])
+
+
+def test_the_same_key_on_any_machine():
+    """From NumPy's Philox and SeedSequence as documented in the module; kept against change."""
+    lost, _, delay, received = story(links({(3, 6): LinkFault(0.5, (0, 9), noise=(1, 1))}), [1, 99])
+    assert (lost.ravel().tolist(), delay.ravel().tolist()) == GOLDEN[:2]
+    assert received[:, 0, 0, 0].tolist() == GOLDEN[2]
+
+
+def test_an_outage_begins_and_ends_with_sampling_times():
+    """With t_k = 10 k ns: [20, 40) is k = 2, 3; [21, 40) and [11, 31) begin and end between."""
+    for span, ticks in {(20, 40): [2, 3], (21, 40): [3], (11, 31): [2, 3], (11, 20): []}.items():
+        made = links({(3, 6): LinkFault(outages=(span,))})
+        assert [k for k in range(8) if made.fate(k).outage.any()] == ticks
+        made = links({}, {6: (span, (60, 10**30))})
+        assert [k for k in range(8) if made.silent(k)] == [*ticks, 6, 7]
+    assert Outages.of({}, 10).at(3).tolist() == []
+    assert Outages.of({2: ((0, 30), (10, 20)), 1: ((0, 20),)}, 10).at(1).tolist() == [1, 2]
+
+
+def test_a_robot_in_an_outage_neither_sends_nor_hears():
+    made = links({}, {3: ((20, 30),)})
+    gone = {(made.source[f], made.sink[f]) for f in np.flatnonzero(made.fate(2).gone)}
+    assert gone == {(0, 3), (3, 1), (3, 4), (3, 5), (3, 6)}
+    assert not made.fate(1).gone.any()
+    assert not made.fate(3).gone.any()
+
+
+def test_what_arrives_during_an_outage_is_gone_when_it_is_sent():
+    made = links({(3, 6): LinkFault(delay=(2, 2))}, {6: ((50, 60),)})
+    assert [k for k in range(1, 8) if made.fate(k).outage.any()] == [3, 5]
+    sender = links({(3, 6): LinkFault(delay=(2, 2))}, {3: ((50, 60),)})
+    late = sender.sink.tolist().index(6)
+    assert [k for k in range(1, 8) if sender.fate(k).outage[late]] == [5]
+
+
+def test_numbers_are_rounded_to_multiples_after_the_noise():
+    numbers = np.array([0.1234, -0.1236, 0.0005, 1e17, 1e308, 0.0]).reshape(1, 1, -1)
+    sent = np.concatenate([numbers, numbers], axis=1)
+    made = links({(3, 6): LinkFault(quantisation=(0.001, 0.0))}, m=6)
+    received = made.received(1, sent)
+    assert received[0, 0].tolist() == [123 * 0.001, -124 * 0.001, 0, 1e17, 1e308, 0]
+    assert received[0, 1].tolist() == sent[0, 1].tolist()
+    tiny = links({(3, 6): LinkFault(quantisation=(5e-324, 1e-300))}, m=6).received(1, sent)
+    assert tiny.tolist() == sent.tolist()
+    noisy = links({(3, 6): LinkFault(noise=(1, 1), quantisation=(0.5, 0.5))}, m=6)
+    rough = noisy.received(1, sent)[0, 0, :3] / 0.5
+    assert (rough == np.rint(rough)).all()
+    assert sent[0, 0, 0] == 0.1234

@@ -1,0 +1,386 @@
+"""Whole runs with faults: recorded numbers and faults against plain Python, and what is refused."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+from bus.errors import InputError
+from bus.links import LinkFault
+from bus.seal import Seal
+from bus.wire import RefusedError
+from estimator_agents import algorithm
+from orchestrator.errors import ScenarioError
+from orchestrator.faults import link_faults
+from orchestrator.robots import wire_of
+from orchestrator.running import run
+from orchestrator.scenario import json_schema
+from orchestrator.scenario_file import parse_scenario, read_scenario
+from orchestrator.setting import links_of, missing_of, topology_of
+from recordings.export import export_csv
+from recordings.reading import Reader
+from recordings.tables import samples, states
+from tests.estimator_agents.faulty import Network, simulate
+from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
+
+LOSSY = SCENARIOS / "paper_lossy_links.toml"
+FAULTY = """
+[[faults.links]]
+loss = 0.3
+noise = 0.5
+[[faults.links]]
+from = 3
+noise = { velocity = 0.25 }
+quantisation = 0.5
+delay = 1
+[[faults.links]]
+to = 5
+delay = { uniform = [0, 3] }
+outages = [[1.0, 1.25], [1.5, 1.6]]
+[[faults.robots]]
+id = 4
+outages = [[0.85, 1.45]]
+[[faults.robots]]
+id = 3
+outages = [[1.9, 9.0]]
+"""
+LONGER = ("duration = 30.0", "duration = 2.0")
+
+
+def with_faults(text):
+    """Return a change of the paper's example that adds faults to it."""
+    return ("# [[robots]]", f"{text}\n# [[robots]]")
+
+
+def network_of(text):
+    """Return the oracle's network of a scenario's text, read by itself."""
+    scenario = tomllib.loads(text)
+    w = [
+        [float(pin), *map(float, row)]
+        for pin, row in zip(
+            scenario["network"]["pinning"], scenario["network"]["adjacency"], strict=True
+        )
+    ]
+    links = {}
+    for entry in scenario["faults"]["links"]:
+        for i in range(1, len(w) + 1):
+            for j in range(len(w) + 1):
+                named = entry.get("from", j) == j and entry.get("to", i) == i
+                if w[i - 1][j] and named:
+                    links.setdefault((j, i), {}).update(in_units(entry))
+    return Network(
+        w,
+        links,
+        {robot["id"]: in_ns(robot["outages"]) for robot in scenario["faults"].get("robots", [])},
+        period=100_000_000,
+        seed=scenario["run"]["seed"],
+        missing=scenario["algorithm"].get("missing", "hold"),
+    )
+
+
+def in_ns(spans):
+    return [tuple(round(t * 1e9) for t in span) for span in spans]
+
+
+def in_units(entry):
+    """Return an entry's keys as the oracle takes them."""
+    units = {}
+    for key, value in entry.items():
+        if key == "delay":
+            units[key] = value["uniform"] if isinstance(value, dict) else (value, value)
+        elif key == "outages":
+            units[key] = in_ns(value)
+        elif key in {"noise", "quantisation"}:
+            pair = value if isinstance(value, dict) else {"position": value, "velocity": value}
+            units[key] = (pair.get("position", 0), pair.get("velocity", 0))
+        elif key == "loss":
+            units[key] = value
+    return units
+
+
+def first_order(left, dp, dv):
+    position = [x + 0.9 * d for x, d in zip(left[0], dp, strict=True)]
+    return [position, [x + 1.1 * d for x, d in zip(left[1], dv, strict=True)]]
+
+
+def second_order(left, dp, dv):
+    moved = zip(left[1], dp, dv, strict=True)
+    return [left[0], [x + (1.1 * a + 0.9 * b) for x, a, b in moved]]
+
+
+def decoded(reader, topic):
+    """Yield a recording's messages as protobuf reads them by the recording's own schema."""
+    names = {channel.topic: channel.schema_name for channel in reader.channels}
+    schemas = {schema.name: schema.data for schema in reader.schemas}
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schemas[names[topic]]).file:
+        pool.Add(file)
+    read = message_factory.GetMessageClass(pool.FindMessageTypeByName(names[topic]))
+    for time_ns, _, sequence, data in reader.messages([topic]):
+        message = read.FromString(data)
+        assert (message.time_ns, message.k) == (time_ns, sequence)
+        yield message
+
+
+def told(reader):
+    """Return the recorded faults by tick, as the oracle tells them."""
+    by_tick = {}
+    for channel in reader.channels:
+        if channel.topic.startswith("fault/"):
+            assert not channel.counted
+            for fault in decoded(reader, channel.topic):
+                assert channel.topic == f"fault/{fault.robot}"
+                flags = (fault.lost, fault.outage, fault.delay)
+                row = (fault.robot, fault.source, *flags)
+                by_tick.setdefault(fault.k, []).append(
+                    (*row, list(fault.position), list(fault.velocity))
+                )
+    return {k: sorted(faults) for k, faults in by_tick.items()}
+
+
+@pytest.mark.parametrize("missing", ["hold", "drop"])
+@pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
+def test_a_run_is_what_plain_python_makes_of_its_faults(paper, tmp_path, order, missing):
+    change = SECOND_ORDER if order == 2 else ("beta = 1.1", "beta = 1.1")
+    policy = ("[controller]", f'missing = "{missing}"\n[controller]')
+    file = paper(LONGER, change, policy, with_faults(FAULTY))
+    outcome = run(file, tmp_path / "run.mcap")
+    assert outcome.status == "completed", outcome.reason
+    agree_with_plain_python(file, tmp_path / "run.mcap", order)
+
+
+def agree_with_plain_python(file, path, order=1):
+    network = network_of(file.text)
+    with Reader(path, verify=True) as reader:
+        assert reader.damage == []
+        first = next(iter(states(reader)))[:6]
+        sampled = np.concatenate(list(samples(reader)))
+        faults = told(reader)
+        ticks = reader.ticks
+    start = {row["robot"]: (row["position"].tolist(), row["velocity"].tolist()) for row in first}
+    targets = {
+        row["k"]: [row["position"].tolist(), row["velocity"].tolist()]
+        for row in sampled[sampled["robot"] == 0]
+    }
+    jump = first_order if order == 1 else second_order
+    story = simulate(network, jump, start, targets, 0.1, ticks)
+    assert any(theirs for *_, theirs in story)
+    for k, (left, _, theirs) in enumerate(story, start=1):
+        ours = {row["robot"]: row for row in sampled[sampled["k"] == k]}
+        assert set(ours) == {i for i in range(7) if not network.silent(i, k)}
+        for robot, row in ours.items():
+            if robot:
+                assert [row["position"].tolist(), row["velocity"].tolist()] == left[robot]
+        assert faults.get(k, []) == theirs
+
+
+def test_the_scenario_with_lossy_links(tmp_path):
+    """It completes, the same twice, and says of each sample what plain Python says."""
+    file, digests = read_scenario(LOSSY), set()
+    for name in ("a", "b"):
+        outcome = run(file, tmp_path / f"{name}.mcap")
+        assert (outcome.status, outcome.ticks) == ("completed", 300)
+        with Reader(outcome.path, verify=True) as reader:
+            digests.add(reader.digest)
+            assert reader.message_count == outcome.messages
+    assert len(digests) == 1
+    agree_with_plain_python(file, tmp_path / "a.mcap")
+
+
+def test_the_seed_decides_what_is_lost(paper, tmp_path):
+    lost = []
+    for seed in (1, 2):
+        file = paper(
+            SHORT, ("seed = 1", f"seed = {seed}"), with_faults("[[faults.links]]\nloss = 0.5")
+        )
+        with Reader(run(file, tmp_path / f"{seed}.mcap").path) as reader:
+            lost.append({(k, f[0], f[1]) for k, told_at in told(reader).items() for f in told_at})
+            assert all(f[2:5] == (1, 0, 0) for told_at in told(reader).values() for f in told_at)
+    assert lost[0] != lost[1]
+
+
+def test_faults_that_are_none_leave_every_byte_alone(paper, tmp_path):
+    nothing = "[[faults.links]]\nloss = 0.0\ndelay = 0\noutages = []\nnoise = 0\n"
+    batches = []
+    for name, change in (("without", ()), ("none", (with_faults(nothing),))):
+        file = paper(SHORT, *change)
+        with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
+            assert [schema.name for schema in reader.schemas] == ["nrs.Sample", "nrs.State"]
+            assert len(reader.channels) == 13
+            batches.append(list(reader.messages()))
+    assert batches[0] == batches[1]
+
+
+def test_with_all_links_cut_the_estimates_fly_on(paper, tmp_path):
+    file = paper(SHORT, with_faults("[[faults.links]]\nloss = 1"))
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        sampled = np.concatenate(list(samples(reader)))
+        assert all(len(faults) == 10 for faults in told(reader).values())
+    for robot in range(1, 7):
+        mine = sampled[sampled["robot"] == robot]["velocity"]
+        assert (mine == mine[0]).all()
+
+
+def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
+    file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.3, 0.5]]"))
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        (table, _) = export_csv(reader, tmp_path)
+        assert [channel.topic for channel in reader.channels if not channel.counted] == [
+            "fault/1",
+            "fault/2",
+            "fault/5",
+        ]
+    rows = [line.split(",")[:3] for line in table.read_text().splitlines()[1:]]
+    silent = {(k, robot) for k in range(1, 11) for robot in range(7)} - {
+        (int(k), int(robot)) for k, _, robot in rows
+    }
+    assert silent == {(3, 2), (4, 2)}
+
+
+def test_what_a_silent_robot_says_is_refused(paper):
+    file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.1, 0.2]]"))
+    wire = wire_of(file.scenario, {"here": range(1, 7)}, Seal())
+
+    def batch(k, robots):
+        records = wire.samples.blank(np.array(robots))
+        records["k"], records["time_ns"] = k, k * 100_000_000
+        return wire.pack_samples("here", k, records)
+
+    silent, all_of_them = [1, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]
+    assert wire.unpack_samples("here", batch(1, silent))[1]["robot"].tolist() == silent
+    assert wire.unpack_samples("here", batch(2, all_of_them))[1]["robot"].tolist() == all_of_them
+    for k, robots in ((1, all_of_them), (2, silent)):
+        with pytest.raises(RefusedError, match="size"):
+            wire.unpack_samples("here", batch(k, robots))
+
+
+def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
+    scenario = paper(with_faults(FAULTY)).scenario
+    faults = link_faults(scenario, topology_of(scenario))
+    assert len(faults) == 10
+    assert faults[1, 2] == LinkFault(loss=0.3, noise=(0.5, 0.5))
+    late = {"loss": 0.3, "noise": (0.0, 0.25), "quantisation": (0.5, 0.5)}
+    assert faults[3, 6] == LinkFault(delay=(1, 1), **late)
+    spans = ((1_000_000_000, 1_250_000_000), (1_500_000_000, 1_600_000_000))
+    assert faults[3, 5] == LinkFault(delay=(0, 3), outages=spans, **late)
+
+
+def test_the_faults_of_some_robots_are_those_on_their_in_links(paper):
+    scenario = paper(with_faults("[[faults.links]]\nfrom = 1\nloss = 0.5")).scenario
+    assert links_of(scenario, np.array([2, 3])).sink.tolist() == [2]
+    assert links_of(scenario, np.array([3, 6])).sink.tolist() == []
+    assert links_of(paper().scenario, np.array([2, 3])) is None
+
+
+def test_the_policy_is_the_algorithms_first_unless_asked(paper):
+    assert missing_of(paper().scenario) == "hold"
+    asked = paper(("beta = 1.1", 'beta = 1.1\nmissing = "drop"')).scenario
+    assert missing_of(asked) == "drop"
+
+
+class Installed:
+    """An algorithm's entry point, as an installed package has it."""
+
+    def __init__(self, missing):
+        self.load = lambda: type("Other", (), {} if missing is None else {"missing": missing})
+
+
+@pytest.mark.parametrize("missing", [None, (), ("guess",)])
+def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, missing):
+    monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(missing)])
+    with pytest.raises(InputError, match=r"algorithm\.name: other does not say what its agents do"):
+        algorithm.policies_of("other")
+
+
+def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
+    monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(("drop",))])
+    monkeypatch.setattr("orchestrator.scenario_file.algorithm_names", lambda: ("dcea1",))
+    with pytest.raises(ScenarioError) as error:
+        paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
+    assert str(error.value) == (
+        "paper.toml: algorithm.missing: expected one of drop, which dcea1 knows, got 'hold'"
+    )
+
+
+LINK, ROBOT = "[[faults.links]]\n", "[[faults.robots]]\n"
+BAD = {
+    LINK + "los = 0.1": "faults.links[0].los: unknown key; did you mean 'loss'?",
+    LINK + "fro = 1": "faults.links[0].fro: unknown key; did you mean 'from'?",
+    LINK + "loss = 1.1": "faults.links[0].loss: expected less than or equal to 1, got 1.1",
+    LINK + "loss = -0.1": "faults.links[0].loss: expected greater than or equal to 0, got -0.1",
+    LINK + "loss = nan": "faults.links[0].loss: expected a finite number, got nan",
+    LINK + "delay = 1.5": "faults.links[0].delay: expected a valid integer, got 1.5",
+    LINK + "delay = -1": "faults.links[0].delay: expected greater than or equal to 0, got -1",
+    LINK + "delay = 1001": "faults.links[0].delay: expected less than or equal to 1000, got 1001",
+    LINK + "delay = { unifrom = [0, 1] }": "links[0].delay.unifrom: unknown key; did you mean 'uni",
+    LINK + "delay = { uniform = [0, 1.5] }": "faults.links[0].delay.uniform[1]: expected a valid",
+    LINK + "delay = { uniform = [3, 1] }": (
+        "faults.links[0].delay.uniform: expected [low, high] with low <= high, got [3, 1]"
+    ),
+    LINK + "noise = -1": "faults.links[0].noise: expected greater than or equal to 0, got -1",
+    LINK + "noise = { positon = 1 }": "links[0].noise.positon: unknown key; did you mean 'pos",
+    LINK + "quantisation = 'a'": "faults.links[0].quantisation: expected a valid number, got 'a'",
+    LINK + "outages = [1, 2]": "faults.links[0].outages[0]: expected a list, got 1",
+    LINK + "outages = [[1]]": "faults.links[0].outages[0][1]: missing",
+    LINK + "outages = [[2, 2]]": (
+        "faults.links[0].outages[0]: expected [from, to] in s with from < to, got [2.0, 2.0]"
+    ),
+    LINK + "outages = [[0, 1], [0, 1e-10]]": (
+        "faults.links[0].outages[1]: expected whole nanoseconds, but 1e-10 s is no whole number"
+    ),
+    LINK + "outages = [[-1, 2]]": "outages[0][0]: expected greater than or equal to 0, got -1",
+    LINK + "from = 7": "faults.links[0].from: expected 0 to 6, got 7",
+    LINK + "to = 0": "faults.links[0].to: expected 1 to 6, got 0",
+    LINK + "from = 1.5": "faults.links[0].from: expected a valid integer, got 1.5",
+    LINK + "from = 6": "faults.links[0]: expected a link of the network, but no robot hears node 6",
+    LINK + "loss = 0\n" + LINK + "from = 2\nto = 3": (
+        "faults.links[1]: expected a link of the network, but robot 3 does not hear node 2; "
+        "it hears 0"
+    ),
+    ROBOT + "outages = [[1, 2]]": "faults.robots[0].id: missing",
+    ROBOT + "id = 0": "faults.robots[0].id: expected greater than or equal to 1, got 0",
+    ROBOT + "id = 7": "faults.robots[0].id: expected 1 to 6, got 7",
+    ROBOT + "id = 2\n" + ROBOT + "id = 2": (
+        "faults.robots[1].id: robot 2 has been given before; "
+        "give all its outages in faults.robots[0]"
+    ),
+    ROBOT + "id = 2\noutages = [[3, 1]]": "faults.robots[0].outages[0]: expected [from, to] in s",
+    ROBOT + "id = 2\nloss = 1": "faults.robots[0].loss: unknown key; there are id, outages",
+    "[faults]\nlinks = 3": "faults.links: expected a list, got 3",
+    "[faults]\nrobts = 3": "faults.robts: unknown key; did you mean 'robots'?",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_faults(paper, text):
+    with pytest.raises(ScenarioError) as error:
+        paper(with_faults(text))
+    assert BAD[text] in str(error.value)
+    assert all(line.startswith("paper.toml: ") for line in str(error.value).splitlines())
+
+
+def test_bad_policy(paper):
+    with pytest.raises(
+        ScenarioError, match=r"algorithm\.missing: expected 'hold' or 'drop', got 'wa"
+    ):
+        paper(("beta = 1.1", 'beta = 1.1\nmissing = "wait"'))
+
+
+def test_faults_do_not_hide_a_wrong_network(paper):
+    with pytest.raises(ScenarioError, match=r"adjacency\[1\]: expected 6 weights, got 2") as error:
+        paper(("[1, 0, 0, 0, 0, 0]", "[1, 0]"), with_faults(LINK + "from = 6"))
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_scenario_with_lossy_links_is_the_papers_otherwise(paper):
+    ours, papers = read_scenario(LOSSY).scenario, paper().scenario
+    for part in ("controller", "network", "target", "plant", "disturbance", "initial", "robots"):
+        assert getattr(ours, part) == getattr(papers, part)
+    assert len(ours.faults.links) == 3
+    assert parse_scenario(LOSSY.read_text("utf-8"), "a", SCENARIOS, "a").scenario == ours
+
+
+def test_the_schema_knows_every_key_of_faults():
+    table = json_schema()["$defs"]["FaultyLink"]["properties"]
+    assert set(table) == {"from", "to", "loss", "delay", "outages", "noise", "quantisation"}
