@@ -87,6 +87,19 @@ class ZenohBus:
         )
         return publisher.put
 
+    def wait_for_listener(self, key: str, seconds: float) -> bool:
+        """Wait until somebody listens on a key that is put on; return whether that was in time."""
+        heard: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
+        publisher = self._session.declare_publisher(self._prefix + key)
+        publisher.declare_matching_listener(Callback(heard.put, indirect=False))
+        status: Any = publisher.matching_status  # typed as a truth, which it is not
+        if status.matching:
+            return True
+        try:
+            return heard.get(timeout=seconds).matching
+        except Empty:
+            return False
+
     def listen(self, *patterns: str) -> ZenohInbox:
         """Hear every key that a pattern matches, from now on, in an inbox of its own."""
         return self._listen([self._prefix + pattern for pattern in patterns])

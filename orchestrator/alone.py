@@ -42,7 +42,7 @@ class Alone:
 
     def told(self) -> Sequence[Mapping[str, Any]]:
         """Return what the user is told of the plants, by group."""
-        return self._robots.told()
+        return self._robots.told
 
     def spent(self) -> dict[str, Spent]:
         """Return where the time of the host went."""
@@ -98,8 +98,13 @@ def alone(file: ScenarioFile) -> Manning:
 
     def man(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
         robots = Robots.opened(stack, file, range(1, file.scenario.n + 1))
-        bus = ZenohBus(uuid4().hex)
-        stack.callback(bus.close)
-        return bus, Alone(bus, clock, robots, watch)
+        return on_a_session(stack, clock, robots, watch)
 
     return man
+
+
+def on_a_session(stack: ExitStack, clock: Clock, robots: Robots, watch: Watch) -> tuple[Bus, Hosts]:
+    """Return robots in this thread on a session of their own; the stack ends it."""
+    bus = ZenohBus(uuid4().hex)
+    stack.callback(bus.close)
+    return bus, Alone(bus, clock, robots, watch)

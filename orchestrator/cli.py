@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from bus.errors import CosimError, InputError
-from orchestrator import run_cli, showing
+from orchestrator import replay_cli, run_cli, showing
 from orchestrator.checking import check as check_scenario
 from orchestrator.doctor import diagnose
 from orchestrator.fmu_cli import fmu
@@ -67,6 +67,8 @@ def nrs(
 app.command()(run_cli.run)
 app.command()(run_cli.resume)
 app.command()(run_cli.host)
+app.command()(replay_cli.replay)
+app.command()(replay_cli.diff)
 
 
 @app.command()

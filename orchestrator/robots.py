@@ -13,8 +13,8 @@ from bus.transport import Bus, Inbox
 from bus.wire import Nodes, Wire
 from estimator_agents.agents import Agents
 from orchestrator.clock import Clock
-from orchestrator.host import Host
-from orchestrator.plants import Group, group_by_archive, open_fleet
+from orchestrator.host import Host, HostPlants
+from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.scenario import Scenario
 from orchestrator.scenario_file import ScenarioFile
 from orchestrator.setting import (
@@ -28,7 +28,6 @@ from orchestrator.setting import (
     topology_of,
 )
 from plant_fmu.archives.archive import Archive
-from plant_fmu.fleet import Fleet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +37,9 @@ class Robots:
     numbers: Sequence[int]
     scenario: Scenario
     agents: Agents
-    fleet: Fleet
-    groups: Sequence[Group]
+    plants: HostPlants
+    told: Sequence[Mapping[str, Any]]
+    """What the user is told of the plants, by group."""
 
     @classmethod
     def opened(
@@ -56,19 +56,7 @@ class Robots:
         scenario = file.scenario
         groups = group_by_archive(scenario, file.folder, numbers, find)
         fleet = open_fleet(stack, groups, bodies(scenario, numbers))
-        agents = Agents(
-            np.array(numbers),
-            topology_of(scenario),
-            algorithm_of(scenario),
-            initial_estimates(scenario, numbers),
-            links_of(scenario, np.array(numbers)),
-            missing_of(scenario),
-        )
-        return cls(numbers, scenario, agents, fleet, groups)
-
-    def told(self) -> list[dict[str, Any]]:
-        """Return what the user is told of the plants, by group."""
-        return [
+        told = [
             {
                 "fmu": group.archive.label,
                 "name": group.archive.name,
@@ -77,10 +65,22 @@ class Robots:
                 "drive": plants.drive,
                 "why": plants.why,
                 "sha256": group.archive.sha256,
-                "robots": [self.numbers[row] for row in group.rows],
+                "robots": [numbers[row] for row in group.rows],
             }
-            for group, plants in zip(self.groups, self.fleet.plants, strict=True)
+            for group, plants in zip(groups, fleet.plants, strict=True)
         ]
+        return cls(numbers, scenario, agents_of(scenario, numbers), fleet, told)
+
+    @classmethod
+    def driven_by(
+        cls,
+        scenario: Scenario,
+        numbers: Sequence[int],
+        plants: HostPlants,
+        told: Sequence[Mapping[str, Any]],
+    ) -> "Robots":
+        """Return some robots whose plants are there already."""
+        return cls(numbers, scenario, agents_of(scenario, numbers), plants, told)
 
     def hosted(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Host:
         """Return the host that runs them."""
@@ -92,10 +92,23 @@ class Robots:
             wire,
             clock,
             self.agents,
-            self.fleet,
+            self.plants,
             run.divergence_limit,
             run.checkpoint_every,
         )
+
+
+def agents_of(scenario: Scenario, numbers: Sequence[int]) -> Agents:
+    """Return some robots' agents at t_0."""
+    robots = np.array(numbers)
+    return Agents(
+        robots,
+        topology_of(scenario),
+        algorithm_of(scenario),
+        initial_estimates(scenario, numbers),
+        links_of(scenario, robots),
+        missing_of(scenario),
+    )
 
 
 def wire_of(scenario: Scenario, homes: Mapping[str, Sequence[int]], seal: Seal) -> Wire:

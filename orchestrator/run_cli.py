@@ -3,7 +3,7 @@
 import json
 import signal
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -91,7 +91,7 @@ def run(
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     handling = Handling(not no_restart, wait, _show, expect)
     man = _manning(file, hosts, handling, listen, connect, ends)
-    _perform(file, output, man, compression, profile, deadline)
+    perform(file, output, man, compression, profile, deadline)
 
 
 def resume(
@@ -118,7 +118,7 @@ def resume(
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
         handling = Handling(not no_restart, wait, _show, expect)
         man = _manning(file, hosts, handling, listen, connect, ends)
-        _perform(file, output, man, compression, profile, deadline, past_of(reader))
+        perform(file, output, man, compression, profile, deadline, past_of(reader))
 
 
 def host(
@@ -190,14 +190,15 @@ def _manning(
     return alone(file) if count == 1 else here(file, count, handling)
 
 
-def _perform(
+def perform(
     file: ScenarioFile,
     output: Path | None,
-    man: Manning,
-    compression: Compression,
-    profile: bool,
-    deadline: float | None,
+    man: Manning | None,
+    compression: Compression = "zstd",
+    profile: bool = False,
+    deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Run with everything that a person sees of it, and exit with its status."""
     clock = clock_of(file.scenario)
@@ -221,6 +222,7 @@ def _perform(
             watch=watch,
             deadline=deadline,
             past=past,
+            metadata=metadata,
         )
     with Reader(whole) as reader:
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}

@@ -73,6 +73,7 @@ def run(
     watch: Watch = lambda _time_ns: None,
     deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Outcome:
     """Run a scenario into a recording.
 
@@ -80,7 +81,7 @@ def run(
     time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
     t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
     scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
-    run has: they are copied, and the run goes on after them.
+    run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
     """
     scenario = file.scenario
     clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
@@ -99,6 +100,7 @@ def run(
                 metadata={
                     RUN: _about_run(file, clock, hosts.told()),
                     "nrs.versions": _versions(),
+                    **(metadata or {}),
                 },
                 attachments={SCENARIO: ("application/toml", file.text.encode())},
                 compression=compression,

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
+from orchestrator.comparing import Comparison
 from orchestrator.doctor import Diagnosis
 from orchestrator.running import Profile
 from plant_fmu.checking.findings import FmuCheck
@@ -122,6 +123,33 @@ def diagnosis(console: Console, made: Diagnosis) -> None:
 
 def _complex(real: float, imaginary: float) -> str:
     return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
+
+
+def comparison(console: Console, found: Comparison) -> None:
+    """Show what is not the same in two recordings."""
+    if found.is_same:
+        console.print("the same run: scenario, samples and states, to the last bit")
+        return
+    for name, (a, b) in found.fields.items():
+        console.print(f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
+    if found.first is None:
+        console.print("the same samples and states, to the last bit")
+        return
+    console.print(f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
+    table = Table(box=None, pad_edge=False)
+    for title in ("robot", "quantity", "largest |A - B|", "at t, s", "rms"):
+        table.add_column(title, justify="left" if title == "quantity" else "right")
+    for apart in found.distances:
+        if apart.largest:
+            numbers = (f"{apart.largest:.4g}", f"{apart.at:g}", f"{apart.rms:.4g}")
+            table.add_row(str(apart.robot), apart.quantity, *numbers)
+    console.print()
+    console.print(table)
+
+
+def _short(value: Any, most: int = 60) -> str:
+    text = str(value)
+    return text if len(text) <= most else f"{text[:most]} …"
 
 
 def shares(told: Profile, wall: float) -> str:

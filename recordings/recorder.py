@@ -9,6 +9,8 @@ said twice is kept once.
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
+from typing import Protocol
 
 import numpy as np
 
@@ -29,7 +31,6 @@ from bus.wire import Records, RefusedError, Tick, Wire
 from recordings.container import Channel, Schema
 from recordings.digest import Message as Recorded
 from recordings.reading import Reader
-from recordings.writing import Writer
 
 
 def channels(n: int, faulty: Collection[int], checkpoints: bool) -> list[Channel]:
@@ -65,6 +66,18 @@ class _Open:
     told: dict[str, Tick] = field(default_factory=dict)
 
 
+class TickWriter(Protocol):
+    """What ticks are written to; see `recordings.writing.Writer`."""
+
+    path: str | PathLike[str]
+
+    def write(self, messages: list[Recorded]) -> None:
+        """Write a tick."""
+
+    def flush(self) -> None:
+        """Put all ticks so far where `path` is read."""
+
+
 class Recorder:
     """Writes what the hosts of a run say.
 
@@ -72,7 +85,7 @@ class Recorder:
     does that was restored.
     """
 
-    def __init__(self, writer: Writer, wire: Wire, n: int, keep: int) -> None:
+    def __init__(self, writer: TickWriter, wire: Wire, n: int, keep: int) -> None:
         """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand."""
         self.messages = 0
         self.refused: Counter[str] = Counter()

@@ -147,7 +147,7 @@ def _take_part(
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
         raise
-    ready = Ready(incarnation=incarnation, plants=robots.told())
+    ready = Ready(incarnation=incarnation, plants=[dict(told) for told in robots.told])
     go, checkpoints = Go.and_checkpoints(listening.ask_to_begin(ready))
     clock = clock_of(file.scenario)
     listening.wire = wire = wire_of(file.scenario, go.homes, seal)

@@ -1,0 +1,241 @@
+"""Recordings run again, changed and compared, each against a fresh run or the file's own bytes."""
+
+import json
+import threading
+from itertools import count
+
+import numpy as np
+import pytest
+
+from bus.endpoints import Endpoints
+from bus.errors import InputError
+from bus.transport import Message
+from bus.zenoh_bus import ZenohBus
+from orchestrator.comparing import compare
+from orchestrator.publishing import publish
+from orchestrator.replaying import verify
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario, read_scenario
+from orchestrator.summary import scenario_of
+from orchestrator.what_if import Change, changed, parent, run_again
+from recordings.reading import Reader
+from recordings.writing import Writer
+from tests.network.ports import free_port
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+
+def rewritten(path, into, change):
+    """Write a recording again with some of its messages changed, every checksum right."""
+    with Reader(path) as reader:
+        writer = Writer(
+            into,
+            version="test",
+            channels=reader.channels,
+            schemas=reader.schemas,
+            metadata={k: v for k, v in reader.metadata.items() if k.startswith("nrs.")
+                      and k not in ("nrs.begin", "nrs.end")},
+            attachments=reader.attachments,
+        )  # fmt: skip
+        with writer:
+            for batch in reader.batches():
+                for k in sorted({message[2] for message in batch}):
+                    writer.write(change([message for message in batch if message[2] == k]))
+            writer.finish("completed")
+
+
+def flipped(topic, k, at):
+    """Return a change that flips the last bit of one byte of one message."""
+
+    def change(tick):
+        return [
+            (t, name, q, data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+            if (name, q) == (topic, k)
+            else (t, name, q, data)
+            for t, name, q, data in tick
+        ]
+
+    return change
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_scenario_is_identical_when_it_is_run_again(path, tmp_path):
+    file = read_scenario(path)
+    outcome = run(file, tmp_path / "run.mcap")
+    with Reader(outcome.path) as reader:
+        for plants in (True, False):
+            verdict = verify(reader, scenario_of(reader), plants=plants)
+            assert verdict.difference is None
+            assert verdict.ticks == outcome.ticks
+            assert verdict.messages == sum(
+                not topic.startswith("checkpoint/")
+                for batch in reader.batches()
+                for _, topic, *_ in batch
+            )
+
+
+FLIPS = {
+    # topic, byte, field: a sample is 19 bytes of header, then tag, length and doubles twice
+    "an agent's sample": ("sample/4", 22, "position"),
+    "the target's": ("sample/0", 41, "velocity"),
+    "a state": ("state/2", 22, "q"),
+}
+
+
+@pytest.mark.parametrize(("topic", "at", "field"), FLIPS.values(), ids=FLIPS.keys())
+@pytest.mark.parametrize("plants", [True, False], ids=["plants", "agents"])
+def test_one_bit_is_found_where_it_was_flipped(paper, tmp_path, plants, topic, at, field):
+    run(paper(SHORT, ("output_step = 0.02", "output_step = 0.1")), tmp_path / "run.mcap")
+    rewritten(tmp_path / "run.mcap", tmp_path / "bad.mcap", flipped(topic, 7, at))
+    with Reader(tmp_path / "bad.mcap", verify=True) as reader:
+        assert reader.damage == []
+        found = verify(reader, scenario_of(reader), plants=plants).difference
+    if topic == "state/2" and not plants:
+        assert found is None  # without the plants, what they did is taken as recorded
+        return
+    assert (found.topic, found.k, found.field, found.robot) == (topic, 7, field, int(topic[-1]))
+    assert found.recorded != found.replayed
+    assert np.allclose(found.recorded, found.replayed)
+
+
+def test_a_message_that_is_missing_or_too_many_is_found(paper, tmp_path):
+    run(paper(SHORT), tmp_path / "run.mcap")
+    rewritten(
+        tmp_path / "run.mcap",
+        tmp_path / "less.mcap",
+        lambda tick: [m for m in tick if (m[1], m[2]) != ("state/3", 4)],
+    )
+    with Reader(tmp_path / "less.mcap") as reader:
+        found = verify(reader, scenario_of(reader), plants=True).difference
+        assert (found.topic, found.k, found.recorded) == ("state/3", 4, "absent")
+        with Reader(tmp_path / "run.mcap") as whole:
+            first = compare(whole, reader).first
+            assert (first.topic, first.k, first.replayed) == ("state/3", 4, "absent")
+
+
+ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
+
+
+def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
+    """Estimates do not depend on plants, so the traffic under which they are run is the same."""
+    run(paper(SHORT), tmp_path / "run.mcap")
+    changes = [Change.of("--plant", ONE_HEAVY)]
+    with Reader(tmp_path / "run.mcap") as reader:
+        file = changed(scenario_of(reader), changes, [])
+        man = run_again(reader, file, [3])
+        again = run(file, tmp_path / "what-if.mcap", man, metadata=parent(reader, changes))
+        parents = reader.digest
+    own = '[[robots]]\nid = 3\nplant = { fmu = "two_link_arm", parameters = { m2 = 3.0 } }\n'
+    own += "controller = { kp = 150.0, kd = 300.0 }\n"
+    fresh = run(paper(SHORT, ("# [[robots]]", f"{own}\n# [[robots]]")), tmp_path / "fresh.mcap")
+    with Reader(again.path) as one, Reader(fresh.path) as other:
+        assert one.digest == other.digest != parents
+        assert one.metadata["nrs.parent"] == {"digest": parents, "change": f"--plant {ONE_HEAVY}"}
+        assert compare(one, other).is_same
+        assert verify(one, scenario_of(one), plants=True).difference is None
+        by_robots = {tuple(p["robots"]): p for p in json.loads(one.metadata["nrs.run"]["plants"])}
+        assert by_robots.keys() == {(3,), (1, 2, 4, 5, 6)}
+
+
+def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
+    run(paper(SHORT), tmp_path / "run.mcap")
+    with Reader(tmp_path / "run.mcap") as reader:
+        file = changed(scenario_of(reader), [], [Change.of("--algorithm", "beta=0.9,alpha=1.0")])
+    again = run(file, tmp_path / "what-if.mcap")
+    fresh = run(
+        paper(SHORT, ("alpha = 0.9", "alpha = 1.0"), ("beta = 1.1", "beta = 0.9")),
+        tmp_path / "fresh.mcap",
+    )
+    with Reader(again.path) as one, Reader(fresh.path) as other:
+        assert one.digest == other.digest
+
+
+@pytest.mark.parametrize(
+    ("plant", "algorithm", "message"),
+    [
+        ("robots=7,plant.fmu=planar_robot", None, "robots[0].id: expected 1 to 6, got 7"),
+        ("robots=x,plant.fmu=planar_robot", None, "--plant robots: expected robots like 1-3,7"),
+        ("network.pinning=1", None, "network.pinning: expected a key of plant, controller"),
+        ("plant.fmo=planar_robot", None, "unknown key; did you mean 'fmu'?"),
+        ("robots=3", None, "--plant: changes nothing"),
+        ("fmu", None, "--plant: expected key=value, got 'fmu'"),
+        (None, "gamma=1", "algorithm.gamma: unknown key"),
+        (None, "beta=fast", "algorithm.beta: expected"),
+    ],
+)
+def test_a_change_that_is_wrong_is_named(paper, plant, algorithm, message):
+    with pytest.raises(InputError) as error:
+        changed(
+            paper(),
+            [Change.of("--plant", plant)] if plant else [],
+            [Change.of("--algorithm", algorithm)] if algorithm else [],
+        )
+    assert message in str(error.value)
+
+
+def test_distances_are_those_of_the_states(paper, tmp_path):
+    base, other = paper(SHORT), paper(SHORT, ("beta = 1.1", "beta = 0.9"))
+    for name, file in (("a", base), ("b", other)):
+        run(file, tmp_path / f"{name}.mcap")
+    tables = {}
+    with Reader(tmp_path / "a.mcap") as a, Reader(tmp_path / "b.mcap") as b:
+        found = compare(a, b)
+        assert dict(found.fields) == {"algorithm.beta": (1.1, 0.9)}
+        assert compare(a, a).is_same
+        for name, reader in (("a", a), ("b", b)):
+            rows = {}
+            for batch in reader.batches():
+                for time_ns, topic, _, data in batch:
+                    if topic == "state/5":
+                        rows[time_ns] = np.frombuffer(data[21:37], "<f8")  # q
+            tables[name] = rows
+    apart = {t: np.linalg.norm(q - tables["b"][t]) for t, q in tables["a"].items()}
+    (q,) = [d for d in found.distances if (d.robot, d.quantity) == (5, "q")]
+    assert q.largest == pytest.approx(max(apart.values()), rel=1e-12)
+    assert q.at == max(apart, key=apart.get) / 1e9
+    assert q.rms == pytest.approx(np.sqrt(np.mean(np.square([*apart.values()]))), rel=1e-12)
+    assert found.first.topic == "state/1"
+    assert found.first.t == pytest.approx(0.12)
+
+
+def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
+    run(paper(SHORT), tmp_path / "run.mcap")
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    waits, outcome = [], []
+    with Reader(tmp_path / "run.mcap") as reader:
+        expected = [message for batch in reader.batches() for message in batch]
+
+        def put():
+            outcome.append(
+                publish(
+                    reader,
+                    Endpoints(listen=(endpoint,)),
+                    speed=1e9,
+                    start_ns=200_000_000,
+                    end_ns=800_000_000,
+                    ready=lambda bus: bus.wait_for_listener("state/1", 60.0),
+                    wait=waits.append,
+                )
+            )
+
+        thread = threading.Thread(target=put)
+        thread.start()
+        ear = ZenohBus(reader.digest[:16], Endpoints(connect=(endpoint,), wait=60.0))
+        inbox = ear.listen("**")
+        heard = []
+        wanted = [(m[1], m[3]) for m in expected if 200_000_000 <= m[0] < 800_000_000]
+        for _ in count():
+            heard += [tuple(i) for i in inbox.take(60.0) if isinstance(i, Message)]
+            if len(heard) >= len(wanted):
+                break
+        thread.join()
+        ear.close()
+    assert heard == wanted
+    assert outcome == [len(wanted)]
+    assert sum(waits) < 1e-6
+
+
+def test_a_scenario_whose_text_was_changed_is_read_as_any_other(paper):
+    file = changed(paper(), [Change.of("--plant", ONE_HEAVY)], [])
+    assert parse_scenario(file.text, "again", SCENARIOS, "again").scenario == file.scenario
+    assert file.scenario.robots[0].plant.parameters == {"m2": 3.0}
+    assert file.scenario.plant == paper().scenario.plant
