@@ -226,6 +226,8 @@ def _perform(
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
     simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    if outcome.restarts:
+        told["restarts"] = f"{outcome.restarts}, of hosts that were gone"
     if outcome.refused:
         told["refused"] = _counted(outcome)
     told["time"] = showing.shares(outcome.profile, took)

@@ -125,8 +125,11 @@ def _complex(real: float, imaginary: float) -> str:
 
 
 def shares(told: Profile, wall: float) -> str:
-    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder."""
-    names = ("plants", "bus", "waiting")
+    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder.
+
+    Hosts that were stopped did not say.
+    """
+    names = ("plants", "bus", "waiting") if told.hosts else ()
     mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
     parts = dict(zip(names, mean, strict=True)) | {"recording": told.recording}
     if told.in_one_thread:
