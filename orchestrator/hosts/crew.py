@@ -39,7 +39,7 @@ _LOOK = 0.25
 """s: how long nothing may come before it is looked whether the hosts are well."""
 _FAREWELL = 5.0
 """s: how long to wait for the hosts' reports when all else is done."""
-_GRACE = 5.0
+_GRACE = 2.0
 """s: how long hosts may take to end when they are told to."""
 
 

@@ -64,7 +64,8 @@ class LocalHost:
     def _last_words(self) -> str:
         with suppress(OSError):
             lines = self._printed.read_text(errors="replace")[-_PRINTED:].splitlines()
-            said = [line.strip() for line in lines if line.strip()]
+            ours = "host: "  # what it says of itself, as it is said here too
+            said = [line.strip() for line in lines if line.strip() and not line.startswith(ours)]
             return f"; it printed: {' / '.join(said[-3:])}" if said else ""
         return ""
 

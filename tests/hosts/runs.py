@@ -92,12 +92,15 @@ class Spread:
         return self
 
     def kill(self, k, *numbers, by=signal.SIGKILL):
-        """Send hosts a signal as soon as tick k is closed."""
+        """Send hosts a signal as soon as tick k is closed and they are there."""
 
         def act():
             alive = hosts_of()
-            for number in numbers:
-                os.kill(alive[f"local-{number}"], by)
+            if {f"local-{number}" for number in numbers} <= alive.keys():
+                for number in numbers:
+                    os.kill(alive[f"local-{number}"], by)
+            else:
+                self.at(k, act)
 
         return self.at(k, act)
 
