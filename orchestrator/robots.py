@@ -55,7 +55,8 @@ class Robots:
         """
         scenario = file.scenario
         groups = group_by_archive(scenario, file.folder, numbers, find)
-        fleet = open_fleet(stack, groups, bodies(scenario, numbers))
+        alike = [bodies(scenario, group.alike) for group in groups]
+        fleet = open_fleet(stack, groups, bodies(scenario, numbers), alike)
         agents = Agents(
             np.array(numbers),
             topology_of(scenario),
@@ -70,7 +71,7 @@ class Robots:
         """Return what the user is told of the plants, by group."""
         return [
             {
-                "fmu": group.archive.label,
+                "fmu": group.plant.fmu,
                 "name": group.archive.name,
                 "fmi_version": group.archive.fmi_version,
                 "kind": plants.kind,

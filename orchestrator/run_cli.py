@@ -255,7 +255,7 @@ def _resumable(reader: Reader, output: Path | None) -> ScenarioFile:
     plants = json.loads(reader.metadata[RUN]["plants"])
     recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
     for group in group_by_archive(file.scenario, file.folder):
-        sha256 = recorded.get(group.archive.label)
+        sha256 = recorded.get(group.plant.fmu)
         if sha256 != group.archive.sha256:
             raise InputError(
                 f"{group.field}: {group.archive.label} is not the FMU that the recording was made "

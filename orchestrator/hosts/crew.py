@@ -153,6 +153,8 @@ class Crew:
             for told in home.plants:
                 alike = str({**told, "robots": None})
                 merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
+        for told in merged.values():
+            told["robots"].sort()
         return sorted(merged.values(), key=lambda told: told["robots"][0])
 
     def begin(self, recorder: Recorder) -> None:
