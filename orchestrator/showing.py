@@ -131,10 +131,14 @@ def shares(told: Profile, wall: float) -> str:
     """
     names = ("plants", "bus", "waiting") if told.hosts else ()
     mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
-    parts = dict(zip(names, mean, strict=True)) | {"recording": told.recording}
+    parts = dict(zip(names, mean, strict=True))
     if told.in_one_thread:
         parts["bus"] += told.orchestrator.bus
-    return ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    whose = " of a host's on average;" if len(told.hosts) > 1 else ","
+    return (
+        f"{shares}{whose if shares else ''} {100 * told.recording / wall:.0f} % recording".strip()
+    )
 
 
 def profile(console: Console, told: Profile, wall: float) -> None:

@@ -259,7 +259,8 @@ class Crew:
             question.answer(Refusal(reason=str(error), final=final).written())
             return
         home.incarnation, home.since = hello.incarnation, monotonic()
-        self._terms.show(f"host {name} has joined with {named(home.robots)}{self._still_missing()}")
+        if not home.process:
+            self._terms.show(f"{name} has joined with {named(home.robots)}{self._still_missing()}")
         file = self._file
         question.answer(
             Welcome(
@@ -388,7 +389,7 @@ class Crew:
         if report.tick < 0 and report.failed:
             if home.process:
                 raise (RunError if self._recorder else InputError)(report.failed)
-            self._terms.show(f"host {name} cannot open {named(home.robots)}: {report.failed}")
+            self._terms.show(f"{name} cannot open {named(home.robots)}: {report.failed}")
 
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""
@@ -397,16 +398,16 @@ class Crew:
         how = home.process.kill() if home.process else "is gone"
         home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()
         closed = self._recorder.closed if self._recorder else -1
-        told = f"host {name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
+        told = f"{name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
         home.deaths = home.deaths + 1 if home.died_at == closed else 1
         home.died_at = closed
         if home.process and home.deaths > _MOST_DEATHS:
-            raise RunError(f"{told}, for the {home.deaths}th time in a row")
+            raise RunError(f"host {told}, for the {home.deaths}th time in a row")
         if self._recorder is None:
             if home.process is None:
                 del self._homes[name]
         elif not self._terms.restart:
-            raise RunError(told)
+            raise RunError(f"host {told}")
         else:
             self.restarts += 1
         if home.process and self._terms.start:

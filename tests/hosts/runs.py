@@ -79,12 +79,12 @@ class Spread:
     called whenever the run looks around, with the time that it has reached.
     """
 
-    def __init__(self, file, hosts, *, restart=True, wait=60.0, show=None):
+    def __init__(self, file, hosts, *, restart=True, wait=60.0):
         self.said, self.crew = [], None
         self.look = lambda _time: None
         self._file, self._clock = file, clock_of(file.scenario)
         self._todo = defaultdict(list)
-        self._man = here(file, hosts, Handling(restart, wait, show or self.said.append))
+        self._man = here(file, hosts, Handling(restart, wait, self.said.append))
 
     def at(self, k, act):
         """Do something as soon as tick k is closed; 0 is before the first."""

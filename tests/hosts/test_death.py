@@ -8,6 +8,8 @@ import signal
 
 import pytest
 
+from orchestrator import manning
+from orchestrator.hosts.local import LocalHost
 from orchestrator.running import run
 from orchestrator.scenario_file import parse_scenario
 from recordings.reading import Reader
@@ -57,23 +59,22 @@ def test_after_the_last_tick_nobody_is_missed(tmp_path, whole):
     assert digest(outcome.path) == digest(whole)
 
 
-def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole):
-    """Killed when it was let in, and another as soon as the first is started again."""
+def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monkeypatch):
+    """The first two that are started, and the third while the second begins anew."""
 
-    def show(told):
-        spread.said.append(told)
-        if "host local-1 has joined" in told and len(killed) < 1:
-            killed.append(hosts_of()["local-1"])
-        elif "local-1" in told and "is started again" in told and len(killed) < 2:
-            killed.append(hosts_of()["local-2"])
-        else:
-            return
-        os.kill(killed[-1], signal.SIGKILL)
+    class Doomed(LocalHost):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            if len(killed) < 3:
+                os.kill(self.pid, signal.SIGKILL)
+                killed.append(self.pid)
 
-    spread, killed = Spread(lossy(), 2, show=show), []
+    killed = []
+    monkeypatch.setattr(manning, "LocalHost", Doomed)
+    spread = Spread(lossy(), 2)
     outcome = spread.run(tmp_path / "n.mcap")
-    assert (outcome.status, outcome.reason) == ("completed", "")
-    assert len(killed) == 2
+    assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
+    assert len(spread.said) == len(killed) == 3
     assert digest(outcome.path) == digest(whole)
 
 
