@@ -30,6 +30,7 @@ class Alone:
         self.homes = {NAME: robots.numbers}
         self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         self.refused: Counter[str] = Counter()
+        self.restarts = 0
         self._wire = wire_of(robots.scenario, self.homes, Seal())
         heard = bus.listen(wire_key(SAMPLES, "*"))
         self._host: Host = robots.hosted(NAME, bus, heard, self._wire, clock)

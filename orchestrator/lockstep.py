@@ -73,6 +73,10 @@ class Hosts(Protocol):
         """What came and was not believed, by reason."""
 
     @property
+    def restarts(self) -> int:
+        """How often a host was gone, and the run went on."""
+
+    @property
     def homes(self) -> Mapping[str, Sequence[int]]:
         """Which robots each host has."""
 

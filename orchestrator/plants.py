@@ -15,6 +15,7 @@ from plant_fmu.archives.naming import Pattern as NamePattern
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.driving import Driving
 from plant_fmu.drives.opening import open_plants
+from plant_fmu.drives.probing import ROBOTS
 from plant_fmu.errors import FmuError
 from plant_fmu.fleet import Fleet
 from plant_fmu.isolation.isolated import IsolatedPlants
@@ -34,6 +35,8 @@ class Group:
     archive: Archive
     rows: list[int]
     """The robots' positions, ascending, among those that are opened."""
+    alike: Sequence[int] = ()
+    """The first robots of the group, whether they are opened or not."""
 
     @property
     def is_apart(self) -> bool:
@@ -72,28 +75,42 @@ def group_by_archive(
         if robot.plant
     }
     common = _alike(scenario.plant)
+    every = range(1, scenario.n + 1)
+    row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
     members: defaultdict[str, list[int]] = defaultdict(list)
+    first: defaultdict[str, list[int]] = defaultdict(list)
     given: dict[str, tuple[str, Plant]] = {}
-    for row, robot in enumerate(range(1, scenario.n + 1) if robots is None else robots):
+    for robot in every:
         field, plant = own.get(robot, ("plant", scenario.plant))
         alike = common if plant is scenario.plant else _alike(plant)
-        given.setdefault(alike, (field, plant))
-        members[alike].append(row)
+        if len(first[alike]) < ROBOTS:
+            first[alike].append(robot)
+        if robot in row_of:
+            given.setdefault(alike, (field, plant))
+            members[alike].append(row_of[robot])
     groups = []
     for alike, (field, plant) in given.items():
         with _named(field):
             archive = find(plant.fmu)
-        groups.append(Group(field, plant, archive, members[alike]))
+        groups.append(Group(field, plant, archive, members[alike], first[alike]))
     return groups
 
 
-def open_fleet(stack: ExitStack, groups: Sequence[Group], bodies: Sequence[Body]) -> Fleet:
-    """Load, instantiate and initialise all plants at t_0; the stack ends them."""
+def open_fleet(
+    stack: ExitStack,
+    groups: Sequence[Group],
+    bodies: Sequence[Body],
+    alike: Sequence[Sequence[Body]] | None = None,
+) -> Fleet:
+    """Load, instantiate and initialise all plants at t_0; the stack ends them.
+
+    `alike` are, for each group, bodies as `open_plants` has them.
+    """
     _expect_once(groups)
     opened = []
-    for group in groups:
+    for group, others in zip(groups, alike or [()] * len(groups), strict=True):
         with _named(group.field):
-            opened.append(_open(stack, group, [bodies[row] for row in group.rows]))
+            opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
     rows = [np.array(group.rows) for group in groups]
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
 
@@ -103,11 +120,13 @@ def _alike(plant: Plant) -> str:
     return plant.model_dump_json(exclude={"parameters"})
 
 
-def _open(stack: ExitStack, group: Group, bodies: Sequence[Body]) -> DrivenPlants:
+def _open(
+    stack: ExitStack, group: Group, bodies: Sequence[Body], alike: Sequence[Body]
+) -> DrivenPlants:
     archive, names, driving = group.archive, group.names, group.driving
     if group.is_apart:
-        return IsolatedPlants(stack, archive, bodies, names, driving, group.plant.deadline)
-    return open_plants(stack, archive, bodies, names, driving)
+        return IsolatedPlants(stack, archive, bodies, names, driving, group.plant.deadline, alike)
+    return open_plants(stack, archive, bodies, names, driving, alike=alike)
 
 
 def _expect_once(groups: Sequence[Group]) -> None:

@@ -55,10 +55,11 @@ class Robots:
         """
         scenario = file.scenario
         groups = group_by_archive(scenario, file.folder, numbers, find)
-        fleet = open_fleet(stack, groups, bodies(scenario, numbers))
+        alike = [bodies(scenario, group.alike) for group in groups]
+        fleet = open_fleet(stack, groups, bodies(scenario, numbers), alike)
         told = [
             {
-                "fmu": group.archive.label,
+                "fmu": group.plant.fmu,
                 "name": group.archive.name,
                 "fmi_version": group.archive.fmi_version,
                 "kind": plants.kind,

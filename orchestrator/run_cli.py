@@ -89,7 +89,7 @@ def run(
         say("yellow", "warning", warning)
     tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-    handling = Handling(not no_restart, wait, _show, expect)
+    handling = _handling(no_restart, wait, expect, deadline)
     man = _manning(file, hosts, handling, listen, connect, ends)
     perform(file, output, man, compression, profile, deadline)
 
@@ -116,7 +116,7 @@ def resume(
         file = _resumable(reader, output)
         tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-        handling = Handling(not no_restart, wait, _show, expect)
+        handling = _handling(no_restart, wait, expect, deadline)
         man = _manning(file, hosts, handling, listen, connect, ends)
         perform(file, output, man, compression, profile, deadline, past_of(reader))
 
@@ -158,6 +158,14 @@ def host(
         name or socket.gethostname(), wanted, run_id, wait, allow_fmus, not parent, _show
     )
     serve(member, endpoints)
+
+
+def _handling(no_restart: bool, wait: float, expect: int, deadline: float | None) -> Handling:
+    """Return what is done about hosts; `InputError` for a time that is none."""
+    for option, seconds_given in (("--wait", wait), ("--deadline", deadline)):
+        if seconds_given is not None and not seconds_given > 0:
+            raise InputError(f"{option}: expected more than 0 s, got {seconds_given:g}")
+    return Handling(not no_restart, wait, _show, expect)
 
 
 def _manning(
@@ -228,10 +236,13 @@ def perform(
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
     simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    last = {name: told.pop(name) for name in ("digest", "recording")}
+    told["time"] = showing.shares(outcome.profile, took)
+    if outcome.restarts:
+        told["restarts"] = f"{outcome.restarts}, of hosts that were gone"
     if outcome.refused:
         told["refused"] = _counted(outcome)
-    told["time"] = showing.shares(outcome.profile, took)
-    showing.summary(out, told)
+    showing.summary(out, told | last)
     if profile:
         showing.profile(out, outcome.profile, took)
     if outcome.status == "failed":
@@ -255,7 +266,7 @@ def _resumable(reader: Reader, output: Path | None) -> ScenarioFile:
     plants = json.loads(reader.metadata[RUN]["plants"])
     recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
     for group in group_by_archive(file.scenario, file.folder):
-        sha256 = recorded.get(group.archive.label)
+        sha256 = recorded.get(group.plant.fmu)
         if sha256 != group.archive.sha256:
             raise InputError(
                 f"{group.field}: {group.archive.label} is not the FMU that the recording was made "

@@ -153,13 +153,20 @@ def _short(value: Any, most: int = 60) -> str:
 
 
 def shares(told: Profile, wall: float) -> str:
-    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder."""
-    names = ("plants", "bus", "waiting")
+    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder.
+
+    Hosts that were stopped did not say.
+    """
+    names = ("plants", "bus", "waiting") if told.hosts else ()
     mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
-    parts = dict(zip(names, mean, strict=True)) | {"recording": told.recording}
+    parts = dict(zip(names, mean, strict=True))
     if told.in_one_thread:
         parts["bus"] += told.orchestrator.bus
-    return ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    whose = " of a host's on average;" if len(told.hosts) > 1 else ","
+    return (
+        f"{shares}{whose if shares else ''} {100 * told.recording / wall:.0f} % recording".strip()
+    )
 
 
 def profile(console: Console, told: Profile, wall: float) -> None:

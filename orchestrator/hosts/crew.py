@@ -39,6 +39,8 @@ _LOOK = 0.25
 """s: how long nothing may come before it is looked whether the hosts are well."""
 _FAREWELL = 5.0
 """s: how long to wait for the hosts' reports when all else is done."""
+_GRACE = 2.0
+"""s: how long hosts may take to end when they are told to."""
 
 
 @dataclass(slots=True)
@@ -56,6 +58,8 @@ class Home:
     begin: Put | None = None
     """Answers a host that is ready and waits for its beginning."""
     is_ready: bool = False
+    caught_up: int = -1
+    """The last recorded tick whose samples it asked for to catch up."""
     deaths: int = 0
     """At the tick `died_at`."""
     died_at: int = -2
@@ -111,12 +115,14 @@ class Crew:
         self._seal = Seal(self._secret)
         self._recorder: Recorder | None = None
         self._began = monotonic()
+        self._progress = False
+        """Whether a host got on in what is recorded already, since that was last asked."""
         for kind in (JOIN, START, HEARD, FMU):
             bus.serve(wire_key(kind, "*"), inbox)
         bus.watch(wire_key(ALIVE, "*/*"), inbox)
         bus.announce(wire_key(ALIVE, ORCHESTRATOR))
         for name, robots in homes.items():
-            self._homes[name] = Home(robots, terms.start(name, robots) if terms.start else None)
+            self._homes[name] = Home(robots)
 
     @property
     def homes(self) -> dict[str, Sequence[int]]:
@@ -124,10 +130,13 @@ class Crew:
         return {name: home.robots for name, home in self._homes.items()}
 
     def gather(self) -> None:
-        """Wait until every robot has a host that is ready.
+        """Start the hosts of this machine, and wait until every robot has a host that is ready.
 
         Raises the `InputError` of a host of this machine, and `RunError` when some do not come.
         """
+        if self._terms.start:
+            for name, home in self._homes.items():
+                home.process, home.since = self._terms.start(name, home.robots), monotonic()
         while self._free() or not all(home.begin for home in self._homes.values()):
             for item in self.inbox.take(_LOOK):
                 self.handle(item)
@@ -144,6 +153,8 @@ class Crew:
             for told in home.plants:
                 alike = str({**told, "robots": None})
                 merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
+        for told in merged.values():
+            told["robots"].sort()
         return sorted(merged.values(), key=lambda told: told["robots"][0])
 
     def begin(self, recorder: Recorder) -> None:
@@ -171,7 +182,7 @@ class Crew:
             self._read_report(item)
 
     def look_after(self, k: int) -> bool:
-        """Look whether the hosts are well; return whether all are there.
+        """Look whether the hosts are well; return whether all are there and none is catching up.
 
         Raises what a host failed with at tick k or before, and `RunError` when a robot has been
         without a host for too long.
@@ -193,7 +204,16 @@ class Crew:
                 f"{named(homeless)} had no host for {self._terms.wait:g} s: no `nrs host` came for "
                 "them; --wait gives them longer"
             )
-        return all(home.is_ready for home in self._homes.values())
+        for name, home in self._homes.items():
+            # One that waits for the others to be gathered is ready too.
+            is_there = home.is_ready or home.begin
+            if home.process and not is_there and monotonic() - home.since >= self._terms.wait:
+                raise RunError(
+                    f"host {name} ({named(home.robots)}) was not ready within "
+                    f"{self._terms.wait:g} s of its start; --wait gives it longer"
+                )
+        progress, self._progress = self._progress, False
+        return not progress and all(home.is_ready for home in self._homes.values())
 
     def spent(self) -> dict[str, Spent]:
         """Return where the time of each host went, as far as it said so."""
@@ -214,9 +234,10 @@ class Crew:
         for name in self._homes:
             key = wire_key(ORDERS, name)
             self._bus.publisher(key)(self._seal.closed(key, END))
+        until = monotonic() + _GRACE
         for home in self._homes.values():
             if home.process:
-                home.process.wait()
+                home.process.wait(max(until - monotonic(), 0.0) if home.is_ready else 0.0)
 
     def close(self) -> None:
         """Kill what still runs on this machine."""
@@ -238,7 +259,8 @@ class Crew:
             question.answer(Refusal(reason=str(error), final=final).written())
             return
         home.incarnation, home.since = hello.incarnation, monotonic()
-        self._terms.show(f"host {name} has joined with {named(home.robots)}{self._still_missing()}")
+        if not home.process:
+            self._terms.show(f"{name} has joined with {named(home.robots)}{self._still_missing()}")
         file = self._file
         question.answer(
             Welcome(
@@ -264,7 +286,7 @@ class Crew:
         if home is None:
             home = self._new_home(hello)
             self._homes[name] = home
-        elif home.incarnation is not None:
+        elif home.incarnation not in {None, hello.incarnation} and not home.process:
             raise _NotLetInError(f"there is a host of the name {name!r} already", final=False)
         elif hello.robots is not None and tuple(home.robots) != hello.robots:
             raise _NotLetInError(
@@ -326,7 +348,7 @@ class Crew:
         homes = {name: tuple(each.robots) for name, each in self._homes.items()}
         go = Go(homes=homes, start=point.start, recorded=point.recorded)
         home.begin(go.with_checkpoints(point.checkpoints))
-        home.begin, home.is_ready = None, True
+        home.begin, home.is_ready, home.caught_up = None, True, -1
 
     def _tell_heard(self, name: str, question: Question) -> None:
         """Answer with the samples of the next ticks that are known."""
@@ -335,6 +357,9 @@ class Crew:
             self.refused[HEARD] += 1
             return
         (since,) = TICK.unpack(question.payload)
+        home = self._homes[name]
+        if home.caught_up < since <= recorder.closed:
+            home.caught_up, self._progress = since, True
         known = recorder.samples(since, since + AT_ONCE - 1)
         parts = (
             part
@@ -363,8 +388,8 @@ class Crew:
         home.report = report
         if report.tick < 0 and report.failed:
             if home.process:
-                raise InputError(report.failed)
-            self._terms.show(f"host {name} cannot open {named(home.robots)}: {report.failed}")
+                raise (RunError if self._recorder else InputError)(report.failed)
+            self._terms.show(f"{name} cannot open {named(home.robots)}: {report.failed}")
 
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""
@@ -373,21 +398,21 @@ class Crew:
         how = home.process.kill() if home.process else "is gone"
         home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()
         closed = self._recorder.closed if self._recorder else -1
-        told = f"host {name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
+        told = f"{name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
         home.deaths = home.deaths + 1 if home.died_at == closed else 1
         home.died_at = closed
         if home.process and home.deaths > _MOST_DEATHS:
-            raise RunError(f"{told}, for the {home.deaths}th time in a row")
+            raise RunError(f"host {told}, for the {home.deaths}th time in a row")
         if self._recorder is None:
             if home.process is None:
                 del self._homes[name]
         elif not self._terms.restart:
-            raise RunError(told)
+            raise RunError(f"host {told}")
         else:
             self.restarts += 1
         if home.process and self._terms.start:
             self._terms.show(f"{told}; it is started again")
-            home.process = self._terms.start(name, home.robots)
+            home.process, home.since = self._terms.start(name, home.robots), monotonic()
         else:
             self._terms.show(f"{told}; waiting for it to come back{self._still_missing()}")
 

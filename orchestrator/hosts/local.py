@@ -10,8 +10,6 @@ from pathlib import Path
 
 from bus.errors import RunError
 
-_GRACE = 5.0
-"""s: how long a host may take to end when it is told to."""
 _PRINTED = 2000
 
 
@@ -22,6 +20,8 @@ class LocalHost:
         """Start it; it will join over an endpoint. What it prints is kept in a folder."""
         self.name = name
         self._printed = folder / f"{name}.txt"
+        temporary = folder / name  # what it leaves when it is killed goes with the run's folder
+        temporary.mkdir(exist_ok=True)
         command = ["host", "--connect", endpoint, "--name", name]
         command += ["--robots", ",".join(map(str, robots)), "--parent", str(os.getpid())]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
@@ -32,7 +32,7 @@ class LocalHost:
                     stdin=subprocess.DEVNULL,
                     stdout=printed,
                     stderr=printed,
-                    env={**os.environ, "PYTHONPATH": modules},
+                    env={**os.environ, "PYTHONPATH": modules, "TMPDIR": str(temporary)},
                     start_new_session=True,
                 )
         except OSError as error:
@@ -55,16 +55,17 @@ class LocalHost:
         self._process.wait()
         return self.ending() or ""
 
-    def wait(self) -> None:
+    def wait(self, seconds: float) -> None:
         """Wait for its end, for which it was told the reason; kill it when it takes too long."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_GRACE)
+            self._process.wait(seconds)
         self.kill()
 
     def _last_words(self) -> str:
         with suppress(OSError):
             lines = self._printed.read_text(errors="replace")[-_PRINTED:].splitlines()
-            said = [line.strip() for line in lines if line.strip()]
+            ours = "host: "  # what it says of itself, as it is said here too
+            said = [line.strip() for line in lines if line.strip() and not line.startswith(ours)]
             return f"; it printed: {' / '.join(said[-3:])}" if said else ""
         return ""
 

@@ -266,6 +266,8 @@ class _Finder:
         return replace(find_archive(str(path), Path()), label=fmu)
 
     def _fetched(self, fmu: str, sha256: str) -> Path:
+        if self._welcome.folder is not None:
+            raise FmuError(f"{fmu}: is gone, or is no more what it was when the run began")
         if not self._member.allow_fmus:
             raise FmuError(
                 f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}…; copy it here, or let the "

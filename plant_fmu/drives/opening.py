@@ -33,9 +33,12 @@ def open_plants(
     names: Mapping[str, Spec],
     driving: Driving = _ANY,
     load: Load = Library,
+    alike: Sequence[Body] = (),
 ) -> DrivenPlants:
     """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
 
+    What is told of an error is measured at the bodies that are `alike`, wherever they are; at these
+    ones without any.
     `names` gives what a quantity of ours is in the FMU where it is not found by our name.
     `FmuError` says what is wrong with the FMU or with what it was told.
     """
@@ -58,7 +61,7 @@ def open_plants(
             return _by_runge_kutta(library, bodies, names, driving.step or STEP, why)
         case "heun" | "hold":
             step, heun = driving.control_step or STEP, offer.way == "heun"
-            return _by_held_torque(library, bodies, names, step, heun, why)
+            return _by_held_torque(library, bodies, alike, names, step, heun, why)
 
 
 def _by_cvode(
@@ -89,6 +92,7 @@ def _by_runge_kutta(
 def _by_held_torque(
     library: Library,
     bodies: Sequence[Body],
+    alike: Sequence[Body],
     names: Mapping[str, Spec],
     step: float,
     heun: bool,
@@ -100,7 +104,8 @@ def _by_held_torque(
     coarse, propagate = probe(step), stability.heun if heun else stability.held
     expect_stable(coarse, bodies, propagate, "control_step", step)
     # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
-    error = measured_error(coarse, probe(step / 2), bodies, step) * (4 / 3 if heun else 2)
+    error = measured_error(coarse, probe(step / 2), alike or bodies, step)
+    error *= 4 / 3 if heun else 2
     how = "corrected and held" if heun else "held"
     drive = f"torque {how} for {step:g} s (error about {error:.1g} rad)"
     return TorqueHeldPlants(library, bodies, names, step, heun=heun, drive=drive, why=why)

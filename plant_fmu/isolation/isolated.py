@@ -42,6 +42,7 @@ class IsolatedPlants:
         names: Mapping[str, Spec],
         driving: Driving,
         deadline: float,
+        alike: Sequence[Body] = (),
     ) -> None:
         """Start the workers, and open one plant for each body; the stack ends them.
 
@@ -64,7 +65,8 @@ class IsolatedPlants:
             own = bodies[self._shares[number]]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
-            task.write_bytes(pickle.dumps(Task(archive, own, names, driving, path, place, number)))
+            told = Task(archive, own, names, driving, path, place, number, alike)
+            task.write_bytes(pickle.dumps(told))
             worker = Worker(
                 task,
                 self._memory.progress[number],
@@ -73,9 +75,9 @@ class IsolatedPlants:
                 [body.robot for body in own],
             )
             self._workers.append(stack.enter_context(worker))
-        (told, *_) = [json.loads(worker.answer()) for worker in self._workers]
-        self.kind, self.drive, self.why = told["kind"], told["drive"], told["why"]
-        self.exact: bool = told["exact"]
+        (opened, *_) = [json.loads(worker.answer()) for worker in self._workers]
+        self.kind, self.drive, self.why = opened["kind"], opened["drive"], opened["why"]
+        self.exact: bool = opened["exact"]
 
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""

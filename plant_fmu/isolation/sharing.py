@@ -66,6 +66,8 @@ class Task:
     place: tuple[int, int, int]
     """Its first row, and the numbers of all robots and of all workers."""
     worker: int
+    alike: Sequence[Body] = ()
+    """See `open_plants`."""
 
 
 class Memory:

@@ -74,7 +74,7 @@ class Share:
         self._progress = memory.progress[task.worker]
         library = partial(AnnouncedLibrary, self._progress)
         self._plants = open_plants(
-            stack, task.archive, task.bodies, task.names, task.driving, library
+            stack, task.archive, task.bodies, task.names, task.driving, library, task.alike
         )
         self._mirror()
 

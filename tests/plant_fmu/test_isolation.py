@@ -85,10 +85,8 @@ def scenario(fault="none", at=0.55, plant="", fmu="faulty.fmu"):
     return SCENARIO.format(fmu=fmu, plant=plant, parameters=parameters)
 
 
-@pytest.fixture(scope="module")
-def faulty(tmp_path_factory):
+def built(folder):
     """Build the FMU: the bundled models' sources, with a shim of its own around theirs."""
-    folder = tmp_path_factory.mktemp("faulty")
     models = folder / "models"
     shutil.copytree(declaration.MODELS, models)
     (models / "fmi3.c").rename(models / "healthy.h")
@@ -99,6 +97,11 @@ def faulty(tmp_path_factory):
         patch.setattr(declaration, "MODELS", models)
         patch.setattr(building, "MODELS", models)
         return build("faulty")
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory):
+    return built(tmp_path_factory.mktemp("faulty"))
 
 
 class Life:

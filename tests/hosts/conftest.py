@@ -1,0 +1,19 @@
+"""A run on hosts leaves nothing behind: no process, and no temporary folder."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from tests.hosts.runs import hosts_of
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left(tmp_path_factory, monkeypatch):
+    tmp_path_factory.getbasetemp()  # which stays where it is
+    with tempfile.TemporaryDirectory() as folder:  # a socket's path must be short
+        monkeypatch.setattr(tempfile, "tempdir", folder)
+        monkeypatch.setenv("TMPDIR", folder)
+        yield
+        assert hosts_of() == {}
+        assert [path.name for path in Path(folder).iterdir()] == []

@@ -1,0 +1,132 @@
+"""Runs on hosts of this machine, into which a test looks and reaches at a chosen tick."""
+
+import os
+import re
+import signal
+from collections import defaultdict
+from pathlib import Path
+
+from orchestrator.manning import Handling, here
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario
+from orchestrator.setting import clock_of
+from recordings.reading import Reader
+from tests.orchestrator.conftest import SCENARIOS
+
+
+def scenario(name, *replacements, lasting=None, folder=SCENARIOS):
+    """Return a scenario of the repository with some of its text replaced, for some seconds."""
+    text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
+    for old, new in replacements:
+        assert old in text, f"{old!r} is not in {name}"
+        text = text.replace(old, new, 1)
+    if lasting:
+        text = re.sub("duration = .*", f"duration = {lasting:.1f}", text)
+    return parse_scenario(text, name, folder, name)
+
+
+CHECKPOINTS = ("seed = 1", "seed = 1\ncheckpoint_every = 20")
+
+
+def lossy(*replacements, folder=SCENARIOS):
+    """Return thirty seconds in which agents' memories matter, with checkpoints."""
+    return scenario("paper_lossy_links", CHECKPOINTS, *replacements, folder=folder)
+
+
+MIXED = """
+[[robots]]
+id = 2
+plant = { fmu = "two_link_arm", solver = "rk4", step = 0.002 }
+[[robots]]
+id = 5
+plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
+[[robots]]
+id = 6
+plant = { fmu = "two_link_arm", control = "heun" }
+"""
+
+
+def mixed(duration="2.0"):
+    """Return robots whose plants are driven in five ways, told five times a sampling period."""
+    return scenario(
+        "paper_first_order",
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nsolver = "cvode"\nrtol = 1e-10'),
+        ("duration = 30.0", f"duration = {duration}"),
+        ("seed = 1", "seed = 1\ncheckpoint_every = 5"),
+        ("# [[robots]]", f"{MIXED}\n# [[robots]]"),
+    )
+
+
+def hosts_of(parent=None):
+    """Return the processes of the hosts that a process has, by name, as the kernel tells it."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (folder / "stat").read_text()
+            words = (folder / "cmdline").read_bytes().decode().split("\0")
+        except OSError:
+            continue
+        state, ppid = stat.rpartition(")")[2].split()[:2]
+        if int(ppid) == (parent or os.getpid()) and state != "Z" and "--parent" in words:
+            found[words[words.index("--name") + 1]] = int(folder.name)
+    return found
+
+
+class Spread:
+    """A run on hosts of this machine, in which something is done when a tick closes.
+
+    `said` is what the user was told of hosts, `crew` the hosts as the run sees them; `look` is
+    called whenever the run looks around, with the time that it has reached.
+    """
+
+    def __init__(self, file, hosts, *, restart=True, wait=60.0):
+        self.said, self.crew = [], None
+        self.look = lambda _time: None
+        self._file, self._clock = file, clock_of(file.scenario)
+        self._todo = defaultdict(list)
+        self._man = here(file, hosts, Handling(restart, wait, self.said.append))
+
+    def at(self, k, act):
+        """Do something as soon as tick k is closed; 0 is before the first."""
+        self._todo[k].append(act)
+        return self
+
+    def kill(self, k, *numbers, by=signal.SIGKILL):
+        """Send hosts a signal as soon as tick k is closed and they are there."""
+
+        def act():
+            alive = hosts_of()
+            if {f"local-{number}" for number in numbers} <= alive.keys():
+                for number in numbers:
+                    os.kill(alive[f"local-{number}"], by)
+            else:
+                self.at(k, act)
+
+        return self.at(k, act)
+
+    def run(self, path, **options):
+        """Run it all, and return the outcome."""
+        return run(self._file, path, self._manned, watch=self._watch, **options)
+
+    def _manned(self, *arguments):
+        bus, self.crew = self._man(*arguments)
+        return bus, self.crew
+
+    def _watch(self, time_ns):
+        self.look(time_ns)
+        for k in sorted(k for k in self._todo if self._clock.t(k) <= time_ns):
+            for act in self._todo.pop(k):
+                act()
+
+
+def digest(path):
+    """Return the digest of what a recording holds; it must be undamaged."""
+    with Reader(path, verify=True) as reader:
+        assert reader.damage == []
+        return reader.digest
+
+
+def story(path):
+    """Return all messages of a recording but the checkpoints, in order."""
+    with Reader(path) as reader:
+        return [m for m in reader.messages() if not m[1].startswith("checkpoint/")]

@@ -1,0 +1,195 @@
+"""Hosts die, stop and fail, and the run goes on to the same bits, or says who, how and when."""
+
+import os
+import random
+import re
+import shutil
+import signal
+
+import pytest
+
+from orchestrator import manning
+from orchestrator.hosts.local import LocalHost
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario
+from recordings.reading import Reader
+from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
+from tests.plant_fmu.archives import rewritten
+from tests.plant_fmu.test_isolation import built
+from tests.plant_fmu.test_isolation import scenario as crashing
+
+TICKS = 300
+WINDOW = 64  # how many ticks a host may be ahead of the last that is closed
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the recording of the run in one process."""
+    path = tmp_path_factory.mktemp("whole") / "1.mcap"
+    run(lossy(), path)
+    return path
+
+
+@pytest.mark.parametrize("hosts", [2, 3, 4, 5, 6])
+def test_any_host_may_die_at_any_tick(tmp_path, whole, hosts):
+    """Four deaths a run, drawn by a seed."""
+    draw = random.Random(hosts)
+    spread = Spread(lossy(), hosts)
+    for k in draw.sample(range(1, TICKS - WINDOW), 4):
+        spread.kill(k, draw.randint(1, hosts))
+    outcome = spread.run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.reason, outcome.ticks) == ("completed", "", TICKS)
+    assert outcome.restarts == 4
+    assert len([told for told in spread.said if "was ended by SIGKILL" in told]) == 4
+    assert story(outcome.path) == story(whole)
+    assert digest(outcome.path) == digest(whole)
+
+
+def test_two_at_once_one_again_and_one_at_the_end(tmp_path, whole):
+    spread = Spread(lossy(), 3).kill(0, 2).kill(50, 1, 3).kill(50 + 1, 1).kill(TICKS - 1, 2)
+    outcome = spread.run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.reason) == ("completed", "")
+    assert outcome.restarts in {4, 5}  # the last may have done its part already
+    assert digest(outcome.path) == digest(whole)
+
+
+def test_after_the_last_tick_nobody_is_missed(tmp_path, whole):
+    outcome = Spread(lossy(), 3).kill(TICKS, 1, 2, 3).run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
+    assert digest(outcome.path) == digest(whole)
+
+
+def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monkeypatch):
+    """The first two that are started, and the third while the second begins anew."""
+
+    class Doomed(LocalHost):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            if len(killed) < 3:
+                os.kill(self.pid, signal.SIGKILL)
+                killed.append(self.pid)
+
+    killed = []
+    monkeypatch.setattr(manning, "LocalHost", Doomed)
+    spread = Spread(lossy(), 2)
+    outcome = spread.run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
+    assert len(spread.said) == len(killed) == 3
+    assert digest(outcome.path) == digest(whole)
+
+
+def without_states(folder):
+    """Write an FMU that cannot say what state it is in, to be run in the host's own process."""
+    return rewritten(
+        folder / "forgetful.fmu",
+        3,
+        lambda text: text.replace('canSerializeFMUState="true"', ""),
+    )
+
+
+def test_a_plant_without_checkpoints_comes_back_from_the_beginning(tmp_path):
+    """Further back than what the recorder has at hand, so that the recording is read again."""
+    without_states(tmp_path)
+    own = '[[robots]]\nid = 3\nplant = { fmu = "forgetful.fmu", isolate = false }\n[[faults.links]]'
+    file = lossy(("[[faults.links]]", own), folder=tmp_path)
+    run(file, tmp_path / "1.mcap")
+    outcome = Spread(file, 3).kill(100, 3).kill(220, 2).run(tmp_path / "3.mcap")
+    assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 2)
+    assert digest(outcome.path) == digest(tmp_path / "1.mcap")
+    with Reader(outcome.path) as reader:
+        told = {m[1] for m in reader.messages() if m[1].startswith("checkpoint/")}
+    assert told == {f"checkpoint/{robot}" for robot in (1, 2, 5, 6)}
+
+
+def test_without_restart_a_death_ends_the_run(tmp_path):
+    outcome = Spread(lossy(), 3, restart=False).kill(70, 2).run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.restarts) == ("failed", 0)
+    k = outcome.ticks
+    assert 70 <= k <= 70 + WINDOW
+    assert outcome.reason == f"host local-2 (robots 3-4) was ended by SIGKILL, after tick {k}"
+    with Reader(outcome.path) as reader:
+        assert (reader.status, reader.reason, reader.ticks) == ("failed", outcome.reason, k)
+
+
+def test_who_is_stopped_is_waited_for(tmp_path, whole):
+    """Until it is continued, by whoever looks again and again."""
+    looks = []
+
+    def look(_time):
+        looks.append(1)
+        if len(looks) == 4:
+            os.kill(stopped.pop(), signal.SIGCONT)
+
+    def stop():
+        stopped.append(hosts_of()["local-2"])
+        os.kill(stopped[0], signal.SIGSTOP)
+        spread.look = look
+
+    stopped, spread = [], Spread(lossy(), 3)
+    outcome = spread.at(60, stop).run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
+    assert stopped == []
+    assert digest(outcome.path) == digest(whole)
+
+
+def test_who_is_silent_for_too_long_is_named_with_what_all_wait_for(tmp_path):
+    """Robots 3 and 4 hear 1, who hears 2 and 3; robots 5 and 6 hear 2 to 4."""
+    spread = Spread(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
+    outcome = spread.run(tmp_path / "n.mcap", deadline=4.0)
+    assert outcome.status == "failed"
+    k = outcome.ticks + 1
+    assert outcome.reason.startswith(f"tick {k} did not close in 4 s of silence: ")
+    said = rf"sent samples up to tick ({k - 1}|{k}) and lack"
+    silent, *others = sorted(outcome.reason.partition(": ")[2].split("; "), key=len, reverse=True)
+    name = "robots 3-4 on host local-2"
+    assert re.fullmatch(f"{name} {said} nobody's: computing, or stopped", silent)
+    for other in others:
+        assert re.fullmatch(f"robots (1-2|5-6) on host local-[13] {said} those of local-2", other)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_a_host_that_always_dies_at_a_tick_ends_the_run(tmp_path):
+    """Its FMU crashes in its own process, at 0.55 s."""
+    shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
+    text = crashing("segfault", at=0.55, plant="isolate = false")
+    spread = Spread(parse_scenario(text, "crash", tmp_path, "crash"), 2)
+    outcome = spread.run(tmp_path / "n.mcap")
+    assert (outcome.status, outcome.ticks) == ("failed", 5)
+    told = r"host local-2 \(robots 2-3\) was ended by SIGSEGV; .*, after tick 5, for the 4th time"
+    assert re.match(told, outcome.reason), outcome.reason
+
+
+def test_an_fmu_that_is_not_there_any_more_ends_the_run(tmp_path):
+    """A host that is started again opens its FMUs anew."""
+    own = '[[robots]]\nid = 3\nplant = { fmu = "forgetful.fmu", isolate = false }\n[[faults.links]]'
+    path = without_states(tmp_path)
+    spread = Spread(lossy(("[[faults.links]]", own), folder=tmp_path), 2)
+    outcome = spread.at(100, path.unlink).kill(100, 1).run(tmp_path / "n.mcap")
+    assert outcome.status == "failed"
+    assert outcome.reason == (
+        "robots[0].plant: forgetful.fmu: is gone, or is no more what it was when the run began"
+    )
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
+    shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
+    text = crashing("error", at=0.55, plant="isolate = false")
+    file = parse_scenario(text, "error", tmp_path, "error")
+    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")
+    assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
+    assert (one.status, one.ticks) == ("failed", 5)
+    assert story(n.path) == story(one.path)
+
+
+def test_a_run_that_diverges_says_what_it_says_in_one_process(tmp_path):
+    file = scenario(
+        "paper_first_order",
+        ("alpha = 0.9", "alpha = 1.18"),
+        ("beta = 1.1", "beta = 1.18"),
+        ("seed = 1", "seed = 1\ndivergence_limit = 1000"),
+    )
+    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
+    assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
+    assert one.ticks > 10
+    assert story(n.path) == story(one.path)

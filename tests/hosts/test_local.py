@@ -1,0 +1,72 @@
+"""Robots spread over processes of this machine say, bit by bit, what they say in one process."""
+
+import json
+
+import pytest
+
+from orchestrator.running import run
+from recordings.reading import Reader
+from recordings.tables import RUN
+from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story
+
+PAPER = {  # how many hosts; from 2 to a robot each
+    "paper_first_order": 6,
+    **{f"paper_example_{case}": 2 for case in ("1b", "1c", "2a", "2c", "3a", "3c")},
+    "paper_example_3b": 3,
+}
+
+
+def test_one_digest(tmp_path):
+    """With lost and late samples."""
+    run(lossy(), tmp_path / "1.mcap")
+    for hosts in (2, 3, 6):
+        spread = Spread(lossy(), hosts)
+        outcome = spread.run(tmp_path / f"{hosts}.mcap")
+        assert (outcome.status, outcome.reason, outcome.refused) == ("completed", "", {})
+        assert len(spread.crew.homes) == hosts
+        assert story(outcome.path) == story(tmp_path / "1.mcap")
+        assert digest(outcome.path) == digest(tmp_path / "1.mcap")
+
+
+@pytest.mark.parametrize(("name", "hosts"), PAPER.items())
+def test_the_papers_scenarios(tmp_path, name, hosts):
+    file = scenario(name, lasting=10)
+    outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, hosts).run(tmp_path / "n.mcap")]
+    assert [(o.status, o.reason) for o in outcomes] == [("completed", "")] * 2
+    assert digest(tmp_path / "n.mcap") == digest(tmp_path / "1.mcap")
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """Return recordings of robots that are driven in many ways, in one process."""
+    path = tmp_path_factory.mktemp("driven") / "1.mcap"
+    run(mixed(), path)
+    return path
+
+
+def plants(path):
+    with Reader(path) as reader:
+        return json.loads(reader.metadata[RUN]["plants"])
+
+
+@pytest.mark.parametrize("hosts", [2, 6])
+def test_plants_of_all_kinds(tmp_path, driven, hosts):
+    path = tmp_path / "n.mcap"
+    assert Spread(mixed(), hosts).run(path).status == "completed"
+    assert story(path) == story(driven)
+    assert digest(path) == digest(driven)
+    assert plants(path) == plants(driven)
+
+
+def test_what_is_told_of_a_group_is_told_wherever_its_robots_are(tmp_path):
+    """The error of a held torque is measured at some robots, and told of all."""
+    file = scenario(
+        "paper_first_order",
+        ("duration = 30.0", "duration = 1.0"),
+        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\ncontrol = "hold"'),
+    )
+    run(file, tmp_path / "1.mcap")
+    Spread(file, 3).run(tmp_path / "3.mcap")
+    (told,) = plants(tmp_path / "1.mcap")
+    assert told["robots"] == [1, 2, 3, 4, 5, 6]
+    assert plants(tmp_path / "3.mcap") == [told]

@@ -1,0 +1,65 @@
+"""What a user of hosts on this machine is told, and what is refused."""
+
+import re
+
+import pytest
+
+from tests.hosts.runs import lossy
+from tests.hosts.test_resume import nrs
+
+
+@pytest.fixture
+def toml(tmp_path):
+    path = tmp_path / "lossy.toml"
+    path.write_text(lossy(("duration = 30.0", "duration = 3.0")).text, "utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--hosts", "0"], "--hosts: expected auto or 1 to 6, a robot each at least, got 0"),
+        (["--hosts", "7"], "--hosts: expected auto or 1 to 6, a robot each at least, got 7"),
+        (["--hosts", "many"], "--hosts: expected auto or 1 to 6, a robot each at least, got many"),
+        (
+            ["--hosts", "2", "--listen", "tcp/127.0.0.1:7447"],
+            "--hosts 2: starts hosts here, --listen waits for others",
+        ),
+        (["--deadline", "0"], "--deadline: expected more than 0 s, got 0"),
+        (["--wait", "nan"], "--wait: expected more than 0 s, got nan"),
+    ],
+)
+def test_bad_options_exit_2(toml, tmp_path, options, message):
+    done = nrs("run", toml, "-o", tmp_path / "n.mcap", *options)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"error: {message}\n"
+    assert not (tmp_path / "n.mcap").exists()
+
+
+def lines_of(printed):
+    summary, _, table = printed.partition("\n\n")
+    return dict(line.split(None, 1) for line in summary.splitlines()), table.splitlines()
+
+
+@pytest.mark.parametrize("hosts", [1, 3])
+def test_where_the_time_went(toml, tmp_path, hosts):
+    """Shares of the wall time, on average over hosts; with --profile, seconds of each process."""
+    done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--hosts", hosts, "--profile")
+    assert done.returncode == 0, done.stderr
+    told, (title, *rows) = lines_of(done.stdout)
+    assert told.keys().isdisjoint({"refused", "restarts"})
+    wall = float(re.search(r" in ([\d.]+) s,", told["ticks"])[1])
+    whose = "," if hosts == 1 else " of a host's on average;"
+    shares = rf"(\d+) % plants, (\d+) % bus, (\d+) % waiting{whose} (\d+) % recording"
+    assert 0 <= sum(map(int, re.fullmatch(shares, told["time"]).groups())) <= 200
+    assert title.split() == [
+        "s",
+        "of",
+        "wall",
+        "time",
+        *["plants", "bus", "recording", "waiting", "other"],
+    ]
+    names = ["here"] if hosts == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
+    assert [row.split()[0] for row in rows] == names
+    for row in rows:
+        assert sum(map(float, row.split()[1:])) == pytest.approx(wall, abs=0.02)
