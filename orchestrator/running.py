@@ -62,6 +62,8 @@ class Outcome:
     profile: Profile
     refused: Mapping[str, int]
     """How many batches were not believed, by reason."""
+    repeated: int
+    """How many batches were said again, in the same words, and kept once."""
 
 
 def run(
@@ -137,7 +139,17 @@ def run(
     refused = Counter(recorder.refused) + Counter(hosts.refused)
     profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, isinstance(hosts, Alone))
     done = max(recorder.closed, 0)
-    return Outcome(status, reason, output, done, recorder.messages, wall_seconds, profile, refused)
+    return Outcome(
+        status,
+        reason,
+        output,
+        done,
+        recorder.messages,
+        wall_seconds,
+        profile,
+        refused,
+        recorder.repeated,
+    )
 
 
 def past_of(reader: Reader) -> Iterator[list[Message]]:
