@@ -1,0 +1,68 @@
+"""What checkpoints cost in time and bytes: runs with one every so many ticks, beside runs without.
+
+All robots are in this process. The intervals between checkpoints take turns, so that a noisy
+machine is noisy to all. What one checkpoint costs is told in ticks of a run without: from the
+shortest interval, where it is largest beside the noise, and of bytes likewise. That many ticks,
+over the share that a checkpoint may cost, is the shortest interval within it.
+"""
+
+import statistics
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.table import compared, keep
+from benchmarks.throughput import scenario
+from orchestrator.running import run
+
+EVERY = (500, 100, 50, 10)
+"""Ticks between checkpoints; the first is what a scenario has by default."""
+SIZES = {6: (2000, 7), 100: (500, 5), 1000: (500, 3)}
+"""Robots; the ticks of one timed run, and how many rounds."""
+SHARE = 0.02
+"""Of time and bytes, what checkpoints may cost."""
+
+
+def cost(n: int, ticks: int, every: int, path: Path) -> tuple[float, float]:
+    """Return the seconds that a run takes, and the bytes of its recording."""
+    took = run(scenario(n, ticks, f"checkpoint_every = {every}"), path).wall_seconds
+    return took, float(path.stat().st_size)
+
+
+def measure(n: int, ticks: int, rounds: int, path: Path) -> list[dict[str, float]]:
+    """Return, by interval, the ratios to a run without, and the shortest within SHARE."""
+    costs = [[cost(n, ticks, every, path) for every in (0, *EVERY)] for _ in range(rounds)]
+    rows = []
+    for i, every in enumerate(EVERY, 1):
+        none_s, none_bytes = zip(*(each[0] for each in costs), strict=True)
+        took_s, took_bytes = zip(*(each[i] for each in costs), strict=True)
+        size = statistics.median(took_bytes) / statistics.median(none_bytes)
+        rows.append({"robots": n, "every": every, **compared(took_s, none_s), "bytes": size})
+    shortest = rows[-1]
+    for row in rows:
+        row["shortest_by_time"] = (shortest["ratio"] - 1) * EVERY[-1] / SHARE
+        row["shortest_by_bytes"] = (shortest["bytes"] - 1) * EVERY[-1] / SHARE
+    return rows
+
+
+def main() -> None:
+    """Print the table, and write it as JSON beside."""
+    print("a run with checkpoints beside one without, as ratios; medians of interleaved rounds\n")
+    print(f"{'robots':>7} {'every':>6} {'time':>7}   {'min .. max':<14} {'bytes':>7}")
+    rows = []
+    with TemporaryDirectory(prefix="nrs-") as folder:
+        for n, (ticks, rounds) in SIZES.items():
+            found = measure(n, ticks, rounds, Path(folder) / "benchmark.mcap")
+            rows += found
+            for row in found:
+                between = f"{row['ratio_min']:.3f} .. {row['ratio_max']:.3f}"
+                told = f"{row['ratio']:>7.3f}   {between:<14} {row['bytes']:>7.4f}"
+                print(f"{n:>7} {row['every']:>6} {told}")
+            print(
+                f"{n:>7} within {SHARE:.0%}: every {max(row['shortest_by_time'], 0):.0f} ticks "
+                f"or more by time, {row['shortest_by_bytes']:.0f} by bytes"
+            )
+    keep("checkpoints", rows)
+
+
+if __name__ == "__main__":
+    main()
