@@ -48,12 +48,14 @@ Row = dict[str, Any]
 
 TEXT = """# A soak
 
-`make soak` ran {robots:,} two-link arms for {ticks:,} ticks: in one process, over two host
+`make soak` ran {robots:,} two-link arms for {ticks:,} ticks in one process, over two host
 processes at a Unix socket, and over two `nrs host` processes on loopback TCP. In the latter two,
-{kills} times a host was killed by SIGKILL, and once one was stopped for {stop:g} s, at ticks drawn
-from a seed. A host that was killed or lost its link goes back to the last checkpoint and asks for
-the samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are those that it
-asked for because they had not come for 1 s. On {machine}.
+hosts were killed {kills} times by SIGKILL, and one was stopped for {stop:g} s, at ticks drawn from
+a seed. A host that was killed or lost its link goes back to the last checkpoint and asks for the
+samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are those that a host
+asked for because they had not come for 1 s. A batch is what a host says of one tick; one that is
+repeated was said again by a host that came back, and is recorded once. The seconds are wall time,
+with the stop in them. On {machine}.
 
 {table}
 """
@@ -194,16 +196,14 @@ def passed(row: Row, digest: str) -> bool:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table that has a run a column."""
-    titles = list(dict.fromkeys(title for row in reversed(rows) for title in row))
-    titles.sort(key=lambda title: title != "run")
+    titles = dict.fromkeys(title for row in reversed(rows) for title in row)
+    first = ["run", *(title for title in titles if title.endswith(("expected", "recorded")))]
     lines = []
-    for i, title in enumerate(titles):
-        told = [row.get(title, "") for row in rows]
+    for title in [*first, *(title for title in titles if title not in first)]:
+        told = [row.get(title, "–") for row in rows]
         cells = [f"{cell:,}" if isinstance(cell, int) else str(cell)[:16] for cell in told]
-        lines.append(f"| {title if i else ''} | " + " | ".join(cells) + " |")
-        if not i:
-            lines.append("|---|" + "---:|" * len(rows))
-    return "\n".join(lines)
+        lines.append(f"| {'' if title == 'run' else title} | " + " | ".join(cells) + " |")
+    return "\n".join([lines[0], "|---|" + "---:|" * len(rows), *lines[1:]])
 
 
 def main() -> None:
@@ -216,12 +216,17 @@ def main() -> None:
     with TemporaryDirectory(prefix="nrs-soak-") as folder:
         rows = soak(asked.robots, asked.ticks, Path(folder))
     keep("soak", rows)
-    machine = f"{platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    told = table(rows)
-    about = {"robots": asked.robots, "ticks": asked.ticks, "kills": KILLS, "stop": STOP}
-    asked.page.write_text(TEXT.format(**about, machine=machine, table=told), "utf-8")
-    print(told)
+    asked.page.write_text(page(asked.robots, asked.ticks, rows), "utf-8")
+    print(table(rows))
     sys.exit(not all(passed(row, rows[0]["digest"]) for row in rows))
+
+
+def page(robots: int, ticks: int, rows: Sequence[Row]) -> str:
+    """Return what docs/soak.md says."""
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    machine += f", Python {platform.python_version()}"
+    about = {"robots": robots, "ticks": ticks, "kills": KILLS, "stop": STOP}
+    return TEXT.format(**about, machine=machine, table=table(rows))
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ class Outcome:
     refused: Mapping[str, int]
     """How many batches were not believed, by reason."""
     repeated: int
-    """How many batches were said again, in the same words, and kept once."""
+    """How many batches were said again, and kept once."""
 
 
 def run(
