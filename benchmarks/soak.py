@@ -32,7 +32,7 @@ from orchestrator.alone import alone
 from orchestrator.clock import Clock
 from orchestrator.host import Watch
 from orchestrator.hosts.crew import Crew
-from orchestrator.lockstep import Hosts
+from orchestrator.lockstep import Hosts, Manning
 from orchestrator.manning import Handling, elsewhere, here
 from orchestrator.running import Outcome, run
 from orchestrator.scenario_file import ScenarioFile
@@ -124,7 +124,7 @@ def _spread(
     name: str,
     file: ScenarioFile,
     path: Path,
-    man: Callable[[ExitStack, Clock, Watch], tuple[Bus, Hosts]],
+    man: Manning,
     again: Callable[[str], None],
 ) -> Row:
     clock = clock_of(file.scenario)
