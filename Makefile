@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark figures lint lock clean
+.PHONY: demo test benchmark soak figures lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -17,9 +17,14 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 test: .venv/.tested  ## install what the tests need and pass them
 	$(BIN)/pytest $(ARGS)
 
-benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs
+benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs; two hosts
 	$(BIN)/python -m benchmarks.throughput
 	$(BIN)/python -m benchmarks.isolation
+	$(BIN)/python -m benchmarks.hosts
+
+soak: .venv/.installed  ## ten million messages over hosts that are killed; what checkpoints cost
+	$(BIN)/python -m benchmarks.checkpoints
+	$(BIN)/python -m benchmarks.soak
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'

@@ -4,7 +4,6 @@ Both take new references, advance by h and give their states, without bus or rec
 take turns, so that a noisy machine is noisy to both.
 """
 
-import json
 import statistics
 import time
 from contextlib import ExitStack
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.table import keep
 from plant_fmu.archives.archive import find_archive
 from plant_fmu.drives.driving import Driving
 from plant_fmu.drives.opening import open_plants
@@ -72,9 +72,7 @@ def main() -> None:
         row = measure(n, intervals)
         rows.append(row)
         print(f"{n:>7} {row['isolated_us']:>12.1f} {row['here_us']:>11.1f} {row['ratio']:>6.2f}")
-    results = Path(__file__).with_name("results")
-    results.mkdir(exist_ok=True)
-    (results / "isolation.json").write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
+    keep("isolation", rows)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ sets the same references, steps and reads the same outputs through FMPy's own me
 neither exchange nor record. The two take turns, so that a noisy machine is noisy to both.
 """
 
-import json
 import platform
 import statistics
 import time
@@ -18,6 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
+from benchmarks.table import compared, keep, spread
 from orchestrator.running import run
 from orchestrator.scenario_file import ScenarioFile, parse_scenario
 from plant_fmu.archives.archive import find_archive, unpacked
@@ -32,6 +32,7 @@ SCENARIO = """
 duration = {duration}
 sampling_period = 0.1
 seed = 1
+{more}
 [algorithm]
 name = "dcea1"
 alpha = 0.9
@@ -56,14 +57,20 @@ qd = {{ uniform = [-1.0, 1.0] }}
 """
 
 
-def scenario(n: int, ticks: int) -> ScenarioFile:
-    """Return n arms of which each hears up to three that stand before it, the first the target."""
+def scenario(n: int, ticks: int, more: str = "") -> ScenarioFile:
+    """Return n arms of which each hears up to three that stand before it, the first the target.
+
+    `more` are further keys of `[run]`.
+    """
     rng = np.random.default_rng(n)
     adjacency = np.zeros((n, n), int)
     for i in range(1, n):
         adjacency[i, rng.choice(i, min(i, 3), replace=False)] = 1
     text = SCENARIO.format(
-        duration=ticks * H, adjacency=adjacency.tolist(), pinning=[1] + [0] * (n - 1)
+        duration=ticks * H,
+        more=more,
+        adjacency=adjacency.tolist(),
+        pinning=[1] + [0] * (n - 1),
     )
     return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
 
@@ -133,24 +140,18 @@ def main() -> None:
             for _ in range(ROUNDS):
                 ours.append(n * ticks / recorded(file, Path(folder)))
                 theirs.append(n * ticks / bare(n, ticks))
-            ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
             row = {
                 "robots": n,
                 "recorded_per_s": statistics.median(ours),
                 "bare_fmpy_per_s": statistics.median(theirs),
-                "ratio": statistics.median(ratios),
-                "ratio_min": min(ratios),
-                "ratio_max": max(ratios),
+                **compared(ours, theirs),
             }
             rows.append(row)
             print(
                 f"{n:>7} {row['recorded_per_s']:>11,.0f} {row['bare_fmpy_per_s']:>12,.0f} "
-                f"{row['ratio']:>6.2f}   {row['ratio_min']:.2f} .. {row['ratio_max']:.2f}"
+                f"{spread(row)}"
             )
-    results = Path(__file__).with_name("results")
-    results.mkdir(exist_ok=True)
-    (results / "throughput.json").write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
-    print(f"\nwritten to {results / 'throughput.json'}")
+    keep("throughput", rows)
 
 
 if __name__ == "__main__":

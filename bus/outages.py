@@ -39,6 +39,8 @@ class Outages:
 
     def at(self, k: int) -> NDArray[np.intp]:
         """Return who is out at t_k, ascending."""
+        if not self.who.size:
+            return self.who
         return np.unique(self.who[(self.first <= k) & (k < self.end)])
 
     def mask(self, k: int, size: int) -> NDArray[np.bool_]:

@@ -64,6 +64,8 @@ class Outcome:
     """How many batches were not believed, by reason."""
     restarts: int
     """How often a host was gone, and the run went on."""
+    repeated: int
+    """How many batches were said again, and kept once."""
 
 
 def run(
@@ -151,6 +153,7 @@ def run(
         profile,
         refused,
         hosts.restarts,
+        recorder.repeated,
     )
 
 

@@ -57,6 +57,8 @@ class Home:
     plants: list[dict[str, Any]] = field(default_factory=list)
     begin: Put | None = None
     """Answers a host that is ready and waits for its beginning."""
+    recorded: int = -1
+    """The last tick that was recorded when it began."""
     is_ready: bool = False
     caught_up: int = -1
     """The last recorded tick whose samples it asked for to catch up."""
@@ -109,6 +111,8 @@ class Crew:
         self.inbox = inbox
         self.refused: Counter[str] = Counter()
         self.restarts = 0
+        self.asked: Counter[str] = Counter()
+        """How often hosts asked for samples: to catch up, or because they were late."""
         self._homes: dict[str, Home] = {}
         self._bus, self._file, self._fmus, self._terms = bus, file, fmus, terms
         self._secret = token_bytes(32)
@@ -348,18 +352,20 @@ class Crew:
         homes = {name: tuple(each.robots) for name, each in self._homes.items()}
         go = Go(homes=homes, start=point.start, recorded=point.recorded)
         home.begin(go.with_checkpoints(point.checkpoints))
-        home.begin, home.is_ready, home.caught_up = None, True, -1
+        home.begin, home.is_ready = None, True
+        home.recorded, home.caught_up = point.recorded, -1
 
     def _tell_heard(self, name: str, question: Question) -> None:
         """Answer with the samples of the next ticks that are known."""
-        recorder = self._recorder
-        if name not in self._homes or recorder is None or len(question.payload) != TICK.size:
+        recorder, home = self._recorder, self._homes.get(name)
+        if home is None or recorder is None or len(question.payload) != TICK.size:
             self.refused[HEARD] += 1
             return
         (since,) = TICK.unpack(question.payload)
         home = self._homes[name]
         if home.caught_up < since <= recorder.closed:
             home.caught_up, self._progress = since, True
+        self.asked["late" if since > home.recorded + 1 else "to catch up"] += 1
         known = recorder.samples(since, since + AT_ONCE - 1)
         parts = (
             part

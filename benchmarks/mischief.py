@@ -1,0 +1,105 @@
+"""Hosts of a running run are killed and stopped, at ticks drawn from a seed, and their memory read.
+
+A blow falls when its tick has closed, from the orchestrator's own thread: SIGKILL, or SIGSTOP and
+some seconds later SIGCONT. The hosts are the processes that this one has started, known by their
+command lines; their peak memory is `VmHWM` of /proc, read as the run goes on. So this is for Linux.
+"""
+
+import os
+import signal
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+_LOOK = 0.2
+"""s: between two looks at the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Blow:
+    """What befalls a host once a tick has closed."""
+
+    tick: int
+    host: str
+    stop: float
+    """s: how long it is stopped; 0 when it is killed."""
+
+
+def blows(ticks: int, hosts: Sequence[str], kills: int, stop: float, seed: int) -> list[Blow]:
+    """Return some kills and one stop in the middle nine tenths of a run, in the order of time."""
+    rng = np.random.default_rng([seed, ticks])
+    at = rng.choice(np.arange(ticks // 20, ticks - ticks // 20), kills + 1, replace=False)
+    whom = rng.choice(len(hosts), kills + 1)
+    long = [stop] + [0.0] * kills
+    dealt = zip(at.tolist(), whom.tolist(), long, strict=True)
+    return [Blow(k, hosts[host], seconds) for k, host, seconds in sorted(dealt)]
+
+
+class Mischief:
+    """Deals blows, and reads memory, as a run's `watch`."""
+
+    def __init__(self, dealt: Sequence[Blow], period_ns: int, again: Callable[[str], None]) -> None:
+        """Deal blows in a run; `again` is told the name of each host that was killed."""
+        self.done: Counter[str] = Counter()
+        """How often each thing was done."""
+        self.peaks: Counter[str] = Counter()
+        """The most memory, bytes, that any process of a host had."""
+        self._left, self._period_ns, self._again = list(dealt), period_ns, again
+        self._looked = 0.0
+        self._stopped: dict[int, float] = {}
+        """Until when each process is stopped."""
+
+    def watch(self, time_ns: int) -> None:
+        """Do what is due."""
+        now = monotonic()
+        if now - self._looked >= _LOOK:
+            self._looked = now
+            for name, pid in _hosts():
+                self.peaks[name] = max(self.peaks[name], peak(pid))
+        for pid in [pid for pid, until in self._stopped.items() if until <= now]:
+            os.kill(pid, signal.SIGCONT)
+            del self._stopped[pid]
+        while self._left and self._left[0].tick * self._period_ns <= time_ns:
+            if not self._fell(self._left[0]):
+                break
+            del self._left[0]
+
+    def _fell(self, blow: Blow) -> bool:
+        """Deal a blow; return whether its host was there."""
+        for name, pid in _hosts():
+            if name != blow.host:
+                continue
+            if blow.stop:
+                os.kill(pid, signal.SIGSTOP)
+                self._stopped[pid] = monotonic() + blow.stop
+                self.done["stopped"] += 1
+            else:
+                os.kill(pid, signal.SIGKILL)
+                self.done["killed"] += 1
+                self._again(name)
+            return True
+        return False
+
+
+def peak(pid: int) -> int:
+    """Return the most memory that a process has had, bytes; 0 when it is gone."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text("utf-8").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return 0
+
+
+def _hosts() -> Iterator[tuple[str, int]]:
+    """Yield the name and the number of each host process that this process has started."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            parent = (folder / "stat").read_text("utf-8").rpartition(")")[2].split()[1]
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+            if int(parent) == os.getpid() and b"--name" in words:
+                yield words[words.index(b"--name") + 1].decode(), int(folder.name)

@@ -1,0 +1,233 @@
+"""A long run over two hosts that are killed and stopped on the way: is every message there, once?
+
+What is expected follows from the scenario alone. The recording is read with all checksums and its
+digest verified, and counted by kind; its digest must be that of the same run in one process. The
+hosts are processes that the run starts, at a Unix socket, and then `nrs host` over loopback TCP,
+where one that was stopped has lost its link. Each run has a process of its own, so that its peak
+memory is its own. `make soak` prints the table and writes it to docs/soak.md.
+"""
+
+import argparse
+import multiprocessing
+import os
+import platform
+import socket
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from operator import itemgetter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from benchmarks.mischief import Mischief, blows, peak
+from benchmarks.table import keep
+from benchmarks.throughput import scenario
+from bus.endpoints import Endpoints
+from bus.transport import Bus
+from orchestrator.alone import alone
+from orchestrator.clock import Clock
+from orchestrator.host import Watch
+from orchestrator.hosts.crew import Crew
+from orchestrator.lockstep import Hosts, Manning
+from orchestrator.manning import Handling, elsewhere, here
+from orchestrator.running import Outcome, run
+from orchestrator.scenario_file import ScenarioFile
+from orchestrator.setting import clock_of
+from recordings.reading import Reader
+
+PAGE = Path(__file__).parents[1] / "docs" / "soak.md"
+KILLS, STOP, SEED = 4, 15.0, 1
+HANDLING = Handling(restart=True, wait=120.0, show=lambda text: print(f"    {text}", flush=True))
+MB = 1e6
+
+Row = dict[str, Any]
+
+TEXT = """# A soak
+
+`make soak` ran {robots:,} two-link arms for {ticks:,} ticks in one process, over two host
+processes at a Unix socket, and over two `nrs host` processes on loopback TCP. In the latter two,
+hosts were killed {kills} times by SIGKILL, and one was stopped for {stop:g} s, at ticks drawn from
+a seed. A host that was killed or lost its link goes back to the last checkpoint and asks for the
+samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are those that a host
+asked for because they had not come for 1 s. A batch is what a host says of one tick; one that is
+repeated was said again by a host that came back, and is recorded once. The seconds are wall time,
+with the stop in them. On {machine}.
+
+{table}
+"""
+
+
+def expected(file: ScenarioFile) -> dict[str, int]:
+    """Return how many messages of each kind a whole recording has."""
+    clock, n = clock_of(file.scenario), file.scenario.n
+    states = len(clock.outputs(0)) + clock.ticks * len(clock.outputs(1))
+    checkpoints = clock.ticks // file.scenario.run.checkpoint_every
+    return {"sample": (n + 1) * clock.ticks, "state": n * states, "checkpoint": n * checkpoints}
+
+
+def counted(path: Path) -> tuple[dict[str, int], str, list[str]]:
+    """Return how many messages of each kind a recording has, its digest, and what is damaged."""
+    with Reader(path, verify=True) as reader:
+        topics: Counter[str] = Counter()
+        for batch in reader.batches():
+            topics.update(map(itemgetter(1), batch))
+        kinds: Counter[str] = Counter()
+        for topic, count in topics.items():
+            kinds[topic.partition("/")[0]] += count
+        return dict(kinds), reader.digest, reader.damage
+
+
+def in_one_process(file: ScenarioFile, path: Path) -> Row:
+    """Run in this process alone."""
+    return _row("one process", run(file, path, alone(file)), {})
+
+
+def at_a_socket(file: ScenarioFile, path: Path) -> Row:
+    """Run over two processes that the run starts, and starts again."""
+    return _spread("Unix socket", file, path, here(file, 2, HANDLING), lambda _name: None)
+
+
+def over_tcp(file: ScenarioFile, path: Path) -> Row:
+    """Run over two `nrs host`, of which each that is killed is started again here."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+    n = file.scenario.n
+    homes = {"local-1": range(1, n // 2 + 1), "local-2": range(n // 2 + 1, n + 1)}
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(name: str) -> None:
+        robots = f"{homes[name][0]}-{homes[name][-1]}"
+        command = [sys.executable, "-m", "orchestrator", "host", "--connect", endpoint]
+        command += ["--name", name, "--robots", robots]
+        started.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+
+    for name in homes:
+        start(name)
+    try:
+        man = elsewhere(file, Endpoints(listen=(endpoint,)), homes, HANDLING)
+        row = _spread("loopback TCP", file, path, man, start)
+        for process in started:
+            process.wait(10.0)
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+    return row
+
+
+def _spread(
+    name: str,
+    file: ScenarioFile,
+    path: Path,
+    man: Manning,
+    again: Callable[[str], None],
+) -> Row:
+    clock = clock_of(file.scenario)
+    dealt = blows(clock.ticks, ("local-1", "local-2"), KILLS, STOP, SEED)
+    mischief = Mischief(dealt, clock.period_ns, again)
+    crews: list[Hosts] = []
+
+    def manned(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
+        bus, crew = man(stack, clock, watch)
+        crews.append(crew)
+        return bus, crew
+
+    outcome = run(file, path, manned, watch=mischief.watch)
+    (crew,) = crews
+    assert isinstance(crew, Crew)
+    about = {
+        "killed": mischief.done["killed"],
+        "stopped": mischief.done["stopped"],
+        "hosts restarted": crew.restarts,
+        "asked to catch up": crew.asked["to catch up"],
+        "asked late": crew.asked["late"],
+        "batches repeated": outcome.repeated,
+        **{f"peak MB, {host}": round(p / MB) for host, p in sorted(mischief.peaks.items())},
+    }
+    return _row(name, outcome, about)
+
+
+def _row(name: str, outcome: Outcome, about: Row) -> Row:
+    status = outcome.status + (f": {outcome.reason}" if outcome.reason else "")
+    return {
+        "run": name,
+        "status": status,
+        "seconds": round(outcome.wall_seconds, 1),
+        "batches refused": sum(outcome.refused.values()),
+        "peak MB, orchestrator": round(peak(os.getpid()) / MB),
+        **about,
+    }
+
+
+def soak(robots: int, ticks: int, folder: Path) -> list[Row]:
+    """Return what is to be told of each run."""
+    file = scenario(robots, ticks)
+    owed = expected(file)
+    rows: list[Row] = []
+    for perform in (in_one_process, at_a_socket, over_tcp):
+        path = folder / "soak.mcap"
+        print(perform.__name__, flush=True)
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(1, mp_context=spawn) as apart:
+            row = apart.submit(perform, file, path).result()
+        has, digest, damage = counted(path)
+        row |= {f"{kind}s expected": count for kind, count in owed.items()}
+        row |= {f"{kind}s recorded": has.get(kind, 0) for kind in owed}
+        row |= {"digest": digest, "damage": "; ".join(damage) or "none"}
+        rows.append(row)
+        print(f"    {row}", flush=True)
+    return rows
+
+
+def passed(row: Row, digest: str) -> bool:
+    """Return whether a run lost, added and changed nothing."""
+    whole = all(
+        row[f"{kind}s expected"] == row[f"{kind}s recorded"]
+        for kind in ("sample", "state", "checkpoint")
+    )
+    clean = row["status"] == "completed" and row["damage"] == "none" and not row["batches refused"]
+    return whole and clean and row["digest"] == digest
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the rows as a Markdown table that has a run a column."""
+    titles = dict.fromkeys(title for row in reversed(rows) for title in row)
+    first = ["run", *(title for title in titles if title.endswith(("expected", "recorded")))]
+    lines = []
+    for title in [*first, *(title for title in titles if title not in first)]:
+        told = [row.get(title, "–") for row in rows]
+        cells = [f"{cell:,}" if isinstance(cell, int) else str(cell)[:16] for cell in told]
+        lines.append(f"| {'' if title == 'run' else title} | " + " | ".join(cells) + " |")
+    return "\n".join([lines[0], "|---|" + "---:|" * len(rows), *lines[1:]])
+
+
+def main() -> None:
+    """Soak, print the table, write it; exit with 1 when anything was lost."""
+    options = argparse.ArgumentParser(description="a long run over hosts that come and go")
+    options.add_argument("--robots", type=int, default=1000)
+    options.add_argument("--ticks", type=int, default=5000)
+    options.add_argument("--page", type=Path, default=PAGE)
+    asked = options.parse_args()
+    with TemporaryDirectory(prefix="nrs-soak-") as folder:
+        rows = soak(asked.robots, asked.ticks, Path(folder))
+    keep("soak", rows)
+    asked.page.write_text(page(asked.robots, asked.ticks, rows), "utf-8")
+    print(table(rows))
+    sys.exit(not all(passed(row, rows[0]["digest"]) for row in rows))
+
+
+def page(robots: int, ticks: int, rows: Sequence[Row]) -> str:
+    """Return what docs/soak.md says."""
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    machine += f", Python {platform.python_version()}"
+    about = {"robots": robots, "ticks": ticks, "kills": KILLS, "stop": STOP}
+    return TEXT.format(**about, machine=machine, table=table(rows))
+
+
+if __name__ == "__main__":
+    main()
