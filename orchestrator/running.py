@@ -64,6 +64,8 @@ class Outcome:
     """How many batches were not believed, by reason."""
     restarts: int
     """How often a host was gone, and the run went on."""
+    copied: int
+    """How many ticks an earlier recording had."""
 
 
 def run(
@@ -120,10 +122,12 @@ def run(
         )
         status: Closing = "completed"
         reason = ""
+        copied = 0
         started = perf_counter()
         try:
             for k, tick in enumerate(past or ()):
                 recorder.copy(k, tick)
+            copied = max(recorder.closed, 0)
             hosts.begin(recorder)
             for _ in lockstep.run():
                 pass
@@ -149,6 +153,7 @@ def run(
         profile,
         refused,
         hosts.restarts,
+        copied,
     )
 
 
