@@ -107,6 +107,11 @@ class Host:
         """Which rows of a host's samples are in-neighbours'."""
         self.now = 0
         """The tick that it is at."""
+        self.place = (0, 0, 0)
+        """Where in a tick it is, and fails: the time, ns, what is done then, and for which robot.
+
+        In one process what comes first in this order would fail first.
+        """
 
     def restore(self, k: int, checkpoints: Sequence[bytes]) -> None:
         """Go back to t_k, before the samples of k were heard, from a checkpoint of each robot."""
@@ -154,6 +159,7 @@ class Host:
         told = []
         for t in self._clock.outputs(k):
             began = perf_counter()
+            self.place = t, 0, int(self.agents.robots[0])
             self.plants.advance(seconds(reached), seconds(t - reached))
             self.spent.plants += perf_counter() - began
             reached = t
@@ -261,10 +267,11 @@ class Host:
             "q": self.plants.q,
             "qd": self.plants.qd,
         }
-        for name, values in told.items():
+        for done, (name, values) in enumerate(told.items(), 1):
             sizes = np.abs(values)
             if not sizes.max() <= self._limit:
                 row = int(np.flatnonzero(~(sizes <= self._limit).all(axis=1))[0])
+                self.place = t, done, int(self.agents.robots[row])
                 raise DivergedError(
                     f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s {name} "
                     f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}"
@@ -272,6 +279,7 @@ class Host:
         finite = np.isfinite(self.plants.tau).all(axis=1)
         if not finite.all():
             row = int(np.flatnonzero(~finite)[0])
+            self.place = t, len(told) + 1, int(self.agents.robots[row])
             raise DivergedError(
                 f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s tau is "
                 f"{self.plants.tau[row].tolist()}"

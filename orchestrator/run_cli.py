@@ -234,8 +234,11 @@ def perform(
         )
     with Reader(whole) as reader:
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
-    simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
+    simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
+    took = outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    if outcome.copied:
+        told["ticks"] += f"; {outcome.copied} are the earlier recording's"
     last = {name: told.pop(name) for name in ("digest", "recording")}
     told["time"] = showing.shares(outcome.profile, took)
     if outcome.restarts:

@@ -66,6 +66,8 @@ class Outcome:
     """How often a host was gone, and the run went on."""
     repeated: int
     """How many batches were said again, and kept once."""
+    copied: int
+    """How many ticks an earlier recording had."""
 
 
 def run(
@@ -124,10 +126,12 @@ def run(
         )
         status: Closing = "completed"
         reason = ""
+        copied = 0
         started = perf_counter()
         try:
             for k, tick in enumerate(past or ()):
                 recorder.copy(k, tick)
+            copied = max(recorder.closed, 0)
             hosts.begin(recorder)
             for _ in lockstep.run():
                 pass
@@ -154,6 +158,7 @@ def run(
         refused,
         hosts.restarts,
         recorder.repeated,
+        copied,
     )
 
 

@@ -164,9 +164,8 @@ def shares(told: Profile, wall: float) -> str:
         parts["bus"] += told.orchestrator.bus
     shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
     whose = " of a host's on average;" if len(told.hosts) > 1 else ","
-    return (
-        f"{shares}{whose if shares else ''} {100 * told.recording / wall:.0f} % recording".strip()
-    )
+    recording = f"{100 * told.recording / wall:.0f} % recording"
+    return f"{shares}{whose} {recording}" if shares else recording
 
 
 def profile(console: Console, told: Profile, wall: float) -> None:

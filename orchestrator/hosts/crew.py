@@ -16,7 +16,19 @@ from time import monotonic
 from typing import Any
 
 from bus.errors import BusError, InputError, RunError
-from bus.keys import ALIVE, FMU, HEARD, JOIN, ORCHESTRATOR, ORDERS, REPORT, START, wire_key
+from bus.keys import (
+    ALIVE,
+    FMU,
+    HEARD,
+    JOIN,
+    ORCHESTRATOR,
+    ORDERS,
+    RECORDS,
+    REPORT,
+    SAMPLES,
+    START,
+    wire_key,
+)
 from bus.parts import joined
 from bus.seal import Seal
 from bus.transport import Item, Message, Presence, Put, Question
@@ -192,11 +204,9 @@ class Crew:
         without a host for too long.
         """
         for name, home in list(self._homes.items()):
-            report = home.report
-            if report and report.failed and report.tick <= k:
-                raise RunError(report.failed)
             if home.process and home.process.ending() is not None:
                 self._lose(name, home)
+        self._fail(k)
         homeless = [*self._free()]
         oldest = self._began if homeless else monotonic()
         for home in self._homes.values():
@@ -396,6 +406,24 @@ class Crew:
             if home.process:
                 raise (RunError if self._recorder else InputError)(report.failed)
             self._terms.show(f"{name} cannot open {named(home.robots)}: {report.failed}")
+
+    def _fail(self, k: int) -> None:
+        """Raise what hosts failed with at tick k, or while they came there.
+
+        When each host is there, or has failed, the first in the order of one process is known.
+        """
+        failed = {
+            name: home.report
+            for name, home in self._homes.items()
+            if home.report and home.report.failed and home.report.tick <= k
+        }
+        if not failed:
+            return
+        missing = self._recorder.missing(k) if self._recorder else {}
+        came = SAMPLES if k else RECORDS
+        if all(name in failed or came not in missing.get(name, ()) for name in self._homes):
+            first = min(failed.values(), key=lambda report: (report.tick, report.place))
+            raise RunError(first.failed)
 
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""

@@ -162,7 +162,7 @@ def _take_part(
     except (AbandonedError, EndedError):
         raise
     except RunError as error:
-        report(Report(tick=host.now, failed=str(error)))
+        report(Report(tick=host.now, failed=str(error), place=host.place))
     else:
         spent = host.spent
         report(Report(tick=k, plants=spent.plants, bus=spent.bus, waiting=spent.waiting))

@@ -100,6 +100,8 @@ class Report(Note):
 
     tick: int
     failed: str | None = None
+    place: tuple[int, int, int] = (0, 0, 0)
+    """Where in the tick; see `orchestrator.host.Host`."""
     plants: float = 0.0
     bus: float = 0.0
     waiting: float = 0.0

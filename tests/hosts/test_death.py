@@ -182,6 +182,23 @@ def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
     assert story(n.path) == story(one.path)
 
 
+@pytest.mark.parametrize("worst", ["position", "qd"])
+def test_of_many_failures_the_first_of_one_process_is_told(tmp_path, worst):
+    """At t = 0 robots on all hosts are beyond the limit, each in another quantity."""
+    beyond = {"position": 5, "velocity": 3, "q": 2, "qd": 1} if worst == "position" else {"qd": 4}
+    initial = [
+        (
+            f"\n{name} = {{ uniform = [-25.0, 25.0] }}",
+            f"\n{name} = {[[2e3 * (i == robot)] * 2 for i in range(1, 7)]}",
+        )
+        for name, robot in beyond.items()
+    ]
+    file = scenario("paper_first_order", ("seed = 1", "seed = 1\ndivergence_limit = 1e3"), *initial)
+    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
+    assert f"t = 0 s: robot {beyond[worst]}'s" in one.reason
+    assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
+
+
 def test_a_run_that_diverges_says_what_it_says_in_one_process(tmp_path):
     file = scenario(
         "paper_first_order",

@@ -52,13 +52,7 @@ def test_where_the_time_went(toml, tmp_path, hosts):
     whose = "," if hosts == 1 else " of a host's on average;"
     shares = rf"(\d+) % plants, (\d+) % bus, (\d+) % waiting{whose} (\d+) % recording"
     assert 0 <= sum(map(int, re.fullmatch(shares, told["time"]).groups())) <= 200
-    assert title.split() == [
-        "s",
-        "of",
-        "wall",
-        "time",
-        *["plants", "bus", "recording", "waiting", "other"],
-    ]
+    assert title.split()[4:] == ["plants", "bus", "recording", "waiting", "other"]
     names = ["here"] if hosts == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
     assert [row.split()[0] for row in rows] == names
     for row in rows:
