@@ -1,0 +1,207 @@
+"""Hosts join a run over loopback, are refused with the reason, die, and come back: the same bits."""
+
+import json
+import sys
+
+import pytest
+
+from orchestrator.scenario_file import read_scenario
+from tests.hosts.running import PROCESS, SCENARIO, Run, alone, digest_of, scenario
+from tests.network.ports import free_port
+
+SHORT, LONG = 20, 200
+"""Ticks."""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return a short scenario and its digest in one process."""
+    folder = tmp_path_factory.mktemp("short")
+    file = read_scenario(scenario(folder, SHORT))
+    return file, alone(file, folder)
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """Return a scenario that is long enough to pause in, and its digest in one process."""
+    folder = tmp_path_factory.mktemp("long")
+    file = read_scenario(scenario(folder, LONG))
+    return file, alone(file, folder)
+
+
+ROUTER = (
+    sys.executable,
+    "-c",
+    """
+import sys
+from bus.endpoints import Endpoints
+from bus.sessions import open_session
+session = open_session(Endpoints(listen=(sys.argv[1],)))
+print("open", flush=True)
+sys.stdin.readline()
+session.close()
+""",
+)
+
+
+@pytest.fixture
+def meet():
+    """Return an endpoint on loopback that nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
+    file, digest = short
+    early = nrs("host", "--connect", meet, "--name", "early", "--robots", "1-2")
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
+        run.until("waits for hosts; missing: robots 1-6")
+        run.until("host early has joined with robots 1-2; missing: robots 3-6")
+        others = [nrs("host", "--connect", meet, "--name", name) for name in "bc"]
+        assert "with robots 3-4" in run.until("missing: robots 5-6")
+        assert run.until("has joined with robots 5-6").endswith("robots 5-6")
+        assert run.digest() == digest
+    for host in [early, *others]:
+        status, printed = host.end()
+        assert status == 0
+        assert "joined paper with robots" in printed
+
+
+OLDER = """
+import orchestrator.hosts.member as member
+from orchestrator.cli import main
+member.version = lambda _: "0.0.1"
+main()
+"""
+
+
+def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
+    file, digest = short
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
+        good = nrs("host", "--connect", meet, "--name", "good", "--robots", "1-2")
+        run.until("host good has joined")
+        free = "robots 3-6 of 6 have no home yet, but"
+
+        def host(*options):
+            return nrs("host", "--connect", meet, "--wait", "3", *options)
+
+        refused = [
+            (1, f"--robots: {free} robots 2-3 were", host("--name", "a", "--robots", "2,3")),
+            (1, f"--robots: {free} robots 6-7 were", host("--name", "b", "--robots", "6-7")),
+            (1, "there is a host of the name 'good' already", host("--name", "good")),
+            (2, "--name: expected the name of a host", host("--name", "a/b")),
+            (2, "--robots: expected robots like 1-3,7", host("--robots", "3-1")),
+            (
+                1,
+                "of nrs-cosim 0.0.1: install the same",
+                nrs(
+                    *("host", "--connect", meet, "--name", "old"),
+                    program=(sys.executable, "-c", OLDER),
+                ),
+            ),
+            (
+                1,
+                "no connection within 0.5 s",
+                nrs("host", "--connect", f"tcp/127.0.0.1:{free_port()}", "--wait", "0.5"),
+            ),
+            (2, "plain TCP beyond this machine", nrs("host", "--connect", "tcp/10.77.0.9:7447")),
+            (
+                2,
+                "plain TCP beyond this machine",
+                nrs("run", SCENARIO, "--listen", "tcp/0.0.0.0:7447"),
+            ),
+        ]
+        for expected, why, command in refused:
+            status, printed = command.end()
+            assert (status, why in printed) == (expected, True), printed
+            assert "Traceback" not in printed
+        last = nrs("host", "--connect", meet, "--name", "last")
+        assert run.digest() == digest
+    assert (good.end()[0], last.end()[0]) == (0, 0)
+
+
+def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path):
+    file, digest = short
+    router = nrs(meet, program=ROUTER)
+    router.until("open")
+    with (
+        Run(file, tmp_path / "one.mcap", connect=(meet,)) as one,
+        Run(file, tmp_path / "two.mcap", connect=(meet,)) as two,
+    ):
+        first, second = (run.until("waits for hosts").split()[1] for run in (one, two))
+        unsure = nrs("host", "--connect", meet)
+        wrong = nrs("host", "--connect", meet, "--run", "x", "--wait", "2")
+        status, printed = unsure.end()
+        assert status == 1
+        assert (
+            f"--run: give one of the 2 runs here: {', '.join(sorted([first, second]))}" in printed
+        )
+        assert wrong.end()[0] == 1
+        assert "no run was found whose id begins with x" in wrong.lines[-1]
+        hosts = [nrs("host", "--connect", meet, "--run", run[:8]) for run in (first, second)]
+        assert [one.digest(), two.digest()] == [digest, digest]
+    assert [host.end()[0] for host in hosts] == [0, 0]
+
+
+def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
+    file, digest = long
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
+        stays = nrs("host", "--connect", meet, "--name", "stays", "--robots", "1-2,4")
+        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "3,5-6")
+        run.until("paused at tick 100")
+        dies.kill()
+        run.go_on.set()
+        gone = run.until("host dies (robots 3, 5-6) is gone")
+        assert "; waiting for it to come back; missing: host dies" in gone
+        other = nrs("host", "--connect", meet, "--name", "other", "--wait", "1")
+        assert other.end()[0] == 1
+        assert "take the place of dies (robots 3, 5-6) by --name" in other.lines[-1]
+        again = nrs("host", "--connect", meet, "--name", "dies")
+        run.until("host dies has joined with robots 3, 5-6")
+        assert run.digest() == digest
+    assert (stays.end()[0], again.end()[0]) == (0, 0)
+
+
+def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
+    with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
+        stays = nrs("host", "--connect", meet, "--name", "stays", "--robots", "1-4")
+        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "5-6")
+        run.until("paused")
+        dies.kill()
+        run.go_on.set()
+        outcome = run.outcome()
+    assert outcome.status == "failed"
+    assert outcome.reason.startswith("host dies (robots 5-6) is gone, after tick 1")
+    assert stays.end()[0] == 0
+
+
+def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
+    path = scenario(tmp_path, SHORT)
+    run = nrs("run", path, "--listen", meet, "--wait", "3", "-o", tmp_path / "x.mcap")
+    host = nrs("host", "--connect", meet, "--robots", "2-5", "--wait", "4")
+    status, printed = run.end()
+    assert status == 1
+    assert "robots 1, 6 had no host for 3 s" in printed
+    assert not (tmp_path / "x.mcap").exists()
+    assert host.end()[0] == 1
+    assert "no connection within 4 s" in host.lines[-1]
+
+
+def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
+    long, meet, nrs, tmp_path
+):
+    _, digest = long
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    told = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
+    run = nrs(json.dumps({**told, "listen": [meet], "pauses": [100]}), program=PROCESS)
+    hosts = [
+        nrs("host", "--connect", meet, "--name", name, "--robots", robots)
+        for name, robots in (("left", "1-3"), ("right", "4-6"))
+    ]
+    run.until("paused at tick 100")
+    run.kill()
+    for host in hosts:
+        host.until("the orchestrator is gone; looking for it again")
+    resumed = nrs("resume", cut, "--listen", meet, "-o", whole)
+    assert resumed.end()[0] == 0
+    assert [host.end()[0] for host in hosts] == [0, 0]
+    assert digest_of(whole) == digest
