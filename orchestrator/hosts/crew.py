@@ -177,7 +177,7 @@ class Crew:
             if kind in answers:
                 answers[kind](name, item)
             else:
-                self.refused["key"] += 1
+                self.refused["question"] += 1
         elif isinstance(item, Presence):
             name, _, incarnation = name.partition("/")
             home = self._homes.get(name)
@@ -204,13 +204,14 @@ class Crew:
         homeless = [*self._free()]
         oldest = self._began if homeless else monotonic()
         for home in self._homes.values():
-            if not home.is_ready and not home.process:
+            if not (home.is_ready or home.begin or home.process):
                 homeless += home.robots
                 oldest = min(oldest, home.since)
         if homeless and monotonic() - oldest >= self._terms.wait:
+            who = named(sorted(homeless))
             raise RunError(
-                f"{named(homeless)} had no host for {self._terms.wait:g} s: no `nrs host` came for "
-                "them; --wait gives them longer"
+                f"{who} had no host for {self._terms.wait:g} s: no `nrs host` came for them; "
+                "--wait gives them longer"
             )
         return all(home.is_ready for home in self._homes.values())
 

@@ -20,6 +20,7 @@ from threading import Event, Timer
 
 from bus.certificates import Tls
 from bus.endpoints import Endpoints
+from orchestrator.hosts.member import Membership, serve
 from orchestrator.manning import Handling, elsewhere
 from orchestrator.running import run
 from orchestrator.scenario_file import ScenarioFile, read_scenario
@@ -76,6 +77,31 @@ class Told:
             if text in line:
                 return line
         raise AssertionError(f"{text!r} is not among {self.lines}")
+
+
+class Host(Told):
+    """A host in a thread of its own."""
+
+    def __init__(
+        self, endpoint: str, name: str, robots=None, run=None, wait=PATIENCE, tls=None, **options
+    ) -> None:
+        super().__init__()
+        member = Membership(name, robots, run, wait, False, True, self.take)
+        endpoints = Endpoints(connect=(endpoint,), tls=tls, wait=wait, **options)
+
+        def whole() -> None:
+            try:
+                serve(member, endpoints)
+            finally:
+                self.take(None)
+
+        pool = ThreadPoolExecutor(1)
+        self._whole = pool.submit(whole)
+        pool.shutdown(wait=False)
+
+    def end(self) -> None:
+        """Wait for its end; raises what it was refused with."""
+        self._whole.result(PATIENCE)
 
 
 class Run(Told):

@@ -1,12 +1,15 @@
-"""Hosts join a run over loopback, are refused with the reason, die, and come back: the same bits."""
+"""Hosts join a run over loopback, are refused with the reason, die, and come back: same bits."""
 
 import json
+import re
 import sys
 
 import pytest
 
+from bus.errors import BusError, InputError, RunError
+from orchestrator.cli import main
 from orchestrator.scenario_file import read_scenario
-from tests.hosts.running import PROCESS, SCENARIO, Run, alone, digest_of, scenario
+from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.ports import free_port
 
 SHORT, LONG = 20, 200
@@ -77,46 +80,44 @@ main()
 def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
     file, digest = short
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
-        good = nrs("host", "--connect", meet, "--name", "good", "--robots", "1-2")
+        good = Host(meet, "good", (1, 2))
         run.until("host good has joined")
-        free = "robots 3-6 of 6 have no home yet, but"
-
-        def host(*options):
-            return nrs("host", "--connect", meet, "--wait", "3", *options)
-
-        refused = [
-            (1, f"--robots: {free} robots 2-3 were", host("--name", "a", "--robots", "2,3")),
-            (1, f"--robots: {free} robots 6-7 were", host("--name", "b", "--robots", "6-7")),
-            (1, "there is a host of the name 'good' already", host("--name", "good")),
-            (2, "--name: expected the name of a host", host("--name", "a/b")),
-            (2, "--robots: expected robots like 1-3,7", host("--robots", "3-1")),
-            (
-                1,
-                "of nrs-cosim 0.0.1: install the same",
-                nrs(
-                    *("host", "--connect", meet, "--name", "old"),
-                    program=(sys.executable, "-c", OLDER),
-                ),
-            ),
-            (
-                1,
-                "no connection within 0.5 s",
-                nrs("host", "--connect", f"tcp/127.0.0.1:{free_port()}", "--wait", "0.5"),
-            ),
-            (2, "plain TCP beyond this machine", nrs("host", "--connect", "tcp/10.77.0.9:7447")),
-            (
-                2,
-                "plain TCP beyond this machine",
-                nrs("run", SCENARIO, "--listen", "tcp/0.0.0.0:7447"),
-            ),
-        ]
-        for expected, why, command in refused:
-            status, printed = command.end()
-            assert (status, why in printed) == (expected, True), printed
-            assert "Traceback" not in printed
-        last = nrs("host", "--connect", meet, "--name", "last")
+        older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
+        free = "--robots: robots 3-6 of 6 have no home yet, but"
+        for host, kind, why in [
+            (("a", (2, 3)), RunError, f"{free} robots 2-3 were asked for"),
+            (("b", (6, 7)), RunError, f"{free} robots 6-7 were asked for"),
+            (("good",), RunError, "within 1 s: there is a host of the name 'good' already"),
+            (("a/b",), InputError, "--name: expected the name of a host"),
+        ]:
+            with pytest.raises(kind, match=re.escape(why)):
+                Host(meet, *host, wait=1).end()
+        with pytest.raises(BusError, match=r"no connection within 0.5 s: .* nobody listens there"):
+            Host(f"tcp/127.0.0.1:{free_port()}", "c", wait=0.5).end()
+        status, printed = older.end()
+        assert (status, "Traceback" in printed) == (1, False)
+        assert "the host of 0.0.1: install the same" in printed
+        last = Host(meet, "last")
         assert run.digest() == digest
-    assert (good.end()[0], last.end()[0]) == (0, 0)
+    good.end()
+    last.end()
+
+
+BEYOND = [
+    ["host", "--connect"],
+    ["run", str(SCENARIO), "--connect"],
+    ["run", str(SCENARIO), "--listen"],
+]
+
+
+@pytest.mark.parametrize("command", BEYOND, ids=" ".join)
+def test_plain_tcp_beyond_this_machine_is_to_be_asked_for(command, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["nrs", *command, "tcp/10.77.0.9:7447"])
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"{command[-1]}: 'tcp/10.77.0.9:7447' is plain TCP beyond this machine" in told
+    assert "--insecure-tcp" in told
 
 
 def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path):
@@ -128,42 +129,39 @@ def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path)
         Run(file, tmp_path / "two.mcap", connect=(meet,)) as two,
     ):
         first, second = (run.until("waits for hosts").split()[1] for run in (one, two))
-        unsure = nrs("host", "--connect", meet)
-        wrong = nrs("host", "--connect", meet, "--run", "x", "--wait", "2")
-        status, printed = unsure.end()
-        assert status == 1
-        assert (
-            f"--run: give one of the 2 runs here: {', '.join(sorted([first, second]))}" in printed
-        )
-        assert wrong.end()[0] == 1
-        assert "no run was found whose id begins with x" in wrong.lines[-1]
-        hosts = [nrs("host", "--connect", meet, "--run", run[:8]) for run in (first, second)]
+        both = ", ".join(sorted([first, second]))
+        with pytest.raises(RunError, match=f"--run: give one of the 2 runs here: {both}"):
+            Host(meet, "unsure").end()
+        with pytest.raises(RunError, match="no run was found whose id begins with x"):
+            Host(meet, "wrong", run="x", wait=1).end()
+        hosts = [Host(meet, "both", run=first[:8]), Host(meet, "both", run=second)]
         assert [one.digest(), two.digest()] == [digest, digest]
-    assert [host.end()[0] for host in hosts] == [0, 0]
+    for host in hosts:
+        host.end()
 
 
 def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
     file, digest = long
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
-        stays = nrs("host", "--connect", meet, "--name", "stays", "--robots", "1-2,4")
+        stays = Host(meet, "stays", (1, 2, 4))
         dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "3,5-6")
         run.until("paused at tick 100")
         dies.kill()
         run.go_on.set()
         gone = run.until("host dies (robots 3, 5-6) is gone")
         assert "; waiting for it to come back; missing: host dies" in gone
-        other = nrs("host", "--connect", meet, "--name", "other", "--wait", "1")
-        assert other.end()[0] == 1
-        assert "take the place of dies (robots 3, 5-6) by --name" in other.lines[-1]
+        with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
+            Host(meet, "other", wait=1).end()
         again = nrs("host", "--connect", meet, "--name", "dies")
         run.until("host dies has joined with robots 3, 5-6")
         assert run.digest() == digest
-    assert (stays.end()[0], again.end()[0]) == (0, 0)
+    stays.end()
+    assert again.end()[0] == 0
 
 
 def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
     with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
-        stays = nrs("host", "--connect", meet, "--name", "stays", "--robots", "1-4")
+        stays = Host(meet, "stays", (1, 2, 3, 4))
         dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "5-6")
         run.until("paused")
         dies.kill()
@@ -171,19 +169,19 @@ def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_p
         outcome = run.outcome()
     assert outcome.status == "failed"
     assert outcome.reason.startswith("host dies (robots 5-6) is gone, after tick 1")
-    assert stays.end()[0] == 0
+    stays.end()
 
 
 def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
     path = scenario(tmp_path, SHORT)
-    run = nrs("run", path, "--listen", meet, "--wait", "3", "-o", tmp_path / "x.mcap")
-    host = nrs("host", "--connect", meet, "--robots", "2-5", "--wait", "4")
+    run = nrs("run", path, "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap")
+    host = Host(meet, "some", (2, 3, 4, 5), wait=3)
     status, printed = run.end()
     assert status == 1
-    assert "robots 1, 6 had no host for 3 s" in printed
+    assert re.search("robots 1(, |-)6 had no host for 2 s", printed)
     assert not (tmp_path / "x.mcap").exists()
-    assert host.end()[0] == 1
-    assert "no connection within 4 s" in host.lines[-1]
+    with pytest.raises(BusError, match="no connection within 3 s"):
+        host.end()
 
 
 def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
