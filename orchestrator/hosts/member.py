@@ -81,7 +81,7 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
             stack.callback(bus.close)
             incarnation = uuid4().hex
             try:
-                welcome = _let_in(bus, member, incarnation)
+                welcome = _let_in(bus, member, incarnation, endpoints.tls is not None)
                 _take_part(stack, bus, member, incarnation, welcome)
             except EndedError:
                 return
@@ -91,7 +91,7 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
                 member.show(f"{error}; looking for it again")
 
 
-def _let_in(bus: ZenohBus, member: Membership, incarnation: str) -> Welcome:
+def _let_in(bus: ZenohBus, member: Membership, incarnation: str, tls: bool) -> Welcome:
     """Look for a run, and ask to be let in until it does."""
     inbox = bus.listen()
     robots = None if member.robots is None else tuple(member.robots)
@@ -99,6 +99,8 @@ def _let_in(bus: ZenohBus, member: Membership, incarnation: str) -> Welcome:
     present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, member.name)
     until = monotonic() + member.wait
     last = "no run was found that waits for hosts"
+    if tls:
+        last += f"; if there is one, its bus.tls.hosts may lack a certificate named {member.name}"
     if member.run is not None:
         last = f"no run was found whose id begins with {member.run}; --run is of another"
     items: Sequence[Item] = ()

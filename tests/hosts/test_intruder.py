@@ -31,7 +31,7 @@ GARBAGE = [
     b"[" * 100_000,
     b'{"version": 1e999, "incarnation": null}',
     random.Random(1).randbytes(500),
-    b"\x00" * 2**22,
+    b"\x00" * 2**16,
 ]
 
 
@@ -58,7 +58,7 @@ class Intruder:
         self.session, self._witness = open_session(endpoints), open_session(endpoints)
         self._put, self.overheard, self._came = 0, {}, Event()
         self._witness.declare_subscriber("nrs/**", self._hear)
-        next(self._witness.get("nrs/**", timeout=0.1), None)  # by then it is declared
+        next(self._witness.get("nrs/none", timeout=PATIENCE), None)  # by then it is declared
 
     def __enter__(self):
         return self
@@ -274,10 +274,10 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
     with Run(file, tmp_path / "run.mcap", homes=HOMES, pauses=(PAUSE,), **ends) as run:
         id_ = run.until("waits for hosts").split()[1]
         client = Endpoints(connect=listen, tls=tls["right"])
-        with open_session(client) as session:
+        with open_session(client) as lurer, open_session(client) as session:
             lured = []
-            session.declare_queryable("nrs/**", lambda query: lured.append(str(query.key_expr)))
-            session.liveliness().declare_token(f"nrs/{'0' * 32}/alive/orchestrator")
+            lurer.declare_queryable("nrs/**", lambda query: lured.append(str(query.key_expr)))
+            token = lurer.liveliness().declare_token(f"nrs/{'0' * 32}/alive/orchestrator")
             hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
             run.until("paused")
             for kind in ("samples", "records", "report", "orders"):
@@ -293,6 +293,7 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
             assert run.digest() == digest
             for host in hosts:
                 host.end()
+            token.undeclare()
     assert lured == []
     assert run.outcome().refused == {"seal": 3}  # right's own samples, records and report
 
@@ -300,7 +301,7 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
 def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
     with open_session(Endpoints(listen=(f"tcp/{meet}",))) as session:
         run = "0" * 32
-        session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
+        token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
         answers = iter([*GARBAGE, Refusal(reason="because", final=True).written()])
 
         def lie(query):
@@ -323,3 +324,4 @@ def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
         answers = iter([welcome])
         with pytest.raises(InputError, match="lure"):
             Host(f"tcp/{meet}", "left").end()
+        token.undeclare()
