@@ -58,6 +58,8 @@ class Home:
     since: float = field(default_factory=monotonic)
     """When that changed."""
     present: bool = False
+    is_away: bool = False
+    """Whether its host was done and its link was lost: it does not know how the run ends."""
     plants: list[dict[str, Any]] = field(default_factory=list)
     begin: Put | None = None
     """Answers a host that is ready and waits for its beginning."""
@@ -235,11 +237,15 @@ class Crew:
             key = wire_key(ORDERS, name)
             self._bus.publisher(key)(self._seal.closed(key, END))
         until = monotonic() + _FAREWELL
-        while any(home.present for home in self._homes.values()) and monotonic() < until:
+        while any(h.present or h.is_away for h in self._homes.values()) and monotonic() < until:
             for item in self.inbox.take(_LOOK):
-                if isinstance(item, Presence) and not item.here:
-                    for name, home in self._homes.items():
-                        home.present &= item.key != wire_key(ALIVE, f"{name}/{home.incarnation}")
+                for name, home in self._homes.items():
+                    if item == Presence(wire_key(ALIVE, f"{name}/{home.incarnation}"), here=False):
+                        home.present = False
+                    elif isinstance(item, Question) and item.key == wire_key(JOIN, name):
+                        over = Refusal(reason="the run is over", final=True, over=True)
+                        item.answer(over.written())
+                        home.is_away = False
         for home in self._homes.values():
             if home.process:
                 home.process.wait()
@@ -266,6 +272,7 @@ class Crew:
             return
         if home.incarnation != hello.incarnation:
             home.incarnation, home.since, home.present = hello.incarnation, monotonic(), False
+            home.begin, home.is_ready, home.is_away = None, False, False
             self._terms.show(
                 f"host {name} has joined with {named(home.robots)}{self._still_missing()}"
             )
@@ -418,6 +425,7 @@ class Crew:
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""
         if home.report and home.report.failed is None:
+            home.incarnation, home.present, home.is_away = None, False, True
             return
         how = home.process.kill() if home.process else "is gone"
         home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()

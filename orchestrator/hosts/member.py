@@ -122,6 +122,8 @@ def _let_in(bus: ZenohBus, member: Membership, incarnation: str, tls: bool) -> W
                     return note
                 if isinstance(note, Refusal):
                     last = note.reason
+                    if note.over:
+                        raise EndedError(last)
                     if note.final:
                         raise RunError(f"not let into the run: {last}")
     raise RunError(f"not let into a run within {member.wait:g} s: {last}")

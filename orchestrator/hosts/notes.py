@@ -71,6 +71,8 @@ class Refusal(Note):
     reason: str
     final: bool
     """Whether asking again is of no use."""
+    over: bool = False
+    """Whether that is because the run came to its end."""
 
 
 class Told(Note):

@@ -9,7 +9,7 @@ from tests.hosts.running import NRS, PROCESS, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
 
-TICKS, PAUSE = 60, 30
+TICKS, PAUSE = 200, 100
 PORT = 7447
 
 
@@ -45,12 +45,7 @@ def test_hosts_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, n
         for host in hosts:
             host.until("the orchestrator is gone; looking for it again")
         wire.mend()
-        print(run.end())
-        try:
-            for host in hosts: host.end()
-        except Exception:
-            while not host._coming.empty(): print(host._coming.get())
-            print([h.lines for h in hosts])
+        assert run.end()[0] == 0
         assert [host.end()[0] for host in hosts] == [0, 0]
     assert "completed" in run.lines[-1]
     assert digest_of(tmp_path / "run.mcap") == digest
