@@ -121,12 +121,17 @@ def _let_in(bus: ZenohBus, member: Membership, incarnation: str, tls: bool) -> W
                 if isinstance(note, Welcome) and note.run == bus.run_id:
                     return note
                 if isinstance(note, Refusal):
-                    last = note.reason
-                    if note.over:
-                        raise EndedError(last)
-                    if note.final:
-                        raise RunError(f"not let into the run: {last}")
+                    last = _not_yet(note)
     raise RunError(f"not let into a run within {member.wait:g} s: {last}")
+
+
+def _not_yet(refusal: Refusal) -> str:
+    """Return why a host is not let in now; raises where asking again is of no use."""
+    if refusal.over:
+        raise EndedError(refusal.reason)
+    if refusal.final:
+        raise RunError(f"not let into the run: {refusal.reason}")
+    return refusal.reason
 
 
 def _the_one(runs: Collection[str], begin: str) -> str | None:

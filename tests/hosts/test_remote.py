@@ -10,6 +10,7 @@ from bus.errors import BusError, InputError, RunError
 from orchestrator.cli import main
 from orchestrator.scenario_file import read_scenario
 from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
+from tests.network.authority import Authority
 from tests.network.ports import free_port
 
 SHORT, LONG = 20, 200
@@ -202,4 +203,29 @@ def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
     resumed = nrs("resume", cut, "--listen", meet, "-o", whole)
     assert resumed.end()[0] == 0
     assert [host.end()[0] for host in hosts] == [0, 0]
+    assert digest_of(whole) == digest
+
+
+def test_with_tls_in_the_scenario_hosts_have_the_places_of_their_certificates(nrs, tmp_path):
+    authority, meet = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
+    path = scenario(tmp_path, SHORT)
+    digest = alone(read_scenario(path), tmp_path)
+    authority.issue("orchestrator")
+    table = """
+[bus.tls]
+ca = "ca.pem"
+certificate = "orchestrator.pem"
+key = "orchestrator-key.pem"
+hosts = { left = "1,3-5", right = "2,6" }
+"""
+    path.write_text(path.read_text("utf-8") + table, "utf-8")
+    whole = tmp_path / "run.mcap"
+    run = nrs("run", path, "--listen", meet, "-o", whole)
+    hosts = []
+    for name in ("left", "right"):
+        tls = authority.issue(name)
+        options = ("--tls-ca", tls.ca, "--tls-certificate", tls.certificate, "--tls-key", tls.key)
+        hosts.append(nrs("host", "--connect", meet, *options))
+    assert [each.end()[0] for each in (run, *hosts)] == [0, 0, 0]
+    assert "joined paper with robots 1, 3-5" in hosts[0].lines[0]
     assert digest_of(whole) == digest
