@@ -29,7 +29,7 @@ from recordings.reading import Reader
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = ROOT / "scenarios" / "paper_first_order.toml"
-PATIENCE = 20.0
+PATIENCE = 60.0
 """s: a guard; nothing here takes that long."""
 
 
