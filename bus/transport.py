@@ -28,7 +28,7 @@ class Presence(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What was answered to a question on a key; None when nobody did."""
+    """What was answered to the question that was asked on a key; None after the last answer."""
 
     key: str
     payload: bytes | None

@@ -45,6 +45,20 @@ def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, Verdict, s
         yield "key", "warning", f"not in the form PKCS#8; {advice}"
 
 
+def common_name(tls: Tls) -> str | None:
+    """Return the one common name of a certificate; None where it cannot be told."""
+    try:
+        from cryptography import x509  # noqa: PLC0415, an extra that may be missing
+    except ImportError:
+        return None
+    try:
+        own, *_ = x509.load_pem_x509_certificates(tls.certificate.read_bytes())
+    except (OSError, ValueError):
+        return None
+    names = own.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
+    return str(names[0].value) if len(names) == 1 else None
+
+
 def _signed(
     own: "Certificate", between: list["Certificate"], authorities: list["Certificate"]
 ) -> tuple[str, Verdict, str]:

@@ -5,6 +5,7 @@ was put before `take` is in what `take` returns. On the wire `nrs/<run id>/` sta
 key; the code sees it only where a message of another run is to be told apart.
 """
 
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -42,15 +43,13 @@ class ZenohInbox:
             return Message(self._key(raw.key_expr), raw.payload.to_bytes())
         if isinstance(raw, zenoh.Query):
             return _question(raw, self._key(raw.key_expr))
-        if isinstance(raw, zenoh.Reply):
-            told = raw.ok
-            if told is None:
-                return Answer("", None)
-            return Answer(self._key(told.key_expr), told.payload.to_bytes())
-        kind, told = raw
+        kind, told, *replied = raw
         if kind is Presence:
             return Presence(self._key(told.key_expr), told.kind == zenoh.SampleKind.PUT)
-        return Answer(told, None)
+        if not replied:
+            return Answer(told, None)
+        answered = replied[0].ok
+        return Answer(told, answered.payload.to_bytes() if answered else b"")
 
     def _key(self, wire: zenoh.KeyExpr) -> str:
         """Return a key of the run's own; one of others, or a pattern of many runs, as it is."""
@@ -59,7 +58,8 @@ class ZenohInbox:
 
 def _question(query: zenoh.Query, key: str) -> Question:
     def answer(payload: bytes) -> None:
-        query.reply(query.key_expr, payload)
+        with suppress(zenoh.ZError):  # who asked is gone
+            query.reply(query.key_expr, payload)
         query.drop()  # type: ignore[no-untyped-call]
 
     return Question(key, query.payload.to_bytes() if query.payload else b"", answer)
@@ -72,6 +72,7 @@ class ZenohBus:
         """Open a session; `InputError` and `BusError` as `open_session`."""
         self._session = open_session(endpoints)
         self.run_id = run_id
+        self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
 
     @property
@@ -79,13 +80,19 @@ class ZenohBus:
         return f"{ROOT}/{self.run_id}/"
 
     def publisher(self, key: str) -> Put:
-        """Declare the right to put on a key; reliable, and blocking rather than dropping."""
-        publisher = self._session.declare_publisher(
-            self._prefix + key,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
-        return publisher.put
+        """Declare the right to put on a key; reliable, and blocking rather than dropping.
+
+        A client puts only where it was told that somebody listens, and is told so some time after
+        this: let a question and its answer lie between this and the first message.
+        """
+        wire = self._prefix + key
+        if wire not in self._publishers:
+            self._publishers[wire] = self._session.declare_publisher(
+                wire,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.RELIABLE,
+            )
+        return self._publishers[wire].put
 
     def wait_for_listener(self, key: str, seconds: float) -> bool:
         """Wait until somebody listens on a key that is put on; return whether that was in time."""
@@ -132,14 +139,39 @@ class ZenohBus:
         )
 
     def ask(self, key: str, payload: bytes, inbox: ZenohInbox) -> None:
-        """Ask on a key; an inbox gets the answers, and `Answer(key, None)` after the last."""
+        """Ask all who serve a key; an inbox gets the answers, and `Answer(key, None)` at last.
+
+        Which key an answer itself names is of no matter: anyone may serve, and answer on a pattern.
+        """
         put = inbox.waiting.put
+
+        def answered(reply: zenoh.Reply) -> None:
+            put((Answer, key, reply))
+
         self._session.get(
             self._prefix + key,
-            Callback(put, lambda: put((Answer, key)), indirect=False),
+            Callback(answered, lambda: put((Answer, key)), indirect=False),
+            target=zenoh.QueryTarget.ALL,
             payload=payload,
             timeout=_NOBODY,
             consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def look_for(self, key: str, inbox: ZenohInbox) -> None:
+        """Look in which runs somebody is present on a key.
+
+        An inbox gets a `Presence` with each full key, and `Answer(key, None)` at last.
+        """
+        put = inbox.waiting.put
+
+        def found(reply: zenoh.Reply) -> None:
+            if reply.ok:
+                put((Presence, reply.ok))
+
+        self._session.liveliness().get(
+            f"{ROOT}/*/{key}",
+            handler=Callback(found, lambda: put((Answer, key)), indirect=False),
+            timeout=_NOBODY,
         )
 
     def close(self) -> None:

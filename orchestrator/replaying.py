@@ -31,7 +31,7 @@ from orchestrator.setting import clock_of, target_of
 from plant_fmu.plants import Array
 from recordings.digest import Message as Recorded
 from recordings.reading import Reader
-from recordings.recorder import Recorder
+from recordings.recorder import Recorder, channels
 
 HERE = "here"
 ABSENT, PRESENT = "absent", "present"
@@ -157,7 +157,7 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         wire = wire_of(scenario, {HERE: numbers}, Seal())
         target = TargetNode(bus, clock, wire, target_of(scenario))
         kept, heard = _Kept(), _Samples()
-        recorder = Recorder(kept, wire, n, 0)
+        recorder = Recorder(kept, wire, n, 0, _topics(n))
         host = robots.hosted(HERE, bus, MemoryInbox(), wire, clock)
         ticks = host.run(-1, lambda _time: None, heard)
         same = 0
@@ -185,6 +185,10 @@ def states_of(reader: Reader, m: int) -> Iterator[Records]:
 
 def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
     return codec.decode([message[3] for message in tick if _kind(message) == kind])
+
+
+def _topics(n: int) -> list[str]:
+    return [channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True)]
 
 
 def _said(tick: list[Recorded]) -> list[Recorded]:

@@ -15,6 +15,7 @@ import typer
 from bus.endpoints import Endpoints
 from bus.errors import InputError
 from bus.hosting import parse_robots
+from bus.vetting import common_name
 from orchestrator import showing
 from orchestrator.alone import alone
 from orchestrator.checking import check as check_scenario
@@ -132,10 +133,13 @@ def host(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(help="Of this host: its certificate's common name; by default the machine's."),
+        typer.Option(help="Of this host; by default its certificate's common name, or machine's."),
     ] = None,
     run_id: Annotated[
-        str | None, typer.Option("--run", help="Which run, when several wait for hosts.")
+        str | None,
+        typer.Option(
+            "--run", metavar="ID", help="How the run's id begins, when there are several."
+        ),
     ] = None,
     allow_fmus: Annotated[
         bool,
@@ -154,9 +158,8 @@ def host(
     tls = tls_of(tls_ca, tls_certificate, tls_key)
     endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     wanted = None if robots is None else parse_robots(robots, "--robots")
-    member = Membership(
-        name or socket.gethostname(), wanted, run_id, wait, allow_fmus, not parent, _show
-    )
+    own = name or (common_name(tls) if tls else None) or socket.gethostname()
+    member = Membership(own, wanted, run_id, wait, allow_fmus, not parent, _show)
     serve(member, endpoints)
 
 

@@ -112,7 +112,7 @@ def run(
                 compression=compression,
             )
         )
-        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, [topic.topic for topic in topics])
         ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
         lockstep = Lockstep(
             clock,

@@ -85,8 +85,13 @@ class Recorder:
     does that was restored.
     """
 
-    def __init__(self, writer: TickWriter, wire: Wire, n: int, keep: int) -> None:
-        """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand."""
+    def __init__(
+        self, writer: TickWriter, wire: Wire, n: int, keep: int, topics: Collection[str]
+    ) -> None:
+        """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand.
+
+        A batch with a message on none of the topics is refused.
+        """
         self.messages = 0
         self.refused: Counter[str] = Counter()
         self.repeated = 0
@@ -101,6 +106,7 @@ class Recorder:
         self._past: dict[int, list[Records]] = {}
         self._reader: Reader | None = None
         self._read_until = -1
+        self._topics = frozenset(topics)
         self._hosts = frozenset(wire.homes) - {TARGET}
         self._sample_topics = [sample_key(node) for node in range(n + 1)]
         self._state_topics = [state_key(node) for node in range(n + 1)]
@@ -121,6 +127,9 @@ class Recorder:
                 return
         except RefusedError as refused:
             self.refused[str(refused)] += 1
+            return
+        if kind == RECORDS and not self._topics.issuperset(_further_topics(tick)):
+            self.refused["topic"] += 1
             return
         if k <= self.closed:
             new = False
@@ -238,6 +247,12 @@ def _messages(records: Records, topics: Sequence[str] | Mapping[int, str]) -> li
         (time_ns, topics[robot], k, raw[row * size : (row + 1) * size])
         for row, (time_ns, robot, k) in enumerate(columns)
     ]
+
+
+def _further_topics(tick: Tick) -> Iterator[str]:
+    """Yield the topics of what not every run has."""
+    yield from map(fault_key, tick.faults["robot"].tolist())
+    yield from (topic for _, topic, *_ in _checkpoints(tick.checkpoints))
 
 
 def _checkpoints(messages: Iterable[bytes]) -> Iterator[Recorded]:

@@ -15,6 +15,7 @@ from struct import Struct
 from time import monotonic
 from typing import Any
 
+from bus.access import expect_host_name
 from bus.errors import BusError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -47,6 +48,8 @@ from recordings.recorder import Recorder
 END = b"end"
 TICK = Struct("<I")
 _MOST_DEATHS = 3
+_COMING = 10.0
+"""s: how long a host that is let in may take to be present."""
 _LOOK = 0.25
 """s: how long nothing may come before it is looked whether the hosts are well."""
 _FAREWELL = 5.0
@@ -62,10 +65,15 @@ class Home:
     robots: Sequence[int]
     process: LocalHost | None = None
     """When the orchestrator starts it."""
+    reserved: bool = False
+    """For a host of this name, also when it does not come."""
     incarnation: str | None = None
     """Of the host that is let in; None while there is none."""
     since: float = field(default_factory=monotonic)
     """When that changed."""
+    present: bool = False
+    is_away: bool = False
+    """Whether its host was done and its link was lost: it does not know how the run ends."""
     plants: list[dict[str, Any]] = field(default_factory=list)
     begin: Put | None = None
     """Answers a host that is ready and waits for its beginning."""
@@ -138,7 +146,7 @@ class Crew:
         bus.watch(wire_key(ALIVE, "*/*"), inbox)
         bus.announce(wire_key(ALIVE, ORCHESTRATOR))
         for name, robots in homes.items():
-            self._homes[name] = Home(robots)
+            self._homes[name] = Home(robots, reserved=True)
 
     @property
     def homes(self) -> dict[str, Sequence[int]]:
@@ -153,6 +161,8 @@ class Crew:
         if self._terms.start:
             for name, home in self._homes.items():
                 home.process, home.since = self._terms.start(name, home.robots), monotonic()
+        else:
+            self._terms.show(f"run {self._bus.run_id} waits for hosts{self._still_missing()}")
         while self._free() or not all(home.begin for home in self._homes.values()):
             for item in self.inbox.take(_LOOK):
                 self.handle(item)
@@ -184,16 +194,25 @@ class Crew:
 
     def handle(self, item: Item) -> None:
         """Take what came and is neither samples nor records."""
+        kind, _, name = item.key.partition("/")
         if isinstance(item, Question):
-            kind, _, name = item.key.rpartition("/")
-            {JOIN: self._join, START: self._start, HEARD: self._tell_heard, FMU: self._hand_out}[
-                kind.rpartition("/")[2]
-            ](name, item)
+            answers = {
+                JOIN: self._join,
+                START: self._start,
+                HEARD: self._tell_heard,
+                FMU: self._hand_out,
+            }
+            if kind in answers:
+                answers[kind](name, item)
+            else:
+                self.refused["question"] += 1
         elif isinstance(item, Presence):
-            _, name, incarnation = item.key.split("/")
+            name, _, incarnation = name.partition("/")
             home = self._homes.get(name)
-            if home and home.incarnation == incarnation and not item.here:
-                self._lose(name, home)
+            if home and home.incarnation == incarnation:
+                home.present = item.here
+                if not item.here:
+                    self._lose(name, home)
         elif isinstance(item, Message):
             self._read_report(item)
 
@@ -204,19 +223,21 @@ class Crew:
         without a host for too long.
         """
         for name, home in list(self._homes.items()):
-            if home.process and home.process.ending() is not None:
+            never_came = home.incarnation and not home.present and _since(home) >= _COMING
+            if never_came or (home.process and home.process.ending() is not None):
                 self._lose(name, home)
         self._fail(k)
         homeless = [*self._free()]
         oldest = self._began if homeless else monotonic()
         for home in self._homes.values():
-            if not home.is_ready and not home.process:
+            if not (home.is_ready or home.begin or home.process):
                 homeless += home.robots
                 oldest = min(oldest, home.since)
         if homeless and monotonic() - oldest >= self._terms.wait:
+            who = named(sorted(homeless))
             raise RunError(
-                f"{named(homeless)} had no host for {self._terms.wait:g} s: no `nrs host` came for "
-                "them; --wait gives them longer"
+                f"{who} had no host for {self._terms.wait:g} s: no `nrs host` came for them; "
+                "--wait gives them longer"
             )
         for name, home in self._homes.items():
             # One that waits for the others to be gathered is ready too.
@@ -248,10 +269,25 @@ class Crew:
         for name in self._homes:
             key = wire_key(ORDERS, name)
             self._bus.publisher(key)(self._seal.closed(key, END))
+        self._see_off()
         until = monotonic() + _GRACE
         for home in self._homes.values():
             if home.process:
                 home.process.wait(max(until - monotonic(), 0.0) if home.is_ready else 0.0)
+
+    def _see_off(self) -> None:
+        """Wait until the hosts of other machines have heard that the run is over."""
+        away = {name: home for name, home in self._homes.items() if not home.process}
+        until = monotonic() + _FAREWELL
+        while any(h.present or h.is_away for h in away.values()) and monotonic() < until:
+            for item in self.inbox.take(_LOOK):
+                for name, home in away.items():
+                    if item == Presence(wire_key(ALIVE, f"{name}/{home.incarnation}"), here=False):
+                        home.present = False
+                    elif isinstance(item, Question) and item.key == wire_key(JOIN, name):
+                        over = Refusal(reason="the run is over", final=True, over=True)
+                        item.answer(over.written())
+                        home.is_away = False
 
     def close(self) -> None:
         """Kill what still runs on this machine."""
@@ -266,20 +302,24 @@ class Crew:
 
     def _join(self, name: str, question: Question) -> None:
         try:
+            expect_host_name(name, "--name")
             hello: Hello = Hello.read(question.payload)
             home = self._home_for(name, hello)
-        except (BusError, _NotLetInError) as error:
+        except (BusError, InputError, _NotLetInError) as error:
             final = not isinstance(error, _NotLetInError) or error.final
             question.answer(Refusal(reason=str(error), final=final).written())
             return
-        home.incarnation, home.since = hello.incarnation, monotonic()
-        if not home.process:
-            self._terms.show(f"{name} has joined with {named(home.robots)}{self._still_missing()}")
+        if home.incarnation != hello.incarnation:
+            home.incarnation, home.since, home.present = hello.incarnation, monotonic(), False
+            home.begin, home.is_ready, home.is_away = None, False, False
+            if not home.process:
+                missing = self._still_missing()
+                self._terms.show(f"{name} has joined with {named(home.robots)}{missing}")
         file = self._file
         question.answer(
             Welcome(
                 run=self._bus.run_id,
-                secret=self._secret.hex(),
+                secret=self._secret,
                 name=file.name,
                 scenario=file.text,
                 folder=str(file.folder.absolute()) if home.process else None,
@@ -341,15 +381,21 @@ class Crew:
         return f"; missing: {', '.join(missing)}" if missing else ""
 
     def _start(self, name: str, question: Question) -> None:
-        home = self._homes.get(name)
+        home, data = self._homes.get(name), self._seal.opened(question.key, question.payload)
         try:
-            ready: Ready = Ready.read(question.payload)
+            ready: Ready = Ready.read(data or b"")
         except BusError:
             home = None
-        if home is None or home.incarnation != ready.incarnation:
+        if home is None or home.incarnation != ready.incarnation or home.begin or home.is_ready:
             self.refused[START] += 1
             return
-        home.plants, home.begin, home.report = ready.plants, question.answer, None
+        robots = sorted(robot for told in ready.plants for robot in told.robots)
+        if robots != [*home.robots] or not all(told.robots for told in ready.plants):
+            self.refused[START] += 1
+            return
+        key = f"{question.key}/{ready.incarnation}"
+        home.plants = [told.model_dump() | {"robots": [*told.robots]} for told in ready.plants]
+        home.begin, home.report = lambda go: question.answer(self._seal.closed(key, go)), None
         if self._recorder is not None:
             self._send_off(home)
 
@@ -368,11 +414,11 @@ class Crew:
     def _tell_heard(self, name: str, question: Question) -> None:
         """Answer with the samples of the next ticks that are known."""
         recorder, home = self._recorder, self._homes.get(name)
-        if home is None or recorder is None or len(question.payload) != TICK.size:
+        data = self._seal.opened(question.key, question.payload)
+        if home is None or recorder is None or data is None or len(data) != TICK.size:
             self.refused[HEARD] += 1
             return
-        (since,) = TICK.unpack(question.payload)
-        home = self._homes[name]
+        (since,) = TICK.unpack(data)
         if home.caught_up < since <= recorder.closed:
             home.caught_up, self._progress = since, True
         self.asked["late" if since > home.recorded + 1 else "to catch up"] += 1
@@ -382,25 +428,38 @@ class Crew:
             for k, records, host in known
             for part in (TICK.pack(k), records.tobytes(), host.encode())
         )
-        question.answer(joined(parts))
+        question.answer(self._seal.closed(f"{question.key}/answer", joined(parts)))
 
     def _hand_out(self, sha256: str, question: Question) -> None:
         found = [fmu for fmu in self._fmus.values() if fmu.sha256 == sha256]
-        if found:
-            question.answer(found[0].content())
-        else:
+        if not found or self._seal.opened(question.key, question.payload) is None:
             self.refused[FMU] += 1
+            return
+        try:
+            content = found[0].content()
+        except OSError as error:
+            self._terms.show(f"an FMU that a host asks for cannot be read: {error}")
+            question.answer(b"")
+        else:
+            question.answer(content)
 
     def _read_report(self, message: Message) -> None:
         kind, _, name = message.key.partition("/")
-        if kind == ORDERS:
+        home = self._homes.get(name) if kind in (REPORT, ORDERS) else None
+        if home is None:
+            self.refused["key"] += 1
             return
-        home = self._homes.get(name) if kind == REPORT else None
-        data = self._seal.opened(message.key, message.payload) if home else None
-        if home is None or data is None:
-            self.refused["seal" if home else "key"] += 1
+        data = self._seal.opened(message.key, message.payload)
+        if data is None:
+            self.refused["seal"] += 1
             return
-        report: Report = Report.read(data)
+        if kind == ORDERS:  # one's own
+            return
+        try:
+            report: Report = Report.read(data)
+        except BusError:
+            self.refused["form"] += 1
+            return
         home.report = report
         if report.tick < 0 and report.failed:
             if home.process:
@@ -415,7 +474,8 @@ class Crew:
         failed = {
             name: home.report
             for name, home in self._homes.items()
-            if home.report and home.report.failed and home.report.tick <= k
+            if home.report and home.report.failed
+            if (home.process or home.report.tick >= 0) and home.report.tick <= k
         }
         if not failed:
             return
@@ -428,9 +488,11 @@ class Crew:
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""
         if home.report and home.report.failed is None:
+            home.incarnation, home.present, home.is_away = None, False, True
             return
         how = home.process.kill() if home.process else "is gone"
         home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()
+        home.present = False
         closed = self._recorder.closed if self._recorder else -1
         told = f"{name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
         home.deaths = home.deaths + 1 if home.died_at == closed else 1
@@ -438,7 +500,7 @@ class Crew:
         if home.process and home.deaths > _MOST_DEATHS:
             raise RunError(f"host {told}, for the {home.deaths}th time in a row")
         if self._recorder is None:
-            if home.process is None:
+            if not home.reserved:
                 del self._homes[name]
         elif not self._terms.restart:
             raise RunError(f"host {told}")
@@ -449,6 +511,10 @@ class Crew:
             home.process, home.since = self._terms.start(name, home.robots), monotonic()
         else:
             self._terms.show(f"{told}; waiting for it to come back{self._still_missing()}")
+
+
+def _since(home: Home) -> float:
+    return monotonic() - home.since
 
 
 class _NotLetInError(Exception):

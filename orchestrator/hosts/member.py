@@ -5,7 +5,8 @@ or the orchestrator is gone, it forgets the run and asks to be let in again; wha
 far is in the recording.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import hashlib
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -13,9 +14,22 @@ from pathlib import Path
 from time import monotonic
 from uuid import uuid4
 
+from bus.access import expect_host_name
 from bus.endpoints import Endpoints
 from bus.errors import BusError, CosimError, InputError, RunError
-from bus.keys import ALIVE, FMU, HEARD, JOIN, ORCHESTRATOR, ORDERS, REPORT, SAMPLES, START, wire_key
+from bus.keys import (
+    ALIVE,
+    FMU,
+    HEARD,
+    JOIN,
+    ORCHESTRATOR,
+    ORDERS,
+    RECORDS,
+    REPORT,
+    SAMPLES,
+    START,
+    wire_key,
+)
 from bus.parts import parted
 from bus.seal import Seal
 from bus.transport import Answer, Item, Message, Presence
@@ -23,7 +37,7 @@ from bus.wire import RefusedError, Wire
 from bus.zenoh_bus import ZenohBus, ZenohInbox
 from orchestrator.host import Heard
 from orchestrator.hosts.crew import END, TICK
-from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Told, Welcome
 from orchestrator.numbers import named
 from orchestrator.restart import AT_ONCE
 from orchestrator.robots import Robots, wire_of
@@ -55,7 +69,7 @@ class Membership:
     robots: Sequence[int] | None
     """The ones that it wants, ascending; None for any that are free."""
     run: str | None
-    """Which run, when several can be joined."""
+    """How the id of the run begins, when several can be joined."""
     wait: float
     """s: how long to look for a run, or for one that is gone to come back."""
     allow_fmus: bool
@@ -72,13 +86,14 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
     Raises `RunError` when there is no run in time, or the host is not let in; `InputError` when its
     robots cannot be opened.
     """
+    expect_host_name(member.name, "--name")
     while True:
         with ExitStack() as stack:
             bus = ZenohBus("*", endpoints)
             stack.callback(bus.close)
             incarnation = uuid4().hex
             try:
-                welcome = _let_in(bus, member, incarnation)
+                welcome = _let_in(bus, member, incarnation, endpoints.tls is not None)
                 _take_part(stack, bus, member, incarnation, welcome)
             except EndedError:
                 return
@@ -88,46 +103,69 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
                 member.show(f"{error}; looking for it again")
 
 
-def _let_in(bus: ZenohBus, member: Membership, incarnation: str) -> Welcome:
-    """Ask to be let in until a run does."""
+def _let_in(bus: ZenohBus, member: Membership, incarnation: str, tls: bool) -> Welcome:
+    """Look for a run, and ask to be let in until it does."""
     inbox = bus.listen()
     robots = None if member.robots is None else tuple(member.robots)
     hello = Hello(version=version("nrs-cosim"), incarnation=incarnation, robots=robots).written()
+    present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, member.name)
     until = monotonic() + member.wait
     last = "no run was found that waits for hosts"
+    if tls:
+        last += f"; if there is one, its bus.tls.hosts may lack a certificate named {member.name}"
+    if member.run is not None:
+        last = f"no run was found whose id begins with {member.run}; --run is of another"
+    items: Sequence[Item] = ()
     while monotonic() < until:
-        bus.run_id = member.run or "*"
-        bus.ask(wire_key(JOIN, member.name), hello, inbox)
-        answers: list[bytes] = []
-        ended = False
-        while not ended:
-            items = inbox.take(_AGAIN)
-            answers += [i.payload for i in items if isinstance(i, Answer) and i.payload is not None]
-            ended = not items or any(isinstance(i, Answer) and i.payload is None for i in items)
-        for answer in answers:
-            note = _welcome_or_refusal(answer)
-            if isinstance(note, Welcome):
-                bus.run_id = note.run
-                return note
-            last = note.reason
-            if note.final:
-                raise RunError(f"not let into the run: {last}")
-        inbox.take(_AGAIN)
+        if not items:
+            runs: set[str] = set()
+            bus.look_for(present, inbox)
+        items = inbox.take(_AGAIN)
+        for item in items:
+            if isinstance(item, Presence):
+                runs.add(item.key.split("/")[1])
+            elif item == Answer(present, None):
+                if run := _the_one(runs, member.run or ""):
+                    bus.run_id = run
+                    bus.ask(join, hello, inbox)
+            elif isinstance(item, Answer) and item.payload:
+                note = _welcome_or_refusal(item.payload)
+                if isinstance(note, Welcome) and note.run == bus.run_id:
+                    return note
+                if isinstance(note, Refusal):
+                    last = _not_yet(note)
     raise RunError(f"not let into a run within {member.wait:g} s: {last}")
 
 
-def _welcome_or_refusal(data: bytes) -> Welcome | Refusal:
-    try:
-        return Welcome.read(data)
-    except BusError:
-        return Refusal.read(data)
+def _not_yet(refusal: Refusal) -> str:
+    """Return why a host is not let in now; raises where asking again is of no use."""
+    if refusal.over:
+        raise EndedError(refusal.reason)
+    if refusal.final:
+        raise RunError(f"not let into the run: {refusal.reason}")
+    return refusal.reason
+
+
+def _the_one(runs: Collection[str], begin: str) -> str | None:
+    """Return the run that was meant, if it is there; `RunError` when it might be several."""
+    meant = sorted(run for run in runs if run.startswith(begin) and "*" not in run)
+    if len(meant) > 1:
+        raise RunError(f"--run: give one of the {len(meant)} runs here: {', '.join(meant)}")
+    return meant[0] if meant else None
+
+
+def _welcome_or_refusal(data: bytes) -> Welcome | Refusal | None:
+    for kind in (Welcome, Refusal):
+        with suppress(BusError):
+            return kind.read(data)
+    return None
 
 
 def _take_part(
     stack: ExitStack, bus: ZenohBus, member: Membership, incarnation: str, welcome: Welcome
 ) -> None:
     """Open the robots, and run them from where the orchestrator says, until it ends the run."""
-    name, seal = member.name, Seal(bytes.fromhex(welcome.secret))
+    name, seal = member.name, Seal(welcome.secret)
     report_key = wire_key(REPORT, name)
     put_report = bus.publisher(report_key)
 
@@ -136,19 +174,23 @@ def _take_part(
 
     member.show(f"joined {welcome.name} with {named(welcome.robots)}")
     inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(ORDERS, name))
+    for kind in (SAMPLES, RECORDS):
+        bus.publisher(wire_key(kind, name))  # before it asks to begin: see there
     bus.watch(wire_key(ALIVE, ORCHESTRATOR), inbox)
     bus.announce(wire_key(ALIVE, f"{name}/{incarnation}"))
     listening = _Listening(bus, inbox, name, seal)
     try:
         folder = Path(welcome.folder) if welcome.folder else Path("/nonexistent")
         file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
-        finder = _Finder(bus, member, welcome, folder)
+        finder = _Finder(bus, member, welcome, folder, seal)
         robots = Robots.opened(stack, file, welcome.robots, finder.find)
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
         raise
-    ready = Ready(incarnation=incarnation, plants=[dict(told) for told in robots.told])
-    go, checkpoints = Go.and_checkpoints(listening.ask_to_begin(ready))
+    told = tuple(Told.model_validate(told) for told in robots.told)
+    go, checkpoints = Go.and_checkpoints(
+        listening.ask_to_begin(Ready(incarnation=incarnation, plants=told))
+    )
     clock = clock_of(file.scenario)
     listening.wire = wire = wire_of(file.scenario, go.homes, seal)
     listening.recorded = go.recorded
@@ -178,26 +220,28 @@ class _Listening:
         self.wire: Wire
         self.recorded = -1
         self._bus, self._inbox, self._name, self._seal = bus, inbox, name, seal
+        self._orders = wire_key(ORDERS, name)
         self._early: list[Item] = []
         self._asked_until = -1
         self._lacking = (-1, 0.0)
 
     def ask_to_begin(self, ready: Ready) -> bytes:
         """Return the answer to being ready; samples that come before it are kept."""
-        key, asked = wire_key(START, self._name), False
-        while True:
-            if not asked:
-                self._bus.ask(key, ready.written(), self._inbox)
-                asked = True
+        key = wire_key(START, self._name)
+        self._bus.ask(key, self._seal.closed(key, ready.written()), self._inbox)
+        go: bytes | None = None
+        while not go:
             for item in self._inbox.take(_SILENCE):
-                if isinstance(item, Answer) and item.key == key:
+                if isinstance(item, Answer):
                     if item.payload is not None:
-                        return item.payload
-                    asked = False
+                        go = go or self._seal.opened(f"{key}/{ready.incarnation}", item.payload)
+                    elif not go:
+                        raise AbandonedError("the orchestrator does not know this host any more")
                 elif isinstance(item, Message) and not item.key.startswith(ORDERS):
                     self._early.append(item)
                 else:
                     list(self.handle(item))
+        return go
 
     def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:  # noqa: ARG002
         """Return samples that came early; ask for others when they will not come by themselves.
@@ -223,13 +267,14 @@ class _Listening:
 
     def handle(self, item: Item) -> Iterable[Heard]:
         """Take an answer or an order; `AbandonedError` and `EndedError` end the host's part."""
-        if isinstance(item, Presence) and not item.here:
+        if item == Presence(wire_key(ALIVE, ORCHESTRATOR), here=False):
             raise AbandonedError("the orchestrator is gone")
         if isinstance(item, Message):
-            if self._seal.opened(item.key, item.payload) == END:
+            if item.key == self._orders and self._seal.opened(item.key, item.payload) == END:
                 raise EndedError("the run is over")
         elif isinstance(item, Answer) and item.payload:
-            parts = parted(item.payload) or []
+            key = f"{wire_key(HEARD, self._name)}/answer"
+            parts = parted(self._seal.opened(key, item.payload) or b"") or []
             for k, records, host in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
                 yield TICK.unpack(k)[0], self.wire.samples.parsed(records), host.decode()
 
@@ -241,15 +286,19 @@ class _Listening:
                     list(self.handle(item))
 
     def _ask(self, k: int) -> None:
-        self._bus.ask(wire_key(HEARD, self._name), TICK.pack(k), self._inbox)
+        key = wire_key(HEARD, self._name)
+        self._bus.ask(key, self._seal.closed(key, TICK.pack(k)), self._inbox)
         self._asked_until = k + AT_ONCE - 1
 
 
 class _Finder:
     """Finds the FMUs of a run on a host, by content."""
 
-    def __init__(self, bus: ZenohBus, member: Membership, welcome: Welcome, folder: Path) -> None:
+    def __init__(
+        self, bus: ZenohBus, member: Membership, welcome: Welcome, folder: Path, seal: Seal
+    ) -> None:
         self._bus, self._member, self._welcome, self._folder = bus, member, welcome, folder
+        self._seal = seal
 
     def find(self, fmu: str) -> Archive:
         """Return the FMU that the scenario calls so, as the orchestrator has it.
@@ -273,11 +322,14 @@ class _Finder:
                 f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}…; copy it here, or let the "
                 "orchestrator's be run with --allow-fmus"
             )
-        inbox = self._bus.listen()
-        self._bus.ask(wire_key(FMU, sha256), b"", inbox)
+        inbox, key = self._bus.listen(), wire_key(FMU, sha256)
+        self._bus.ask(key, self._seal.closed(key, b""), inbox)
         while True:
             for item in inbox.take(_SILENCE):
                 if isinstance(item, Answer):
                     if item.payload is None:
                         raise AbandonedError("the orchestrator is gone")
-                    return keep(item.payload, sha256)
+                    if not item.payload:
+                        raise FmuError(f"{fmu}: the orchestrator cannot read it any more")
+                    if hashlib.sha256(item.payload).hexdigest() == sha256:
+                        return keep(item.payload, sha256)

@@ -1,13 +1,15 @@
 """What hosts and the orchestrator write to each other beside samples, as JSON.
 
 A host asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`) and
-is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`).
+is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`). All but the
+first two steps are under the run's seal. Those cannot be: where anyone may speak, on plain TCP, a
+stranger may be let in while robots are free, and may lure a host into a run of its own.
 """
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bus.errors import BusError
 from bus.parts import joined, parted
@@ -16,7 +18,9 @@ from bus.parts import joined, parted
 class Note(BaseModel):
     """A note whose fields are all known."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", ser_json_bytes="hex", val_json_bytes="hex"
+    )
 
     @classmethod
     def read(cls, data: bytes) -> Self:
@@ -48,8 +52,8 @@ class Welcome(Note):
     """A host is let in."""
 
     run: str
-    secret: str
-    """Hexadecimal; see `bus.seal`."""
+    secret: Annotated[bytes, Field(min_length=32, max_length=32)]
+    """See `bus.seal`."""
     name: str
     """The scenario's."""
     scenario: str
@@ -67,14 +71,29 @@ class Refusal(Note):
     reason: str
     final: bool
     """Whether asking again is of no use."""
+    over: bool = False
+    """Whether that is because the run came to its end."""
+
+
+class Told(Note):
+    """What is told to the user of some robots' plants; see `orchestrator.robots.Robots.told`."""
+
+    fmu: str
+    name: str
+    fmi_version: str
+    kind: str
+    drive: str
+    why: str
+    sha256: str
+    robots: tuple[int, ...]
 
 
 class Ready(Note):
     """A host's robots are open."""
 
     incarnation: str
-    plants: list[dict[str, Any]]
-    """What is told to the user of its plants, by group; `robots` among it."""
+    plants: tuple[Told, ...]
+    """By group."""
 
 
 class Go(Note):
@@ -91,7 +110,7 @@ class Go(Note):
     @classmethod
     def and_checkpoints(cls, data: bytes) -> tuple[Self, list[bytes]]:
         """Read what `with_checkpoints` returned."""
-        note, *checkpoints = parted(data) or [b""]
+        note, *checkpoints = parted(data) or [b""]  # which is no note
         return cls.read(note), checkpoints
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.hosts.running import commands
 from tests.hosts.runs import hosts_of
 
 
@@ -17,3 +18,10 @@ def nothing_is_left(tmp_path_factory, monkeypatch):
         yield
         assert hosts_of() == {}
         assert [path.name for path in Path(folder).iterdir()] == []
+
+
+@pytest.fixture
+def nrs():
+    """Return a function that starts the command line, or another program."""
+    with commands() as start:
+        yield start

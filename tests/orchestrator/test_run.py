@@ -240,7 +240,7 @@ class Loop:
         self.hosts = Alone(bus, clock, robots, lambda _t: None)
         wire = self.hosts.wire()
         self.target = TargetNode(bus, clock, wire, target_of(scenario))
-        self.recorder = Recorder(writer, wire, n, 0)
+        self.recorder = Recorder(writer, wire, n, 0, ())
         parts = (clock, self.target, self.hosts, self.recorder)
         self.lockstep = Lockstep(*parts, {}, 1, 0.1, lambda _t: None)
 

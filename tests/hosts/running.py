@@ -1,0 +1,247 @@
+"""A run whose hosts come from elsewhere, as a test directs it: step by step, told all it shows.
+
+    with Run(file, folder / "run.mcap", listen=(meet,), pauses=(50,)) as run:
+        left = host("--connect", meet, "--name", "left")
+        run.until("paused at tick 50")
+
+The run is in a thread of the test; `python -m tests.hosts.running` has it in a process of its own,
+which prints what the run shows and goes on after a pause by a line of input.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Timer
+
+from bus.certificates import Tls
+from bus.endpoints import Endpoints
+from orchestrator.hosts.member import Membership, serve
+from orchestrator.manning import Handling, elsewhere
+from orchestrator.running import run
+from orchestrator.scenario_file import ScenarioFile, read_scenario
+from orchestrator.setting import clock_of
+from recordings.reading import Reader
+
+ROOT = Path(__file__).parents[2]
+SCENARIO = ROOT / "scenarios" / "paper_first_order.toml"
+PATIENCE = 60.0
+"""s: a guard; nothing here takes that long."""
+
+
+def scenario(folder: Path, ticks: int, *replacements: tuple[str, str], more: str = "") -> Path:
+    """Return the file of the paper's example with so many ticks, changed in a few places."""
+    text = SCENARIO.read_text("utf-8")
+    every = "" if ticks <= 20 else "checkpoint_every = 16\n"
+    changes = (("duration = 30.0", f"{every}duration = {ticks / 10}"), *replacements)
+    for old, new in changes:
+        assert old in text, f"{old!r} is not in the scenario"
+        text = text.replace(old, new, 1)
+    path = folder / "paper.toml"
+    path.write_text(text + more, "utf-8")
+    return path
+
+
+def alone(file: ScenarioFile, folder: Path) -> str:
+    """Return the digest of a run in one process."""
+    outcome = run(file, folder / "alone.mcap")
+    assert outcome.status == "completed", outcome.reason
+    return digest_of(outcome.path)
+
+
+def digest_of(path: Path) -> str:
+    """Return the digest of a recording that is closed."""
+    with Reader(path) as reader:
+        return reader.digest
+
+
+class Told:
+    """Lines as they come."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._coming: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+
+    def take(self, line: str | None) -> None:
+        """Take a line; None after the last."""
+        self._coming.put(line)
+
+    def until(self, text: str) -> str:
+        """Return the next line that has a text."""
+        while (line := self._coming.get(timeout=PATIENCE)) is not None:
+            self.lines.append(line)
+            if text in line:
+                return line
+        raise AssertionError(f"{text!r} is not among {self.lines}")
+
+
+class Host(Told):
+    """A host in a thread of its own."""
+
+    def __init__(
+        self, endpoint: str, name: str, robots=None, run=None, wait=PATIENCE, tls=None, **options
+    ) -> None:
+        super().__init__()
+        member = Membership(name, robots, run, wait, False, True, self.take)
+        endpoints = Endpoints(connect=(endpoint,), tls=tls, wait=wait, **options)
+
+        def whole() -> None:
+            try:
+                serve(member, endpoints)
+            finally:
+                self.take(None)
+
+        pool = ThreadPoolExecutor(1)
+        self._whole = pool.submit(whole)
+        pool.shutdown(wait=False)
+
+    def end(self) -> None:
+        """Wait for its end; raises what it was refused with."""
+        self._whole.result(PATIENCE)
+
+
+class Run(Told):
+    """A run in a thread of its own."""
+
+    def __init__(
+        self,
+        file: ScenarioFile,
+        output: Path,
+        pauses=(),
+        homes=None,
+        expected=1,
+        wait=PATIENCE,
+        restart=True,
+        **endpoints,
+    ) -> None:
+        super().__init__()
+        self.go_on = Event()
+        clock = clock_of(file.scenario)
+        at = {clock.t(k): k for k in pauses}
+
+        def watch(time_ns: int) -> None:
+            if k := at.pop(time_ns, None):
+                self.take(f"paused at tick {k}")
+                assert self.go_on.wait(PATIENCE)
+                self.go_on.clear()
+
+        def whole():
+            try:
+                ends = Endpoints(hosts=homes or {}, wait=wait, **endpoints)
+                handling = Handling(restart, wait, self.take, expected)
+                man = elsewhere(file, ends, homes or {}, handling)
+                return run(file, output, man, watch=watch)
+            finally:
+                self.take(None)
+
+        self._pool = ThreadPoolExecutor(1)
+        self._whole = self._pool.submit(whole)
+
+    def __enter__(self) -> "Run":
+        return self
+
+    def __exit__(self, kind: type | None, *_: object) -> None:
+        self.go_on.set()
+        self._pool.shutdown(wait=kind is None)
+
+    def outcome(self):
+        """Return how it ended."""
+        return self._whole.result(PATIENCE)
+
+    def digest(self) -> str:
+        """Return the digest of the run, which is to be completed."""
+        outcome = self.outcome()
+        assert outcome.status == "completed", outcome.reason
+        return digest_of(outcome.path)
+
+
+class Command(Told):
+    """A process whose lines are read as they come; it is ended with its `with`, or in the end."""
+
+    def __init__(self, *command, environment=None) -> None:
+        super().__init__()
+        self.process = subprocess.Popen(
+            [*map(str, command)],
+            env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "500", **(environment or {})},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self._guard = Timer(2 * PATIENCE, self.process.kill)
+        self._guard.daemon = True
+        self._guard.start()
+        self._reader = ThreadPoolExecutor(1)
+        self._reader.submit(self._read)
+
+    def _read(self) -> None:
+        for line in self.process.stdout:
+            self.take(line.rstrip())
+        self.take(None)
+
+    def say(self) -> None:
+        """Give it a line of input."""
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def kill(self) -> None:
+        """End it without warning."""
+        self.process.kill()
+        self.end()
+
+    def end(self) -> tuple[int, str]:
+        """Wait for its end; return its status and all that it printed."""
+        status = self.process.wait(PATIENCE)
+        self._guard.cancel()
+        self._reader.shutdown()
+        while (line := self._coming.get()) is not None:
+            self.lines.append(line)
+        self.take(None)
+        for pipe in (self.process.stdin, self.process.stdout):
+            pipe.close()
+        return status, "\n".join(self.lines)
+
+
+NRS = (sys.executable, "-u", "-m", "orchestrator")
+PROCESS = (sys.executable, "-u", "-m", "tests.hosts.running")
+
+
+@contextmanager
+def commands():
+    """Yield a function that starts commands of this project; those that still run end after it."""
+    started: list[Command] = []
+
+    def start(*command, environment=None, program=NRS) -> Command:
+        started.append(Command(*program, *command, environment=environment))
+        return started[-1]
+
+    try:
+        yield start
+    finally:
+        for command in started:
+            if command.process.poll() is None:
+                command.kill()
+
+
+def main() -> None:
+    """Run as a JSON object says: the arguments of `Run`, with paths as text."""
+    told = json.loads(sys.argv[1])
+    if told.get("tls"):
+        told["tls"] = Tls(*map(Path, told["tls"]))
+    for name in ("listen", "connect"):
+        told[name] = tuple(told.get(name, ()))
+    with Run(read_scenario(Path(told.pop("file"))), Path(told.pop("output")), **told) as directed:
+        while (line := directed._coming.get()) is not None:
+            print(line)
+            if line.startswith("paused"):
+                sys.stdin.readline()
+                directed.go_on.set()
+        print(directed.outcome().status, directed.outcome().reason)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,327 @@
+"""What strangers put, answer, ask and pretend changes no bit of a run, and ends nobody."""
+
+import random
+from dataclasses import replace
+from threading import Event
+
+import numpy as np
+import pytest
+import zenoh
+
+from bus.endpoints import Endpoints
+from bus.errors import BusError, InputError, RunError
+from bus.seal import Seal
+from bus.sessions import open_session
+from bus.wire import Tick
+from orchestrator.hosts.notes import Go, Ready, Refusal, Report, Welcome
+from orchestrator.robots import wire_of
+from orchestrator.scenario_file import read_scenario
+from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
+from tests.network.authority import Authority
+from tests.network.ports import free_port
+
+PAUSE, TICKS = 50, 100
+HOMES = {"left": (1, 2, 3), "right": (4, 5, 6)}
+QUESTIONS = {"start", "heard", "fmu", "question"}
+"""Reasons of refusals that are not of messages that were put."""
+GARBAGE = [
+    b"",
+    b"\xff\xfe",
+    b"{}",
+    b"[" * 100_000,
+    b'{"version": 1e999, "incarnation": null}',
+    random.Random(1).randbytes(500),
+    b"\x00" * 2**16,
+]
+
+
+@pytest.fixture(scope="module")
+def run_alone(tmp_path_factory):
+    """Return a scenario and its digest in one process."""
+    folder = tmp_path_factory.mktemp("alone")
+    file = read_scenario(scenario(folder, TICKS))
+    return file, alone(file, folder)
+
+
+@pytest.fixture
+def meet():
+    """Return a port of loopback's that nobody listens on, as an address."""
+    return f"127.0.0.1:{free_port()}"
+
+
+class Intruder:
+    """A Zenoh client of a stranger, beside another that tells when what it puts was passed on."""
+
+    def __init__(self, meet, run, **options):
+        endpoints = Endpoints(connect=(meet,), **options)
+        self.prefix = f"nrs/{run}/"
+        self.session, self._witness = open_session(endpoints), open_session(endpoints)
+        self._put, self.overheard, self._came = 0, {}, Event()
+        self._witness.declare_subscriber("nrs/**", self._hear)
+        next(self._witness.get("nrs/none", timeout=PATIENCE), None)  # by then it is declared
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.session.close()
+        self._witness.close()
+
+    def _hear(self, sample):
+        key = str(sample.key_expr)
+        if key == "nrs/last":
+            self._came.set()
+        self.overheard[key.removeprefix(self.prefix)] = sample.payload.to_bytes()
+
+    def put(self, key, payload):
+        """Put a message on a key of the run's, or from the root for one that begins with /."""
+        whole = f"nrs{key}" if key.startswith("/") else self.prefix + key
+        self.session.put(whole, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        self._put += 1
+
+    def count(self):
+        """Return how many messages were put, when the last has come to where the hosts meet."""
+        self.put("/last", b"")
+        assert self._came.wait(PATIENCE)
+        return self._put
+
+    def ask(self, key, payload, **more):
+        """Ask, and return all answers."""
+        replies = self.session.get(self.prefix + key, payload=payload, timeout=0.3, **more)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
+
+
+def forged(file, overheard):
+    """Yield keys and messages that nobody is to believe."""
+    stranger = wire_of(file.scenario, HOMES, Seal(b"guessed"))
+    unsealed = wire_of(file.scenario, HOMES, Seal())
+    genuine, records = overheard["samples/left"], overheard["records/left"]
+    later = PAUSE + 5
+    times = stranger.times
+    for wire in (stranger, unsealed):
+        for host in ("left", "target"):
+            nodes = np.array(HOMES.get(host, (0,)))
+            samples = wire.samples.blank(nodes)
+            samples["k"], samples["time_ns"] = later, times.t(later)
+            yield f"samples/{host}", wire.pack_samples(host, later, samples)
+            yield f"samples/{host}", wire.pack_samples(host, later + 1, samples)
+            samples["position"] = np.nan
+            yield f"samples/{host}", wire.pack_samples(host, later, samples)
+        nodes = np.tile(np.array(HOMES["left"]), len(times.outputs(later)))
+        tick = Tick(wire.states.blank(nodes), wire.none, ())
+        yield "records/left", wire.pack_tick("left", later, tick)
+    failed = Report(tick=1, failed="so it says").written()
+    for host in ("left", "right", "nobody"):
+        key = f"report/{host}"
+        yield key, Seal(b"guessed").closed(key, failed)
+        yield f"orders/{host}", Seal(b"guessed").closed(f"orders/{host}", b"end")
+        yield f"orders/{host}", b"end"
+        yield key, failed
+    flipped = genuine[:-1] + bytes([genuine[-1] ^ 1])
+    for key in ("samples/right", "samples/target", "records/left", "samples/nobody", "report/left"):
+        yield key, genuine
+        yield key, records if key != "records/left" else records[:-1]
+    for payload in (genuine[:-1], genuine[:16], genuine + b"\0", flipped, *GARBAGE):
+        yield "samples/left", payload
+    for key in ("records/right", "report/right", "orders/right", "samples/a/b", "any/thing"):
+        yield from ((key, payload) for payload in GARBAGE[:3])
+    for key in ("/other/samples/left", "/*/samples/left", "/*/orders/*", "/**", "/x"):
+        yield key, genuine
+
+
+def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, meet, tmp_path):
+    file, digest = run_alone
+    listen = (f"tcp/{meet}",)
+    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(10, PAUSE)) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(listen[0], id_) as intruder:
+            hosts = [Host(listen[0], name, robots) for name, robots in HOMES.items()]
+            run.until("paused at tick 10")
+            run.go_on.set()
+            run.until(f"paused at tick {PAUSE}")
+            for key, payload in forged(file, intruder.overheard):
+                intruder.put(key, payload)
+            put = intruder.count()
+            run.go_on.set()
+            assert run.digest() == digest
+            for host in hosts:
+                host.end()
+    assert put > 50
+    refused = run.outcome().refused
+    assert {why: n for why, n in refused.items() if why in QUESTIONS} == {}
+    assert sum(refused.values()) == put
+
+
+def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tmp_path):
+    file, digest = run_alone
+    listen = (f"tcp/{meet}",)
+    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(listen[0], id_) as intruder:
+            seen = []
+            intruder.session.liveliness().declare_subscriber(
+                "nrs/*/alive/*/*", lambda sample: seen.append(str(sample.key_expr))
+            )
+            for name in ("a b/c", "target", "orchestrator", "x\n", " "):
+                for payload in GARBAGE:
+                    intruder.ask(f"join/{name}", payload) if payload == b"{}" else None
+            for payload in GARBAGE:
+                (answer,) = intruder.ask("join/stranger", payload)
+                assert Refusal.read(answer).final
+            hosts = [Host(listen[0], name, robots) for name, robots in HOMES.items()]
+            run.until(f"paused at tick {PAUSE}")
+            incarnation = seen[0].rpartition("/")[2]
+            tokens = [
+                intruder.session.liveliness().declare_token(intruder.prefix + key)
+                for key in (
+                    *(f"alive/{'/'.join(key.split('/')[3:])}" for key in seen),
+                    *("alive/orchestrator", "alive/x", "alive/left/x", "alive/a/b/c", "alive/*/*"),
+                    "**",
+                )
+            ]
+            ready = Ready(incarnation=incarnation, plants=()).written()
+            replies = [
+                intruder.session.get(intruder.prefix + key, payload=payload, timeout=5.0)
+                for key in ("start/left", "heard/left", "heard/x", "fmu/x", "join/left", "**")
+                for payload in (*GARBAGE, ready, b"\xff\xff\xff\xff", b"\x01\x00\x00\x00")
+            ]
+            for token in tokens:
+                token.undeclare()
+            intruder.count()
+            run.go_on.set()
+            for reply in replies:
+                assert not [r for r in reply if r.ok and b"secret" in r.ok.payload.to_bytes()]
+            assert run.digest() == digest
+            for host in hosts:
+                host.end()
+    assert run.outcome().refused["start"] >= len(GARBAGE)
+    assert run.outcome().refused["heard"] >= 2 * len(GARBAGE)
+
+
+def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
+    file, digest = run_alone
+    listen = (f"tcp/{meet}",)
+    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(listen[0], id_) as intruder:
+            asked = []
+
+            def lie(query):
+                asked.append(str(query.key_expr).removeprefix(intruder.prefix))
+                query.reply_err(b"no")
+                go = Go(homes=HOMES, start=7, recorded=-1).with_checkpoints([])
+                for answer in (*GARBAGE[:-1], go):
+                    query.reply(query.key_expr, answer)
+                query.drop()
+
+            for kind in ("start", "heard", "fmu"):
+                intruder.session.declare_queryable(f"nrs/*/{kind}/*", lie)
+            stays = Host(listen[0], "left", HOMES["left"])
+            dies = nrs("host", "--connect", *listen, "--name", "right", "--robots", "4-6")
+            run.until("paused")
+            dies.kill()
+            run.go_on.set()
+            run.until("host right (robots 4-6) is gone")
+            again = Host(listen[0], "right")
+            assert run.digest() == digest
+            stays.end()
+            again.end()
+    assert {"start/left", "start/right", "heard/right"} <= {*asked}
+
+
+@pytest.fixture
+def tls(tmp_path):
+    """Return certificates by name, of which the run's authority issued all but the foreign one."""
+    authority, foreign = Authority(tmp_path / "own"), Authority(tmp_path / "foreign")
+    names = ("orchestrator", "left", "right", "unlisted")
+    return {**{n: authority.issue(n) for n in names}, "foreign": foreign.issue("left")}
+
+
+def test_with_tls_only_listed_hosts_get_in_each_to_its_own_place(run_alone, meet, tls, tmp_path):
+    file, digest = run_alone
+    listen = (f"tls/{meet}",)
+    with Run(
+        file, tmp_path / "run.mcap", homes=HOMES, listen=listen, tls=tls["orchestrator"]
+    ) as run:
+        run.until("waits for hosts; missing: host left, host right")
+        for name, certificate, kind, why in [
+            ("left", "foreign", InputError, "its certificate is refused here"),
+            ("unlisted", "unlisted", RunError, "its bus.tls.hosts may lack .* named unlisted"),
+            ("left", "right", RunError, "no run was found"),
+        ]:
+            with pytest.raises(kind, match=why):
+                Host(listen[0], name, tls=tls[certificate], wait=1).end()
+        trusting = replace(tls["foreign"], ca=tls["left"].ca)
+        with pytest.raises(InputError, match="refused: it does not know the authority"):
+            Host(listen[0], "left", tls=trusting, wait=1).end()
+        with pytest.raises(InputError, match="needs certificates"):
+            Host(listen[0], "left", wait=1)
+        with pytest.raises(BusError):
+            Host(f"tcp/{meet}", "left", wait=1).end()
+        with pytest.raises(RunError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
+            Host(listen[0], "left", (1, 2), tls=tls["left"]).end()
+        hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
+        assert run.digest() == digest
+    for host in hosts:
+        host.end()
+    assert not run.outcome().refused
+
+
+def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tmp_path):
+    file, digest = run_alone
+    listen = (f"tls/{meet}",)
+    ends = {"listen": listen, "tls": tls["orchestrator"]}
+    with Run(file, tmp_path / "run.mcap", homes=HOMES, pauses=(PAUSE,), **ends) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        client = Endpoints(connect=listen, tls=tls["right"])
+        with open_session(client) as lurer, open_session(client) as session:
+            lured = []
+            lurer.declare_queryable("nrs/**", lambda query: lured.append(str(query.key_expr)))
+            token = lurer.liveliness().declare_token(f"nrs/{'0' * 32}/alive/orchestrator")
+            hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
+            run.until("paused")
+            for kind in ("samples", "records", "report", "orders"):
+                for name in ("left", "target", "nobody", "right"):
+                    session.put(
+                        f"nrs/{id_}/{kind}/{name}",
+                        b"forged",
+                        congestion_control=zenoh.CongestionControl.BLOCK,
+                    )
+            for key in ("join/left", "start/left", "heard/left", "orders/right"):
+                assert list(session.get(f"nrs/{id_}/{key}", payload=b"", timeout=0.3)) == []
+            run.go_on.set()
+            assert run.digest() == digest
+            for host in hosts:
+                host.end()
+            token.undeclare()
+    assert lured == []
+    assert run.outcome().refused == {"seal": 3}  # right's own samples, records and report
+
+
+def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
+    with open_session(Endpoints(listen=(f"tcp/{meet}",))) as session:
+        run = "0" * 32
+        token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
+        answers = iter([*GARBAGE, Refusal(reason="because", final=True).written()])
+
+        def lie(query):
+            for answer in answers:
+                query.reply(query.key_expr, answer)
+            query.drop()
+
+        session.declare_queryable("nrs/*/join/*", lie)
+        with pytest.raises(RunError, match="not let into the run: because"):
+            Host(f"tcp/{meet}", "left").end()
+        welcome = Welcome(
+            run=run,
+            secret=b"x" * 32,
+            name="lure",
+            scenario="no = [",
+            folder=None,
+            fmus={},
+            robots=(1,),
+        ).written()
+        answers = iter([welcome])
+        with pytest.raises(InputError, match="lure"):
+            Host(f"tcp/{meet}", "left").end()
+        token.undeclare()

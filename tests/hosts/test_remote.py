@@ -1,0 +1,231 @@
+"""Hosts join a run over loopback, are refused with the reason, die, and come back: same bits."""
+
+import json
+import re
+import sys
+
+import pytest
+
+from bus.errors import BusError, InputError, RunError
+from orchestrator.cli import main
+from orchestrator.scenario_file import read_scenario
+from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
+from tests.network.authority import Authority
+from tests.network.ports import free_port
+
+SHORT, LONG = 20, 200
+"""Ticks."""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return a short scenario and its digest in one process."""
+    folder = tmp_path_factory.mktemp("short")
+    file = read_scenario(scenario(folder, SHORT))
+    return file, alone(file, folder)
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """Return a scenario that is long enough to pause in, and its digest in one process."""
+    folder = tmp_path_factory.mktemp("long")
+    file = read_scenario(scenario(folder, LONG))
+    return file, alone(file, folder)
+
+
+ROUTER = (
+    sys.executable,
+    "-c",
+    """
+import sys
+from bus.endpoints import Endpoints
+from bus.sessions import open_session
+session = open_session(Endpoints(listen=(sys.argv[1],)))
+print("open", flush=True)
+sys.stdin.readline()
+session.close()
+""",
+)
+
+
+@pytest.fixture
+def meet():
+    """Return an endpoint on loopback that nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
+    file, digest = short
+    early = nrs("host", "--connect", meet, "--name", "early", "--robots", "1-2")
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
+        run.until("waits for hosts; missing: robots 1-6")
+        run.until("host early has joined with robots 1-2; missing: robots 3-6")
+        others = [nrs("host", "--connect", meet, "--name", name) for name in "bc"]
+        assert "with robots 3-4" in run.until("missing: robots 5-6")
+        assert run.until("has joined with robots 5-6").endswith("robots 5-6")
+        assert run.digest() == digest
+    for host in [early, *others]:
+        status, printed = host.end()
+        assert status == 0
+        assert "joined paper with robots" in printed
+
+
+OLDER = """
+import orchestrator.hosts.member as member
+from orchestrator.cli import main
+member.version = lambda _: "0.0.1"
+main()
+"""
+
+
+def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
+    file, digest = short
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
+        good = Host(meet, "good", (1, 2))
+        run.until("host good has joined")
+        older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
+        free = "--robots: robots 3-6 of 6 have no home yet, but"
+        for host, kind, why in [
+            (("a", (2, 3)), RunError, f"{free} robots 2-3 were asked for"),
+            (("b", (6, 7)), RunError, f"{free} robots 6-7 were asked for"),
+            (("good",), RunError, "within 1 s: there is a host of the name 'good' already"),
+            (("a/b",), InputError, "--name: expected the name of a host"),
+        ]:
+            with pytest.raises(kind, match=re.escape(why)):
+                Host(meet, *host, wait=1).end()
+        with pytest.raises(BusError, match=r"no connection within 0.5 s: .* nobody listens there"):
+            Host(f"tcp/127.0.0.1:{free_port()}", "c", wait=0.5).end()
+        status, printed = older.end()
+        assert (status, "Traceback" in printed) == (1, False)
+        assert "the host of 0.0.1: install the same" in printed
+        last = Host(meet, "last")
+        assert run.digest() == digest
+    good.end()
+    last.end()
+
+
+BEYOND = [
+    ["host", "--connect"],
+    ["run", str(SCENARIO), "--connect"],
+    ["run", str(SCENARIO), "--listen"],
+]
+
+
+@pytest.mark.parametrize("command", BEYOND, ids=" ".join)
+def test_plain_tcp_beyond_this_machine_is_to_be_asked_for(command, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["nrs", *command, "tcp/10.77.0.9:7447"])
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"{command[-1]}: 'tcp/10.77.0.9:7447' is plain TCP beyond this machine" in told
+    assert "--insecure-tcp" in told
+
+
+def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path):
+    file, digest = short
+    router = nrs(meet, program=ROUTER)
+    router.until("open")
+    with (
+        Run(file, tmp_path / "one.mcap", connect=(meet,)) as one,
+        Run(file, tmp_path / "two.mcap", connect=(meet,)) as two,
+    ):
+        first, second = (run.until("waits for hosts").split()[1] for run in (one, two))
+        both = ", ".join(sorted([first, second]))
+        with pytest.raises(RunError, match=f"--run: give one of the 2 runs here: {both}"):
+            Host(meet, "unsure").end()
+        with pytest.raises(RunError, match="no run was found whose id begins with x"):
+            Host(meet, "wrong", run="x", wait=1).end()
+        hosts = [Host(meet, "both", run=first[:8]), Host(meet, "both", run=second)]
+        assert [one.digest(), two.digest()] == [digest, digest]
+    for host in hosts:
+        host.end()
+
+
+def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
+    file, digest = long
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
+        stays = Host(meet, "stays", (1, 2, 4))
+        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "3,5-6")
+        run.until("paused at tick 100")
+        dies.kill()
+        run.go_on.set()
+        gone = run.until("host dies (robots 3, 5-6) is gone")
+        assert "; waiting for it to come back; missing: host dies" in gone
+        with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
+            Host(meet, "other", wait=1).end()
+        again = nrs("host", "--connect", meet, "--name", "dies")
+        run.until("host dies has joined with robots 3, 5-6")
+        assert run.digest() == digest
+    stays.end()
+    assert again.end()[0] == 0
+
+
+def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
+    with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
+        stays = Host(meet, "stays", (1, 2, 3, 4))
+        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "5-6")
+        run.until("paused")
+        dies.kill()
+        run.go_on.set()
+        outcome = run.outcome()
+    assert outcome.status == "failed"
+    assert outcome.reason.startswith("host dies (robots 5-6) is gone, after tick 1")
+    stays.end()
+
+
+def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
+    path = scenario(tmp_path, SHORT)
+    run = nrs("run", path, "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap")
+    host = Host(meet, "some", (2, 3, 4, 5), wait=3)
+    status, printed = run.end()
+    assert status == 1
+    assert re.search("robots 1(, |-)6 had no host for 2 s", printed)
+    assert not (tmp_path / "x.mcap").exists()
+    with pytest.raises(BusError, match="no connection within 3 s"):
+        host.end()
+
+
+def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
+    long, meet, nrs, tmp_path
+):
+    _, digest = long
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    told = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
+    run = nrs(json.dumps({**told, "listen": [meet], "pauses": [100]}), program=PROCESS)
+    hosts = [
+        nrs("host", "--connect", meet, "--name", name, "--robots", robots)
+        for name, robots in (("left", "1-3"), ("right", "4-6"))
+    ]
+    run.until("paused at tick 100")
+    run.kill()
+    for host in hosts:
+        host.until("the orchestrator is gone; looking for it again")
+    resumed = nrs("resume", cut, "--listen", meet, "-o", whole)
+    assert resumed.end()[0] == 0
+    assert [host.end()[0] for host in hosts] == [0, 0]
+    assert digest_of(whole) == digest
+
+
+def test_with_tls_in_the_scenario_hosts_have_the_places_of_their_certificates(nrs, tmp_path):
+    authority, meet = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
+    path = scenario(tmp_path, SHORT)
+    digest = alone(read_scenario(path), tmp_path)
+    authority.issue("orchestrator")
+    table = """
+[bus.tls]
+ca = "ca.pem"
+certificate = "orchestrator.pem"
+key = "orchestrator-key.pem"
+hosts = { left = "1,3-5", right = "2,6" }
+"""
+    path.write_text(path.read_text("utf-8") + table, "utf-8")
+    whole = tmp_path / "run.mcap"
+    run = nrs("run", path, "--listen", meet, "-o", whole)
+    hosts = []
+    for name in ("left", "right"):
+        tls = authority.issue(name)
+        options = ("--tls-ca", tls.ca, "--tls-certificate", tls.certificate, "--tls-key", tls.key)
+        hosts.append(nrs("host", "--connect", meet, *options))
+    assert [each.end()[0] for each in (run, *hosts)] == [0, 0, 0]
+    assert "joined paper with robots 1, 3-5" in hosts[0].lines[0]
+    assert digest_of(whole) == digest
