@@ -9,7 +9,7 @@ from tests.hosts.running import commands
 from tests.hosts.runs import hosts_of
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def nothing_is_left(tmp_path_factory, monkeypatch):
     tmp_path_factory.getbasetemp()  # which stays where it is
     with tempfile.TemporaryDirectory() as folder:  # a socket's path must be short

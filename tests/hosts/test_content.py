@@ -33,7 +33,7 @@ def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
         why = (
             f"own.fmu: this host has no FMU of SHA-256 {find_archive(str(fmu), Path()).sha256[:16]}"
         )
-        assert why in run.until("host other cannot open robots 1-6")
+        assert why in run.until("other cannot open robots 1-6")
         status, printed = wary.end()
         assert (status, why in printed, "--allow-fmus" in printed) == (2, True, True), printed
         bold = nrs(*join, "--allow-fmus", environment=elsewhere)

@@ -18,6 +18,8 @@ from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.test_isolation import built
 from tests.plant_fmu.test_isolation import scenario as crashing
 
+pytestmark = pytest.mark.usefixtures("nothing_is_left")
+
 TICKS = 300
 WINDOW = 64  # how many ticks a host may be ahead of the last that is closed
 

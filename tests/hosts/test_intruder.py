@@ -221,7 +221,7 @@ def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
             run.until("paused")
             dies.kill()
             run.go_on.set()
-            run.until("host right (robots 4-6) is gone")
+            run.until("right (robots 4-6) is gone")
             again = Host(listen[0], "right")
             assert run.digest() == digest
             stays.end()

@@ -9,6 +9,8 @@ from recordings.reading import Reader
 from recordings.tables import RUN
 from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story
 
+pytestmark = pytest.mark.usefixtures("nothing_is_left")
+
 PAPER = {  # how many hosts; from 2 to a robot each
     "paper_first_order": 6,
     **{f"paper_example_{case}": 2 for case in ("1b", "1c", "2a", "2c", "3a", "3c")},

@@ -59,7 +59,7 @@ def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet
     early = nrs("host", "--connect", meet, "--name", "early", "--robots", "1-2")
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
         run.until("waits for hosts; missing: robots 1-6")
-        run.until("host early has joined with robots 1-2; missing: robots 3-6")
+        run.until("early has joined with robots 1-2; missing: robots 3-6")
         others = [nrs("host", "--connect", meet, "--name", name) for name in "bc"]
         assert "with robots 3-4" in run.until("missing: robots 5-6")
         assert run.until("has joined with robots 5-6").endswith("robots 5-6")
@@ -82,7 +82,7 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
     file, digest = short
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
         good = Host(meet, "good", (1, 2))
-        run.until("host good has joined")
+        run.until("good has joined")
         older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
         free = "--robots: robots 3-6 of 6 have no home yet, but"
         for host, kind, why in [
@@ -149,12 +149,12 @@ def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_p
         run.until("paused at tick 100")
         dies.kill()
         run.go_on.set()
-        gone = run.until("host dies (robots 3, 5-6) is gone")
+        gone = run.until("dies (robots 3, 5-6) is gone")
         assert "; waiting for it to come back; missing: host dies" in gone
         with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
             Host(meet, "other", wait=1).end()
         again = nrs("host", "--connect", meet, "--name", "dies")
-        run.until("host dies has joined with robots 3, 5-6")
+        run.until("dies has joined with robots 3, 5-6")
         assert run.digest() == digest
     stays.end()
     assert again.end()[0] == 0

@@ -18,6 +18,8 @@ from recordings.reading import Reader
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
 from tests.plant_fmu.archives import rewritten
 
+pytestmark = pytest.mark.usefixtures("nothing_is_left")
+
 NRS = [sys.executable, "-m", "orchestrator"]
 LOSSY = lossy()
 SAYS = ["run", "robots", "plants", "driven", "ticks", "messages", "estimates", "tracking"]

@@ -7,6 +7,8 @@ import pytest
 from tests.hosts.runs import lossy
 from tests.hosts.test_resume import nrs
 
+pytestmark = pytest.mark.usefixtures("nothing_is_left")
+
 
 @pytest.fixture
 def toml(tmp_path):
