@@ -8,8 +8,7 @@ allows, while the rest of the run goes on as far as the data lets it.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib.metadata import version
+from dataclasses import dataclass
 from secrets import token_bytes
 from struct import Struct
 from time import monotonic
@@ -32,10 +31,11 @@ from bus.keys import (
 )
 from bus.parts import joined
 from bus.seal import Seal
-from bus.transport import Item, Message, Presence, Put, Question
+from bus.transport import Item, Message, Presence, Question
 from bus.wire import Wire
 from bus.zenoh_bus import ZenohBus, ZenohInbox
 from orchestrator.host import Spent
+from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import LocalHost
 from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
 from orchestrator.numbers import named
@@ -56,36 +56,6 @@ _FAREWELL = 5.0
 """s: how long to wait for the hosts' reports when all else is done."""
 _GRACE = 2.0
 """s: how long hosts may take to end when they are told to."""
-
-
-@dataclass(slots=True)
-class Home:
-    """Some robots, and the host that has them."""
-
-    robots: Sequence[int]
-    process: LocalHost | None = None
-    """When the orchestrator starts it."""
-    reserved: bool = False
-    """For a host of this name, also when it does not come."""
-    incarnation: str | None = None
-    """Of the host that is let in; None while there is none."""
-    since: float = field(default_factory=monotonic)
-    """When that changed."""
-    present: bool = False
-    is_away: bool = False
-    """Whether its host was done and its link was lost: it does not know how the run ends."""
-    plants: list[dict[str, Any]] = field(default_factory=list)
-    begin: Put | None = None
-    """Answers a host that is ready and waits for its beginning."""
-    recorded: int = -1
-    """The last tick that was recorded when it began."""
-    is_ready: bool = False
-    caught_up: int = -1
-    """The last recorded tick whose samples it asked for to catch up."""
-    deaths: int = 0
-    """At the tick `died_at`."""
-    died_at: int = -2
-    report: Report | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +103,7 @@ class Crew:
         self.restarts = 0
         self.asked: Counter[str] = Counter()
         """How often hosts asked for samples: to catch up, or because they were late."""
-        self._homes: dict[str, Home] = {}
+        self._homes = Homes(file.scenario.n, terms.expected)
         self._bus, self._file, self._fmus, self._terms = bus, file, fmus, terms
         self._secret = token_bytes(32)
         self._seal = Seal(self._secret)
@@ -162,8 +132,8 @@ class Crew:
             for name, home in self._homes.items():
                 home.process, home.since = self._terms.start(name, home.robots), monotonic()
         else:
-            self._terms.show(f"run {self._bus.run_id} waits for hosts{self._still_missing()}")
-        while self._free() or not all(home.begin for home in self._homes.values()):
+            self._terms.show(f"run {self._bus.run_id} waits for hosts{self._homes.missing()}")
+        while self._homes.free() or not all(home.begin for home in self._homes.values()):
             for item in self.inbox.take(_LOOK):
                 self.handle(item)
             self.look_after(0)
@@ -174,14 +144,7 @@ class Crew:
 
     def told(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever host they are on."""
-        merged: dict[str, dict[str, Any]] = {}
-        for home in self._homes.values():
-            for told in home.plants:
-                alike = str({**told, "robots": None})
-                merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
-        for told in merged.values():
-            told["robots"].sort()
-        return sorted(merged.values(), key=lambda told: told["robots"][0])
+        return self._homes.told()
 
     def begin(self, recorder: Recorder) -> None:
         """Tell all hosts to begin where a recording ends."""
@@ -223,17 +186,12 @@ class Crew:
         without a host for too long.
         """
         for name, home in list(self._homes.items()):
-            never_came = home.incarnation and not home.present and _since(home) >= _COMING
+            never_came = home.incarnation and not home.present and home.seconds >= _COMING
             if never_came or (home.process and home.process.ending() is not None):
                 self._lose(name, home)
         self._fail(k)
-        homeless = [*self._free()]
-        oldest = self._began if homeless else monotonic()
-        for home in self._homes.values():
-            if not (home.is_ready or home.begin or home.process):
-                homeless += home.robots
-                oldest = min(oldest, home.since)
-        if homeless and monotonic() - oldest >= self._terms.wait:
+        homeless = dict(self._homes.homeless()) | dict.fromkeys(self._homes.free(), self._began)
+        if homeless and monotonic() - min(homeless.values()) >= self._terms.wait:
             who = named(sorted(homeless))
             raise RunError(
                 f"{who} had no host for {self._terms.wait:g} s: no `nrs host` came for them; "
@@ -242,7 +200,7 @@ class Crew:
         for name, home in self._homes.items():
             # One that waits for the others to be gathered is ready too.
             is_there = home.is_ready or home.begin
-            if home.process and not is_there and monotonic() - home.since >= self._terms.wait:
+            if home.process and not is_there and home.seconds >= self._terms.wait:
                 raise RunError(
                     f"host {name} ({named(home.robots)}) was not ready within "
                     f"{self._terms.wait:g} s of its start; --wait gives it longer"
@@ -295,25 +253,19 @@ class Crew:
             if home.process:
                 home.process.kill()
 
-    def _free(self) -> list[int]:
-        """Return the robots that have no home yet, ascending."""
-        taken = {robot for home in self._homes.values() for robot in home.robots}
-        return [robot for robot in range(1, self._file.scenario.n + 1) if robot not in taken]
-
     def _join(self, name: str, question: Question) -> None:
         try:
             expect_host_name(name, "--name")
             hello: Hello = Hello.read(question.payload)
-            home = self._home_for(name, hello)
-        except (BusError, InputError, _NotLetInError) as error:
-            final = not isinstance(error, _NotLetInError) or error.final
+            home = self._homes.place(name, hello)
+        except (BusError, InputError, NotLetInError) as error:
+            final = not isinstance(error, NotLetInError) or error.final
             question.answer(Refusal(reason=str(error), final=final).written())
             return
         if home.incarnation != hello.incarnation:
-            home.incarnation, home.since, home.present = hello.incarnation, monotonic(), False
-            home.begin, home.is_ready, home.is_away = None, False, False
+            home.admit(hello.incarnation)
             if not home.process:
-                missing = self._still_missing()
+                missing = self._homes.missing()
                 self._terms.show(f"{name} has joined with {named(home.robots)}{missing}")
         file = self._file
         question.answer(
@@ -327,58 +279,6 @@ class Crew:
                 robots=tuple(home.robots),
             ).written()
         )
-
-    def _home_for(self, name: str, hello: Hello) -> Home:
-        """Return the home of a host that may have it."""
-        if hello.version != version("nrs-cosim"):
-            raise _NotLetInError(
-                f"the run is of nrs-cosim {version('nrs-cosim')}, the host of {hello.version}: "
-                "install the same",
-                final=True,
-            )
-        home = self._homes.get(name)
-        if home is None:
-            home = self._new_home(hello)
-            self._homes[name] = home
-        elif home.incarnation not in {None, hello.incarnation} and not home.process:
-            raise _NotLetInError(f"there is a host of the name {name!r} already", final=False)
-        elif hello.robots is not None and tuple(home.robots) != hello.robots:
-            raise _NotLetInError(
-                f"--robots: {name!r} has {named(home.robots)} in this run, not "
-                f"{named(hello.robots)}",
-                final=True,
-            )
-        return home
-
-    def _new_home(self, hello: Hello) -> Home:
-        free = self._free()
-        if not free:
-            vacant = [
-                f"{name} ({named(home.robots)})"
-                for name, home in self._homes.items()
-                if home.incarnation is None
-            ]
-            raise _NotLetInError(
-                "every robot has a home"
-                + (f"; take the place of {' or '.join(vacant)} by --name" if vacant else ""),
-                final=not vacant,
-            )
-        if hello.robots is None:
-            left = max(self._terms.expected - len(self._homes), 1)
-            return Home(free[: -(-len(free) // left)])
-        if not hello.robots or not {*hello.robots} <= {*free}:
-            raise _NotLetInError(
-                f"--robots: {named(free)} of {self._file.scenario.n} have no home yet, but "
-                f"{named(hello.robots) if hello.robots else 'none'} were asked for",
-                final=True,
-            )
-        return Home(sorted({*hello.robots}))
-
-    def _still_missing(self) -> str:
-        free = self._free()
-        vacant = [name for name, home in self._homes.items() if home.incarnation is None]
-        missing = ([named(free)] if free else []) + [f"host {name}" for name in vacant]
-        return f"; missing: {', '.join(missing)}" if missing else ""
 
     def _start(self, name: str, question: Question) -> None:
         home, data = self._homes.get(name), self._seal.opened(question.key, question.payload)
@@ -491,8 +391,7 @@ class Crew:
             home.incarnation, home.present, home.is_away = None, False, True
             return
         how = home.process.kill() if home.process else "is gone"
-        home.incarnation, home.begin, home.is_ready, home.since = None, None, False, monotonic()
-        home.present = False
+        home.admit(None)
         closed = self._recorder.closed if self._recorder else -1
         told = f"{name} ({named(home.robots)}) {how}, after tick {max(closed, 0)}"
         home.deaths = home.deaths + 1 if home.died_at == closed else 1
@@ -510,14 +409,4 @@ class Crew:
             self._terms.show(f"{told}; it is started again")
             home.process, home.since = self._terms.start(name, home.robots), monotonic()
         else:
-            self._terms.show(f"{told}; waiting for it to come back{self._still_missing()}")
-
-
-def _since(home: Home) -> float:
-    return monotonic() - home.since
-
-
-class _NotLetInError(Exception):
-    def __init__(self, reason: str, *, final: bool) -> None:
-        super().__init__(reason)
-        self.final = final
+            self._terms.show(f"{told}; waiting for it to come back{self._homes.missing()}")
