@@ -45,10 +45,12 @@ class Library:
             self.interface.canGetAndSetFMUstate and self.interface.canSerializeFMUstate
         )
         """Whether the FMU claims that its states can leave the process."""
-        self._fmi = int(description.fmiMajorVersion)
+        self.fmi = int(description.fmiMajorVersion)
+        self.progress = 0
+        """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
         here = Path.cwd()
         try:
-            self._prototype = _FMPY[self._fmi, kind](
+            self._prototype = _FMPY[self.fmi, kind](
                 guid=description.instantiationToken,
                 unzipDirectory=str(folder),
                 modelIdentifier=self.interface.modelIdentifier,
@@ -65,9 +67,13 @@ class Library:
     def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return the calls that a binder makes of the library; `FmuError` where one is missing."""
         try:
-            return binder(self._prototype.dll, self._fmi)
+            return binder(self._prototype.dll, self.fmi)
         except AttributeError as error:
             raise FmuError(f"{self.archive.label}: its library is incomplete: {error}") from None
+
+    def bind_native(self, binder: Callable[[Any, int], Bound]) -> Bound:
+        """Return what a binder makes of the library for native code, which announces itself."""
+        return Library.bind(self, binder)
 
     def instantiate(self, name: str) -> int:
         """Return the handle of a new instance; `FmuError` with the FMU's words if it refuses."""
