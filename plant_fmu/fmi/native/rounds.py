@@ -74,7 +74,7 @@ class _Answer(Structure):
 
 
 @dataclass(frozen=True, slots=True)
-class _Native:
+class Native:
     """The functions of rounds.c."""
 
     exchange: Call
@@ -86,7 +86,7 @@ class NativeRounds:
     """Rounds of native calls; see `plant_fmu.fmi.rounds.Rounds`."""
 
     def __init__(
-        self, native: _Native, library: Library, handles: Sequence[int], names: Sequence[str]
+        self, native: Native, library: Library, handles: Sequence[int], names: Sequence[str]
     ) -> None:
         """Take the instances, whose names are for the library's `progress`, if it has one."""
         self._native, self._library = native, library
@@ -142,18 +142,19 @@ def native_rounds(
     library: Library, handles: Sequence[int], names: Sequence[str]
 ) -> NativeRounds | None:
     """Return rounds of instances with their names; None where no native code can be had."""
-    native = _loaded()
+    native = load_native()
     return NativeRounds(native, library, handles, names) if native else None
 
 
 @cache
-def _loaded() -> _Native | None:
+def load_native() -> Native | None:
+    """Return the functions of rounds.c, compiled if need be; None where that cannot be done."""
     try:
         dll = CDLL(str(build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})))
     except (FmuError, OSError):
         return None
     three, flag = (c_void_p,) * 3, (c_bool, c_void_p)
-    return _Native(
+    return Native(
         bind(dll, "exchange", *three, *flag, result=c_size_t),
         bind(dll, "advance", *three, c_double, c_double, c_void_p, result=c_size_t),
         bind(dll, "recall", *three, *flag, result=c_size_t),
