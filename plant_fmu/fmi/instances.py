@@ -121,16 +121,17 @@ class Instances:
 
     def expect_start(self, bodies: Sequence[Body], state: Array) -> None:
         """Raise `FmuError` where a robot's q and qd (robots, 2 m) are not what it was told."""
-        for row, body in enumerate(bodies):
-            for name, told, got in zip(
-                ("q", "qd"), (body.q, body.qd), np.split(state[row], 2), strict=True
-            ):
-                if not np.allclose(got, told, rtol=1e-9, atol=1e-9):
-                    raise FmuError(
-                        f"{self.library.archive.label}: {name} of robot {body.robot} was to start "
-                        f"at {told.tolist()} (initial.{name}), but starts at {got.tolist()}; what "
-                        f"stands for {name} must be a state whose start can be set"
-                    )
+        for name, got in zip(("q", "qd"), np.split(state, 2, axis=1), strict=True):
+            told = np.array([getattr(body, name) for body in bodies])
+            good = np.isclose(got, told, rtol=1e-9, atol=1e-9).all(axis=1)
+            if not good.all():
+                row = int(np.flatnonzero(~good)[0])
+                raise FmuError(
+                    f"{self.library.archive.label}: {name} of robot {bodies[row].robot} was to "
+                    f"start at {told[row].tolist()} (initial.{name}), but starts at "
+                    f"{got[row].tolist()}; what stands for {name} must be a state whose start "
+                    f"can be set"
+                )
 
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
