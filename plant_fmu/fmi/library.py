@@ -45,12 +45,12 @@ class Library:
             self.interface.canGetAndSetFMUstate and self.interface.canSerializeFMUstate
         )
         """Whether the FMU claims that its states can leave the process."""
-        self.fmi = int(description.fmiMajorVersion)
+        self._fmi = int(description.fmiMajorVersion)
         self.progress = 0
         """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
         here = Path.cwd()
         try:
-            self._prototype = _FMPY[self.fmi, kind](
+            self._prototype = _FMPY[self._fmi, kind](
                 guid=description.instantiationToken,
                 unzipDirectory=str(folder),
                 modelIdentifier=self.interface.modelIdentifier,
@@ -67,7 +67,7 @@ class Library:
     def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return the calls that a binder makes of the library; `FmuError` where one is missing."""
         try:
-            return binder(self._prototype.dll, self.fmi)
+            return binder(self._prototype.dll, self._fmi)
         except AttributeError as error:
             raise FmuError(f"{self.archive.label}: its library is incomplete: {error}") from None
 
