@@ -54,14 +54,39 @@ def find_quantity(
     parameters by value reference where they are not the FMU's own. `FmuError` says what is missing,
     ambiguous, or of the wrong size, type or unit.
     """
-    picks = _picks(archive, name, names.get(name, name))
-    if not picks and name == "qd" and "qd" not in names:
-        picks = _derivatives(archive, _picks(archive, "q", names.get("q", "q")))
-    if not picks:
-        raise FmuError(_unknown(archive, name, names.get(name, name)))
-    quantity = Quantity(name, tuple(_part(archive, name, pick, sizes) for pick in picks))
+    integral = names.get("q", "q") if name == "qd" and name not in names else None
+    told = tuple(sorted(sizes.items()))
+    found = _found(archive, name, names.get(name, name), integral, size, told)
+    if isinstance(found, str):
+        raise FmuError(found)
+    return found
+
+
+@lru_cache(maxsize=256)
+def _found(
+    archive: Archive,
+    name: str,
+    spec: Spec,
+    integral: Spec | None,
+    size: int | None,
+    sizes: tuple[tuple[int, int], ...],
+) -> Quantity | str:
+    """Return a quantity, or what is wrong: once for all robots.
+
+    What has an integral may be its derivative.
+    """
+    try:
+        picks = _picks(archive, name, spec)
+        if not picks and integral:
+            picks = _derivatives(archive, _picks(archive, "q", integral))
+        if not picks:
+            return _unknown(archive, name, spec)
+        parts = tuple(_part(archive, name, pick, dict(sizes)) for pick in picks)
+    except FmuError as error:
+        return str(error)
+    quantity = Quantity(name, parts)
     if size is not None and quantity.size != size:
-        raise FmuError(_wrong_size(archive, quantity, picks, size))
+        return _wrong_size(archive, quantity, picks, size)
     return quantity
 
 

@@ -65,6 +65,21 @@ def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3
     return path
 
 
+def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
+    """The shared library of C files, beside FMI's headers of both versions; kept as FMUs are.
+
+    `FmuError` is as for `build`.
+    """
+    files = {file: text for fmi in _PLATFORM_HEADER for file, text in _headers(fmi).items()}
+    files |= sources
+    path = cache_folder() / f"{name}-{_key(files)}{fmpy.sharedLibraryExtension}"
+    if not path.is_file():
+        library = _compile(name, files)
+        with replacing(path) as part:
+            part.write_bytes(library)
+    return path
+
+
 def write(name: str, fmi: int, destination: Path) -> None:
     """Copies the FMU that `build` gives to the file `destination`."""
     copy_out(build(name, fmi), destination)
@@ -140,14 +155,9 @@ def _files(model: Declaration, equations: Mapping[str, bytes], fmi: int) -> dict
 def _files_with_token(
     model: Declaration, equations: Mapping[str, bytes], fmi: int, token: str
 ) -> dict[str, bytes]:
-    vendor = Path(fmpy.__file__).parent / "c-code"
-    headers = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
     other = f"fmi{5 - fmi}.c"
-    paths = [
-        *(path for path in MODELS.glob("*.[ch]") if path.name != other),
-        *(vendor / header for header in headers),
-    ]
-    sources = {**{path.name: path.read_bytes() for path in paths}, **equations}
+    ours = {path.name: path.read_bytes() for path in MODELS.glob("*.[ch]") if path.name != other}
+    sources = {**ours, **_headers(fmi), **equations}
     sources["variables.h"] = c_header(model, token).encode()
     sources["variables.c"] = c_tables(model).encode()
     units = sorted(name for name in sources if name.endswith(".c"))
@@ -156,6 +166,13 @@ def _files_with_token(
     description = model_description(model, fmi, token, units)
     files = {f"sources/{name}": text for name, text in sources.items()}
     return {"modelDescription.xml": description, **files}
+
+
+def _headers(fmi: int) -> dict[str, bytes]:
+    """FMI's headers of one version."""
+    vendor = Path(fmpy.__file__).parent / "c-code"
+    names = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
+    return {name: (vendor / name).read_bytes() for name in names}
 
 
 def _digest(files: dict[str, bytes]) -> str:

@@ -1,10 +1,23 @@
 """tau = kp (ε(t) − q) + kd (υ − qd), with ε(t) = ε + (t − t_hold) υ; tau_d(t) acts beside it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from plant_fmu.plants import Array, Body, Disturbance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Terms:
+    """What of the law does not change while a reference is held, (rows, m)."""
+
+    held: Array
+    drift: Array
+    """Per second since then."""
+    held_disturbed: Array
+    drift_disturbed: Array
+    """With tau_d, without its waves."""
 
 
 class Law:
@@ -20,6 +33,7 @@ class Law:
             for p in range(d.amplitude.shape[-1])
             if d.amplitude[..., p].any()
         ]
+        self._terms: _Terms | None = None
         self.hold(
             0.0,
             np.array([body.position for body in bodies]),
@@ -29,29 +43,32 @@ class Law:
     def hold(self, since: float, position: Array, velocity: Array) -> None:
         """Take references (rows, m) that move on from a time in s."""
         self.since, self.position, self.velocity = since, position.copy(), velocity.copy()
-        self._held = _times(self._kp, self.position) + _times(self._kd, self.velocity)
-        self._drift = _times(self._kp, self.velocity)
-        self._held_disturbed = (
-            self._held + self._disturbance.offset + since * self._disturbance.rate
-        )
-        self._drift_disturbed = self._drift + self._disturbance.rate
+        self._terms = None
 
     def torque(self, seconds: float, state: Array) -> Array:
         """Return tau, (rows, m), at the states (rows, 2 m) of q and then qd."""
-        since = seconds - self.since
-        return self._held + since * self._drift - _times(self._feedback, state)
+        terms, since = self._terms or self._find_terms(), seconds - self.since
+        return terms.held + since * terms.drift - _times(self._feedback, state)
 
     def effort(self, seconds: float, state: Array) -> Array:
         """Return tau + tau_d, (rows, m): all that acts on the robots.
 
         Waves are added one after the other, so that those of zero change no bit.
         """
-        since = seconds - self.since
-        effort = self._held_disturbed + since * self._drift_disturbed
+        terms, since = self._terms or self._find_terms(), seconds - self.since
+        effort = terms.held_disturbed + since * terms.drift_disturbed
         effort -= _times(self._feedback, state)
         for amplitude, frequency, phase in self._waves:
             effort += amplitude * np.sin(frequency * seconds + phase)
         return effort
+
+    def _find_terms(self) -> _Terms:
+        """Find what is asked of these references for the first time."""
+        held = _times(self._kp, self.position) + _times(self._kd, self.velocity)
+        drift = _times(self._kp, self.velocity)
+        d = self._disturbance
+        self._terms = _Terms(held, drift, held + d.offset + self.since * d.rate, drift + d.rate)
+        return self._terms
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -115,5 +115,6 @@ def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
                 f"{archive.label}: takes up to {terms} sines and cosines of a disturbance "
                 f"on an axis, got {p} for robot {body.robot}"
             )
-        told[ours] = np.pad(getattr(body.disturbance, wave), ((0, 0), (0, terms - p)))
+        told[ours] = np.zeros((m, terms))
+        told[ours][:, :p] = getattr(body.disturbance, wave)
     return told

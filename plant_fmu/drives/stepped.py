@@ -8,7 +8,6 @@ import numpy as np
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.checkpoint import decode, encode
 from plant_fmu.drives.law import Law
-from plant_fmu.fmi.calls import bind_step
 from plant_fmu.fmi.instances import Instances
 from plant_fmu.fmi.library import Library
 from plant_fmu.fmi.states import States
@@ -35,10 +34,9 @@ class Stepped:
         self.state = self.outputs[:, : 2 * self.m]
         """q, then qd: the first two outputs."""
         self.instances = Instances(library, bodies, names)
-        self._read = self.instances.reads(
-            [self.instances.vector(name, self.m) for name in outputs], self.outputs
-        )
-        self._step = library.bind(bind_step)
+        told_by = [self.instances.vector(name, self.m) for name in outputs]
+        self._read = self.instances.reads(told_by, self.outputs)
+        self._step = self.instances.steps(told_by, self.outputs)
         self.exact = library.saves_states
         self._states = States(self.instances) if self.exact else None
         self._start(bodies)
@@ -55,11 +53,9 @@ class Stepped:
 
     def step(self, start: float, step: float) -> None:
         """Step all instances, and read their outputs."""
-        do_step = self._step.step
-        statuses = [do_step(handle, start, step) for handle in self.instances.handles]
-        self.instances.expect(statuses, f"a step of {step:g} s", start)
+        self._step(start, step)
         self.time = start + step
-        self.read()
+        self.instances.expect_finite(self.outputs, self.time)
 
     def inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
         """Return rows for inputs of m numbers each, and the act that gives them to the FMUs."""

@@ -4,7 +4,7 @@ The functions are bound once from the loaded library, with fixed argument types,
 methods cost more than the calls themselves. Values are passed by the address of an array.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass
 from typing import Any
@@ -31,9 +31,9 @@ _ANSWERS = (
 )
 
 
-def is_fine(statuses: Sequence[int]) -> bool:
-    """Whether no call answered worse than a warning, or what no FMI status is."""
-    return max(statuses, default=0) <= WARNING and min(statuses, default=0) >= 0
+def is_fine(status: int) -> bool:
+    """Whether a call answered neither worse than a warning, nor what no FMI status is."""
+    return 0 <= status <= WARNING
 
 
 def answer(status: int) -> str:

@@ -4,8 +4,6 @@ A call that fails is an error that names the robot, the FMU, the time and the ca
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import c_void_p
-from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -15,12 +13,16 @@ from plant_fmu.archives.quantities import Quantity, View
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
-from plant_fmu.fmi.calls import Call, answer, c_references, is_fine
+from plant_fmu.fmi.calls import answer, c_references, is_fine
 from plant_fmu.fmi.library import Library
+from plant_fmu.fmi.native.rounds import native_rounds
+from plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
 from plant_fmu.plants import Array, Body
 
 Transfer = Callable[[float], None]
 """Moves rows of an array to or from the FMUs at a time in s; `StepError` when one refuses."""
+Advance = Callable[[float, float], None]
+"""Steps the FMUs from a time by a step, in s, and reads them; `StepError` when one refuses."""
 
 
 class Instances:
@@ -33,7 +35,10 @@ class Instances:
         """
         self.library, self._names = library, names
         self.robots = [body.robot for body in bodies]
-        self.handles = [library.instantiate(_name(robot)) for robot in self.robots]
+        names_of = [_name(robot) for robot in self.robots]
+        self.handles = list(map(library.instantiate, names_of))
+        native = native_rounds(library, self.handles, names_of)
+        self.rounds: Rounds = native or CalledRounds(library, self.handles)
         self._sizes = sizes_of(assignments(library.archive, bodies[0].parameters))
 
     def vector(self, ours: str, m: int) -> Quantity:
@@ -63,8 +68,8 @@ class Instances:
         """Return the act that gives each FMU its row of an array (robots, numbers), in SI."""
         view, what = View(quantities, rows), _listed(quantities)
         if not view.is_complete:
-            self._transfer(self.library.calls.get, view, what)(0.0)
-        move = self._transfer(self.library.calls.set, view, what)
+            self._transfer(view, what, setting=False)(0.0)
+        move = self._transfer(view, what, setting=True)
 
         def write(seconds: float) -> None:
             view.give()
@@ -75,7 +80,7 @@ class Instances:
     def reads(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
         """Return the act that fills an array's rows (robots, numbers) from the FMUs, in SI."""
         view = View(quantities, rows)
-        move = self._transfer(self.library.calls.get, view, _listed(quantities))
+        move = self._transfer(view, _listed(quantities), setting=False)
 
         def read(seconds: float) -> None:
             move(seconds)
@@ -83,19 +88,29 @@ class Instances:
 
         return read
 
+    def steps(self, quantities: Sequence[Quantity], rows: Array) -> Advance:
+        """Return the act that steps each FMU, and then does as `reads` has it."""
+        view, what = View(quantities, rows), _listed(quantities)
+        advance = self.rounds.advance(view)
+
+        def step(start: float, step: float) -> None:
+            if end := advance(start, step):
+                if end.stepping:
+                    raise self.refusal(end.row, start, f"a step of {step:g} s", end.status)
+                raise self.refusal(end.row, start + step, f"access to {what}", end.status)
+            view.take()
+
+        return step
+
     def arguments(self, row: int, view: View, at: int) -> tuple[Any, ...]:
         """Return what `get` and `set` are told of a row's FMU, and of a row of its own numbers."""
         which = c_references(view.references)
-        address = view.theirs.ctypes.data + at * view.theirs.strides[0]
-        count = (view.theirs.shape[1],) if self.library.calls.counts_values else ()
-        return self.handles[row], which, len(which), c_void_p(address), *count
+        return arguments(self.library.calls, self.handles[row], which, view, at)
 
-    def expect(self, statuses: list[int], act: str, seconds: float) -> None:
-        """Raise `StepError` for the first robot whose FMU answered worse than a warning."""
-        if is_fine(statuses):
-            return
-        row = next(row for row, status in enumerate(statuses) if not is_fine([status]))
-        raise self.refusal(row, seconds, act, statuses[row])
+    def expect_all(self, end: End | None, act: str, seconds: float) -> None:
+        """Raise `StepError` for the robot whose FMU ended a round."""
+        if end:
+            raise self.refusal(end.row, seconds, act, end.status)
 
     def expect_finite(self, rows: Array, seconds: float) -> None:
         """Raise `StepError` for the first robot with a non-finite number in its row."""
@@ -106,16 +121,17 @@ class Instances:
 
     def expect_start(self, bodies: Sequence[Body], state: Array) -> None:
         """Raise `FmuError` where a robot's q and qd (robots, 2 m) are not what it was told."""
-        for row, body in enumerate(bodies):
-            for name, told, got in zip(
-                ("q", "qd"), (body.q, body.qd), np.split(state[row], 2), strict=True
-            ):
-                if not np.allclose(got, told, rtol=1e-9, atol=1e-9):
-                    raise FmuError(
-                        f"{self.library.archive.label}: {name} of robot {body.robot} was to start "
-                        f"at {told.tolist()} (initial.{name}), but starts at {got.tolist()}; what "
-                        f"stands for {name} must be a state whose start can be set"
-                    )
+        for name, got in zip(("q", "qd"), np.split(state, 2, axis=1), strict=True):
+            told = np.array([getattr(body, name) for body in bodies])
+            good = np.isclose(got, told, rtol=1e-9, atol=1e-9).all(axis=1)
+            if not good.all():
+                row = int(np.flatnonzero(~good)[0])
+                raise FmuError(
+                    f"{self.library.archive.label}: {name} of robot {bodies[row].robot} was to "
+                    f"start at {told[row].tolist()} (initial.{name}), but starts at "
+                    f"{got[row].tolist()}; what stands for {name} must be a state whose start "
+                    f"can be set"
+                )
 
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
@@ -128,13 +144,9 @@ class Instances:
         fmu = self.library.archive.label
         return StepError(f"robot {self.robots[row]} ({fmu}) at t = {seconds:g} s: {cause}")
 
-    def _transfer(self, call: Call, view: View, what: str) -> Transfer:
-        arguments = [self.arguments(row, view, row) for row in range(len(self.handles))]
-
-        def transfer(seconds: float) -> None:
-            self.expect(list(starmap(call, arguments)), f"access to {what}", seconds)
-
-        return transfer
+    def _transfer(self, view: View, what: str, *, setting: bool) -> Transfer:
+        exchange = self.rounds.exchange(view, setting=setting)
+        return lambda seconds: self.expect_all(exchange(), f"access to {what}", seconds)
 
     def _start(self, row: int, told: Mapping[str, Any], assigned: Sequence[Assignment]) -> None:
         """Set one robot's values of our quantities, in SI, all at once."""
@@ -157,7 +169,7 @@ class Instances:
         self._expect_ok(row, f"setting {_listed(quantities)}", status)
 
     def _expect_ok(self, row: int, act: str, status: int) -> None:
-        if not is_fine([status]):
+        if not is_fine(status):
             raise FmuError(
                 f"{self.library.archive.label}: {act} of robot {self.robots[row]} ended with "
                 f"{answer(status)}{self._last_words(row)}"

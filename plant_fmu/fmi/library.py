@@ -46,6 +46,8 @@ class Library:
         )
         """Whether the FMU claims that its states can leave the process."""
         self._fmi = int(description.fmiMajorVersion)
+        self.progress = 0
+        """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
         here = Path.cwd()
         try:
             self._prototype = _FMPY[self._fmi, kind](
@@ -68,6 +70,10 @@ class Library:
             return binder(self._prototype.dll, self._fmi)
         except AttributeError as error:
             raise FmuError(f"{self.archive.label}: its library is incomplete: {error}") from None
+
+    def bind_native(self, binder: Callable[[Any, int], Bound]) -> Bound:
+        """Return what a binder makes of the library for native code, which announces itself."""
+        return Library.bind(self, binder)
 
     def instantiate(self, name: str) -> int:
         """Return the handle of a new instance; `FmuError` with the FMU's words if it refuses."""

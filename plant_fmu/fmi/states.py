@@ -6,6 +6,7 @@ from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi.calls import WARNING
 from plant_fmu.fmi.instances import Instances
+from plant_fmu.fmi.rounds import place
 from plant_fmu.fmi.state_calls import bind_states
 
 
@@ -15,22 +16,18 @@ class States:
     def __init__(self, instances: Instances) -> None:
         self._instances = instances
         self._calls = instances.library.bind(bind_states)
-        self._states = [c_void_p() for _ in instances.handles]
+        self._states = (c_void_p * len(instances.handles))()
+        self._keep = instances.rounds.recall(self._states, keeping=True)
+        self._go_back = instances.rounds.recall(self._states, keeping=False)
         instances.library.ending.callback(self._free)
 
     def take(self, seconds: float) -> None:
         """Keep the instances' states."""
-        get = self._calls.get
-        pairs = zip(self._instances.handles, self._states, strict=True)
-        statuses = [get(handle, byref(state)) for handle, state in pairs]
-        self._instances.expect(statuses, "keeping its state", seconds)
+        self._instances.expect_all(self._keep(), "keeping its state", seconds)
 
     def put_back(self, seconds: float) -> None:
         """Return the instances to the states that were kept."""
-        put = self._calls.set
-        pairs = zip(self._instances.handles, self._states, strict=True)
-        statuses = [put(handle, state) for handle, state in pairs]
-        self._instances.expect(statuses, "going back to a state", seconds)
+        self._instances.expect_all(self._go_back(), "going back to a state", seconds)
 
     def save(self, seconds: float) -> list[bytes]:
         """Keep the instances' states, and return them as bytes."""
@@ -39,11 +36,10 @@ class States:
 
     def restore(self, data: Sequence[bytes], seconds: float) -> None:
         """Return the instances to states that were saved; `FmuError` where they refuse them."""
-        for row, (handle, state, saved) in enumerate(
-            zip(self._instances.handles, self._states, data, strict=True)
-        ):
-            self._calls.free(handle, byref(state))
-            status = self._calls.deserialize(handle, saved, len(saved), byref(state))
+        for row, (handle, saved) in enumerate(zip(self._instances.handles, data, strict=True)):
+            state = place(self._states, row)
+            self._calls.free(handle, state)
+            status = self._calls.deserialize(handle, saved, len(saved), state)
             if status > WARNING:
                 failure = self._instances.refusal(row, seconds, "reading a saved state", status)
                 raise FmuError(str(failure))
@@ -59,5 +55,5 @@ class States:
         return buffer.raw
 
     def _free(self) -> None:
-        for handle, state in zip(self._instances.handles, self._states, strict=True):
-            self._calls.free(handle, byref(state))
+        for row, handle in enumerate(self._instances.handles):
+            self._calls.free(handle, place(self._states, row))

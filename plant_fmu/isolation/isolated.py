@@ -16,6 +16,7 @@ from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.checkpoint import time_of
 from plant_fmu.drives.driving import Driving
+from plant_fmu.fmi.native.rounds import load_native
 from plant_fmu.isolation.sharing import (
     ADVANCE,
     ADVANCED_BY,
@@ -50,6 +51,7 @@ class IsolatedPlants:
         FMU may take longer than the deadline, in s. `FmuError` says what is wrong, as in
         `open_plants`, or how the FMU ended its process.
         """
+        load_native()  # compiled here, no worker needs its deadline for that
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
         n, m = len(bodies), len(bodies[0].q)
         size = 1 if archive.once_per_process else n

@@ -5,8 +5,8 @@ here is the call that did it. The one who makes the calls writes, the one who wa
 """
 
 from collections.abc import Mapping
+from ctypes import addressof, c_char
 from dataclasses import fields, replace
-from itertools import count
 from typing import Any, cast
 
 from plant_fmu.fmi.calls import Call
@@ -24,7 +24,11 @@ class Progress:
     def __init__(self, memory: memoryview) -> None:
         self._memory = memory
         self._count = memory[_COUNT].cast("Q")
-        self._next = count(1).__next__
+
+    @property
+    def address(self) -> int:
+        """Where it stands."""
+        return addressof(c_char.from_buffer(self._memory))
 
     @property
     def calls(self) -> int:
@@ -44,7 +48,7 @@ class Progress:
     def enter(self, who: str, act: str) -> None:
         """Announce one call."""
         self._memory[_WHO], self._memory[_ACT] = _field(who, _WHO), _field(act, _ACT)
-        self._count[0] = self._next()
+        self._count[0] += 1
 
     def rest(self) -> None:
         """Announce that no call is made for now."""
@@ -67,12 +71,12 @@ class Progress:
         return cast(Bound, replace(of, **announced))
 
     def _announcing(self, call: Call, act: str, whos: Mapping[int, bytes]) -> Call:
-        memory, number, following = self._memory, self._count, self._next
+        memory, number = self._memory, self._count
         what = _field(act.replace("_", " "), _ACT)
 
         def announced(handle: int, *arguments: Any) -> int:
             memory[_WHO], memory[_ACT] = whos[handle], what
-            number[0] = following()
+            number[0] += 1
             return call(handle, *arguments)
 
         return announced

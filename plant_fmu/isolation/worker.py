@@ -48,6 +48,7 @@ class AnnouncedLibrary(Library):
         self._progress, self._names = progress, dict[int, str]()
         progress.enter("", "loading")
         super().__init__(archive, folder, kind)
+        self.progress = progress.address
 
     def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return the calls that a binder makes of the library; see `Library`."""

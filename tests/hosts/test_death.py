@@ -15,7 +15,7 @@ from orchestrator.scenario_file import parse_scenario
 from recordings.reading import Reader
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten
-from tests.plant_fmu.test_isolation import built
+from tests.plant_fmu.conftest import built
 from tests.plant_fmu.test_isolation import scenario as crashing
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")

@@ -32,7 +32,7 @@ def test_one_digest(tmp_path):
 
 @pytest.mark.parametrize(("name", "hosts"), PAPER.items())
 def test_the_papers_scenarios(tmp_path, name, hosts):
-    file = scenario(name, lasting=10)
+    file = scenario(name, lasting=9)
     outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, hosts).run(tmp_path / "n.mcap")]
     assert [(o.status, o.reason) for o in outcomes] == [("completed", "")] * 2
     assert digest(tmp_path / "n.mcap") == digest(tmp_path / "1.mcap")

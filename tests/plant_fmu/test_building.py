@@ -13,7 +13,7 @@ import fmpy
 import pytest
 
 from plant_fmu.bundled import building
-from plant_fmu.bundled.building import FLAGS, build, cache_folder, write
+from plant_fmu.bundled.building import FLAGS, build, build_library, cache_folder, write
 from plant_fmu.errors import FmuError
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -55,6 +55,16 @@ def test_what_is_cached_is_not_built_again(cache: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("PATH", "")
     assert build("planar_robot") == path
     assert list(cache.iterdir()) == [path]
+
+
+def test_a_library_is_kept_by_its_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sources = [{"f.c": b"int f(void);\nint f(void) { return %d; }\n" % i} for i in range(2)]
+    monkeypatch.setattr(building, "FLAGS", tuple(f for f in FLAGS if "visibility" not in f))
+    paths = [build_library("f", files) for files in sources]
+    assert [CDLL(str(path)).f() for path in paths] == [0, 1]
+    monkeypatch.setenv("PATH", "")
+    assert [build_library("f", files) for files in sources] == paths
+    assert sorted(cache.iterdir()) == sorted(paths)
 
 
 def test_many_may_build_at_once(cache: Path) -> None:

@@ -23,7 +23,7 @@ from orchestrator.running import run
 from orchestrator.scenario import Plant
 from orchestrator.scenario_file import parse_scenario
 from plant_fmu.archives.archive import find_archive, open_archive
-from plant_fmu.bundled import building, declaration
+from plant_fmu.bundled import building
 from plant_fmu.bundled.building import build
 from plant_fmu.drives.driving import Driving
 from plant_fmu.drives.opening import open_plants
@@ -32,15 +32,11 @@ from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Body, Disturbance
 from recordings.reading import Reader
+from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
 NRS = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
-FAULTY = Path(__file__).with_name("faulty")
-FAULTS = (
-    *("none", "segfault", "abort", "exit", "hang", "discard", "error", "fatal", "nan"),
-    *("end", "early", "no status"),
-)
 BEFORE_THE_RUN = -1.0
 
 SCENARIO = """
@@ -83,25 +79,6 @@ def scenario(fault="none", at=0.55, plant="", fmu="faulty.fmu"):
     if fault != "none":
         parameters = f"fault = {FAULTS.index(fault)}, fault_time = {at}"
     return SCENARIO.format(fmu=fmu, plant=plant, parameters=parameters)
-
-
-def built(folder):
-    """Build the FMU: the bundled models' sources, with a shim of its own around theirs."""
-    models = folder / "models"
-    shutil.copytree(declaration.MODELS, models)
-    (models / "fmi3.c").rename(models / "healthy.h")
-    shutil.copy(FAULTY / "fmi3.c", models)
-    shutil.copytree(FAULTY, models / "faulty", ignore=shutil.ignore_patterns("fmi3.c"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("NRS_CACHE", str(folder))
-        patch.setattr(declaration, "MODELS", models)
-        patch.setattr(building, "MODELS", models)
-        return build("faulty")
-
-
-@pytest.fixture(scope="module")
-def faulty(tmp_path_factory):
-    return built(tmp_path_factory.mktemp("faulty"))
 
 
 class Life:
@@ -213,6 +190,14 @@ def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, c
     assert told["messages"] == 3 * 6 + 4 * 5
     assert told["reason"].startswith(expected)
     assert "failed" in printed
+
+
+def test_a_crash_is_named_too_where_nothing_can_be_compiled(start, tmp_path, life, monkeypatch):
+    monkeypatch.setenv("CC", "none-such")
+    monkeypatch.setenv("NRS_CACHE", str(tmp_path / "nothing"))
+    _, errors = start(scenario("segfault")).communicate(timeout=120)
+    assert "robot 2 (faulty.fmu) at t = 0.5 s: the FMU crashed with SIGSEGV, in step" in errors
+    assert life.until(None)
 
 
 @pytest.mark.parametrize(

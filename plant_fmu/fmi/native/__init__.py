@@ -1,0 +1,1 @@
+"""All instances of an FMU called by one call of native code."""

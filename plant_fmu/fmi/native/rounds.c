@@ -1,0 +1,179 @@
+/* One call asks every instance of an FMU the same, in the order of their rows:
+ *
+ *   exchange  to set, or to get, its row of numbers
+ *   advance   to step, and then to get its row of numbers
+ *   recall    to keep, or to go back to, its state
+ *
+ * The first call whose status is neither OK nor a warning ends the round: after fmi3Fatal
+ * no instance may be called (FMI 3.0, section 2.3). Each call is announced before it is made. */
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "fmi2FunctionTypes.h"
+#include "fmi3FunctionTypes.h"
+
+#if defined _WIN32
+#define EXPORTED __declspec(dllexport)
+#elif defined __GNUC__
+#define EXPORTED __attribute__((visibility("default")))
+#else
+#define EXPORTED
+#endif
+
+/* As plant_fmu/fmi/calls.py has them. */
+enum { OK = 0, WARNING = 1, ENDED = 6, EARLY = 7 };
+
+/* As plant_fmu/isolation/progress.py has it. */
+enum { WHO = 32, ACT = 24 };
+
+typedef struct {
+    uint64_t count;
+    char who[WHO], act[ACT];
+} Progress;
+
+typedef struct {
+    size_t n;
+    void *const *instances;
+    Progress *progress; /* NULL where nobody wants to know */
+    const char *names;  /* of the instances, as they stand in the Progress, one after another */
+} Instances;
+
+typedef void Function(void);
+
+typedef struct {
+    int fmi; /* 2 or 3 */
+    Function *set, *get, *step, *get_state, *set_state;
+} Calls;
+
+/* Row i is n_values numbers from values + i * stride. */
+typedef struct {
+    const unsigned *references;
+    size_t n_references;
+    double *values;
+    size_t n_values, stride;
+} Rows;
+
+/* Of the call that ended a round, the last one otherwise. */
+typedef struct {
+    int status;
+    bool stepping;
+} Answer;
+
+static const char SET[ACT] = "set";
+static const char GET[ACT] = "get";
+static const char STEP[ACT] = "step";
+
+static void announce(const Instances *all, size_t row, const char *act)
+{
+    Progress *progress = all->progress;
+    if (!progress)
+        return;
+    memcpy(progress->who, all->names + row * WHO, WHO);
+    memcpy(progress->act, act, ACT);
+    ++progress->count;
+}
+
+static bool is_fine(int status)
+{
+    return status == OK || status == WARNING;
+}
+
+static int set(const Calls *calls, const Instances *all, const Rows *rows, size_t row)
+{
+    const double *values = rows->values + row * rows->stride;
+    announce(all, row, SET);
+    if (calls->fmi == 2)
+        return (int)((fmi2SetRealTYPE *)calls->set)(all->instances[row], rows->references,
+                                                    rows->n_references, values);
+    return (int)((fmi3SetFloat64TYPE *)calls->set)(all->instances[row], rows->references,
+                                                   rows->n_references, values, rows->n_values);
+}
+
+static int get(const Calls *calls, const Instances *all, const Rows *rows, size_t row)
+{
+    double *values = rows->values + row * rows->stride;
+    announce(all, row, GET);
+    if (calls->fmi == 2)
+        return (int)((fmi2GetRealTYPE *)calls->get)(all->instances[row], rows->references,
+                                                    rows->n_references, values);
+    return (int)((fmi3GetFloat64TYPE *)calls->get)(all->instances[row], rows->references,
+                                                   rows->n_references, values, rows->n_values);
+}
+
+static int step(const Calls *calls, const Instances *all, size_t row, double start, double length)
+{
+    bool event = false, ended = false, early = false;
+    double reached = start;
+    announce(all, row, STEP);
+    if (calls->fmi == 2)
+        return (int)((fmi2DoStepTYPE *)calls->step)(all->instances[row], start, length, fmi2True);
+    const int status = (int)((fmi3DoStepTYPE *)calls->step)(
+        all->instances[row], start, length, fmi3True, &event, &ended, &early, &reached);
+    if (status <= WARNING && (ended || early))
+        return ended ? ENDED : EARLY;
+    return status;
+}
+
+static int keep(const Calls *calls, const Instances *all, void **state, size_t row)
+{
+    announce(all, row, GET);
+    if (calls->fmi == 2)
+        return (int)((fmi2GetFMUstateTYPE *)calls->get_state)(all->instances[row], state);
+    return (int)((fmi3GetFMUStateTYPE *)calls->get_state)(all->instances[row], state);
+}
+
+static int go_back(const Calls *calls, const Instances *all, void *state, size_t row)
+{
+    announce(all, row, SET);
+    if (calls->fmi == 2)
+        return (int)((fmi2SetFMUstateTYPE *)calls->set_state)(all->instances[row], state);
+    return (int)((fmi3SetFMUStateTYPE *)calls->set_state)(all->instances[row], state);
+}
+
+/* These return the row whose call ended the round, n when none did. */
+
+EXPORTED size_t exchange(const Calls *calls, const Instances *all, const Rows *rows, bool setting,
+                         Answer *answer)
+{
+    size_t row = 0;
+    *answer = (Answer){OK, false};
+    for (; row < all->n; ++row) {
+        answer->status = setting ? set(calls, all, rows, row) : get(calls, all, rows, row);
+        if (!is_fine(answer->status))
+            break;
+    }
+    return row;
+}
+
+EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *rows, double start,
+                        double length, Answer *answer)
+{
+    size_t row = 0;
+    *answer = (Answer){OK, false};
+    for (; row < all->n; ++row) {
+        *answer = (Answer){step(calls, all, row, start, length), true};
+        if (!is_fine(answer->status))
+            break;
+        *answer = (Answer){get(calls, all, rows, row), false};
+        if (!is_fine(answer->status))
+            break;
+    }
+    return row;
+}
+
+EXPORTED size_t recall(const Calls *calls, const Instances *all, void *states[], bool keeping,
+                       Answer *answer)
+{
+    size_t row = 0;
+    *answer = (Answer){OK, false};
+    for (; row < all->n; ++row) {
+        answer->status = keeping ? keep(calls, all, &states[row], row)
+                                 : go_back(calls, all, states[row], row);
+        if (!is_fine(answer->status))
+            break;
+    }
+    return row;
+}
