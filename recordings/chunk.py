@@ -4,7 +4,7 @@
     MessageIndex    for each channel in it: (log_time, offset among the records) of its messages
 
 Its records are messages and nothing else. Here alone is work done per message, so the records are
-packed and walked by hand; everything else in a file is left to mcap's own record classes.
+packed by hand (and walked so in `columns`); everything else in a file is left to mcap's own record classes.
 """
 
 import struct
@@ -106,29 +106,6 @@ def opened(chunk: bytes) -> bytes:
         raise DamageError(f"it does not decompress ({error})") from error
     demand(len(records) == size and zlib.crc32(records) == crc, "its checksum differs")
     return records
-
-
-def unpacked(records: bytes, topics: Mapping[int, str | None]) -> list[Message]:
-    """The messages among the records of a chunk, without those of a channel whose topic is None.
-
-    Raises DamageError when there are other records, or channels not in `topics`.
-    """
-    found: list[Message] = []
-    unpack, fixed, at, stop = _MESSAGE.unpack_from, _MESSAGE.size, 0, len(records)
-    try:
-        while at < stop:
-            kind, length, channel, sequence, time, _ = unpack(records, at)
-            topic = topics[channel]
-            start = at + fixed
-            at += 9 + length
-            if kind != _KIND or at > stop:
-                break
-            if topic is not None:
-                found.append((time, topic, sequence, records[start:at]))
-    except (struct.error, KeyError):
-        at = -1
-    demand(at == stop, "it holds more than messages of this recording")
-    return found
 
 
 def _unzstd(data: bytes, size: int) -> bytes:

@@ -44,11 +44,11 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
 
     for records in samples(reader, since):
         records = records[records["robot"] > 0]  # noqa: PLW2901
-        position, velocity = target_at(records["time_ns"] / 1e9)
+        position, velocity = target_at(records["t"])
         note("position_estimate", records["position"] - position, np.inf)
         note("velocity_estimate", records["velocity"] - velocity, np.inf)
     for records in states(reader, since):
-        position, velocity = target_at(records["time_ns"] / 1e9)
+        position, velocity = target_at(records["t"])
         note("position_tracking", records["q"] - position, 2)
         note("velocity_tracking", records["qd"] - velocity, 2)
     return SteadyState(**found)

@@ -18,7 +18,8 @@ from typing import Self, cast
 from mcap import records as mcap
 from mcap.opcode import Opcode
 
-from recordings.chunk import opened, unpacked
+from recordings.chunk import opened
+from recordings.columns import Columns, columns
 from recordings.container import (
     BEGIN,
     MAGIC,
@@ -52,6 +53,8 @@ class Reader:
     library: str
     """What wrote it: "nrs-cosim" and a version."""
     schemas: tuple[Schema, ...]
+    topics: dict[int, str]
+    """Of each channel, by its number in the file."""
     channels: tuple[Channel, ...]
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, tuple[str, bytes]]
@@ -95,23 +98,35 @@ class Reader:
 
         Raises UnreadableError when a chunk is no longer what it was at opening.
         """
-        asked = {*(self._topics.values() if topics is None else topics)}
-        wanted = {n: topic if topic in asked else None for n, topic in self._topics.items()}
+        for found in self.columns(topics, start_ns, end_ns):
+            yield found.messages(self.topics)
+
+    def columns(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Columns]:
+        """The same messages as columns; only chunks that overlap with the range are read."""
+        asked = None if topics is None else {*topics}
+        wanted = [n for n, topic in self.topics.items() if asked is None or topic in asked]
         start = 0 if start_ns is None else start_ns
         end = 2**64 if end_ns is None else end_ns
-        for span in self._chunks:
+        for span in self._chunks if wanted else ():
             if span.end < start or span.start >= end:
                 continue
             try:
-                messages = unpacked(self._chunk(span), wanted)
+                found = self._columns(span)
             except (DamageError, OSError) as error:
                 raise UnreadableError(
                     f"{self.path}: chunk at byte {span.offset}: since it was opened, {error}"
                 ) from error
+            if asked is not None:
+                found = found.on(wanted)
             if span.start < start or span.end >= end:
-                messages = [message for message in messages if start <= message[0] < end]
-            if messages:
-                yield messages
+                found = found.within(start, end)
+            if len(found.time):
+                yield found
 
     def messages(
         self,
@@ -206,7 +221,7 @@ class Reader:
                 attachment = parsed(mcap.Attachment.read, record)
                 self.attachments[attachment.name] = (attachment.media_type, attachment.data)
         self.schemas, self.channels = tuple(schemas.values()), tuple(channels.values())
-        self._topics = {number: channel.topic for number, channel in channels.items()}
+        self.topics = {number: channel.topic for number, channel in channels.items()}
 
     def _read_rest(self, after_head: int, verify: bool) -> None:
         """Read the end, and judge the chunks unless the checksums vouch for them."""
@@ -254,7 +269,7 @@ class Reader:
         last = (-1, "")
         for span in chunks:
             try:
-                messages = unpacked(self._chunk(span), self._topics)
+                messages = self._columns(span).messages(self.topics)
                 ordered = messages and last < messages[0][:2] and messages == sorted(messages)
                 demand(bool(ordered), "its messages are out of order")
             except DamageError as damage:
@@ -269,5 +284,5 @@ class Reader:
             self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
         return digest.hexdigest()
 
-    def _chunk(self, span: Span) -> bytes:
-        return opened(self._records.read(span.offset, span.length))
+    def _columns(self, span: Span) -> Columns:
+        return columns(opened(self._records.read(span.offset, span.length)), self.topics)
