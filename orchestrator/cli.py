@@ -32,8 +32,10 @@ from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies
 from orchestrator.summary import describe, lines, measure
 from orchestrator.terminal import AsJson, out, print_json, say
-from recordings.export import export_csv
+from recordings.export import Format
+from recordings.export import export as export_tables
 from recordings.reading import Reader
+from recordings.recovering import recover as recover_recording
 
 FAILED, BAD_INPUT = 1, 2
 
@@ -88,13 +90,32 @@ def export(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
     ],
+    form: Annotated[
+        Format, typer.Option("--format", help="Parquet needs the extra `analysis`.")
+    ] = "csv",
 ) -> None:
-    """Write a recording's samples and states as CSV tables."""
+    """Write a recording's samples, states and faults as tables."""
     with Reader(recording) as reader:
-        for path in export_csv(reader, output):
+        for path in export_tables(reader, output, form):
             out.print(str(path), markup=False)
         for damage in reader.damage:
             say("yellow", "damage", damage)
+
+
+@app.command()
+def recover(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    with Reader(recording) as reader:
+        recover_recording(reader, output)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    with Reader(output) as reader:
+        showing.summary(out, lines(describe(reader), measure(reader)))
 
 
 @app.command()

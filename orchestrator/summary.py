@@ -7,11 +7,11 @@ from typing import Any
 
 from estimator_agents.target import Harmonic
 from orchestrator.clock import NS_PER_S
-from orchestrator.running import SCENARIO
 from orchestrator.scenario_file import ScenarioFile, parse_scenario
 from orchestrator.setting import target_of
 from recordings.measuring import Array, SteadyState, steady_state
 from recordings.reading import Reader
+from recordings.tables import SCENARIO
 from recordings.tables import about as about_run
 
 

@@ -4,7 +4,8 @@
     MessageIndex    for each channel in it: (log_time, offset among the records) of its messages
 
 Its records are messages and nothing else. Here alone is work done per message, so the records are
-packed by hand (and walked so in `columns`); everything else in a file is left to mcap's own record classes.
+packed by hand here and taken apart by hand in `columns`; everything else in a file is left to
+mcap's own record classes.
 """
 
 import struct

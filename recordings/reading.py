@@ -15,8 +15,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, cast
 
+import numpy as np
 from mcap import records as mcap
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
 from recordings.chunk import opened
 from recordings.columns import Columns, columns
@@ -74,6 +76,7 @@ class Reader:
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = path
         self.damage = []
+        self._like: NDArray[np.int64] | None = None
         try:
             self._file = Path(path).open("rb")  # noqa: SIM115 (closed by close)
         except OSError as error:
@@ -266,7 +269,7 @@ class Reader:
         digest = Digest(channel.topic for channel in self.channels if channel.counted)
         chunks, self._chunks = self._chunks, []
         self.message_count = self.ticks = 0
-        last = (-1, "")
+        last, k = (-1, ""), 0
         for span in chunks:
             try:
                 messages = self._columns(span).messages(self.topics)
@@ -277,12 +280,27 @@ class Reader:
                     f"chunk at byte {span.offset}: {damage}; {span.length} bytes skipped"
                 )
                 continue
+            here = {sequence for _, _, sequence, _ in messages}
+            self._note_gap(k, min(here) - 1)
+            k = max(here)
             digest.update(messages)
             self.message_count += len(messages)
-            self.ticks += len({sequence for _, _, sequence, _ in messages} - {0})
+            self.ticks += len(here - {0})
             last = messages[-1][:2]
             self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
+        if self.end:
+            self._note_gap(k, int(self.end["ticks"]))
         return digest.hexdigest()
 
+    def _note_gap(self, last: int, until: int) -> None:
+        """Say which ticks after the last one that was found are missing."""
+        if until > last + 1:
+            self.damage.append(f"ticks {last + 1} to {until} are missing")
+        elif until > last:
+            self.damage.append(f"tick {until} is missing")
+
     def _columns(self, span: Span) -> Columns:
-        return columns(opened(self._records.read(span.offset, span.length)), self.topics)
+        records = opened(self._records.read(span.offset, span.length))
+        found = columns(records, self.topics, self._like)
+        self._like = found.start
+        return found

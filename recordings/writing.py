@@ -211,7 +211,7 @@ class Writer:
             crc,
             digest,
             chunks=old.chunks + 1,
-            ticks=max([old.ticks, *(sequence for _, _, sequence, _ in messages)]),
+            ticks=old.ticks + len({sequence for _, _, sequence, _ in messages} - {0}),
             start=old.start if old.chunks else messages[0][0],
             end=messages[-1][0],
             counts={**old.counts, **{n: old.counts.get(n, 0) + m for n, m in added.items()}},
