@@ -236,7 +236,8 @@ class Reader:
             self.message_count, self.ticks = int(self.end["messages"]), int(self.end["ticks"])
             computed = self.end["digest"]
         else:
-            computed = self._judge()
+            computed, gaps = self._judge()
+            self.damage += [] if layout.intact else gaps
         self.digest = computed
         self.status = cast(Status, self.end.get("status", "unfinished"))
         self.reason = self.end.get("reason", _UNFINISHED)
@@ -264,12 +265,15 @@ class Reader:
             return {}
         return fields
 
-    def _judge(self) -> str:
-        """Keep the chunks that are whole and in order, count what they hold; its digest."""
+    def _judge(self) -> tuple[str, list[str]]:
+        """Keep the chunks that are whole and in order, count what they hold; its digest, and which
+        ticks are missing. A recovered recording lacks some though it is as it was written.
+        """
         digest = Digest(channel.topic for channel in self.channels if channel.counted)
         chunks, self._chunks = self._chunks, []
         self.message_count = self.ticks = 0
         last, k = (-1, ""), 0
+        gaps: list[str] = []
         for span in chunks:
             try:
                 messages = self._columns(span).messages(self.topics)
@@ -281,26 +285,25 @@ class Reader:
                 )
                 continue
             here = {sequence for _, _, sequence, _ in messages}
-            self._note_gap(k, min(here) - 1)
+            gaps += _gap(k, min(here) - 1)
             k = max(here)
             digest.update(messages)
             self.message_count += len(messages)
             self.ticks += len(here - {0})
             last = messages[-1][:2]
             self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
-        if self.end:
-            self._note_gap(k, int(self.end["ticks"]))
-        return digest.hexdigest()
-
-    def _note_gap(self, last: int, until: int) -> None:
-        """Say which ticks after the last one that was found are missing."""
-        if until > last + 1:
-            self.damage.append(f"ticks {last + 1} to {until} are missing")
-        elif until > last:
-            self.damage.append(f"tick {until} is missing")
+        gaps += _gap(k, int(self.end.get("ticks", k)))
+        return digest.hexdigest(), gaps
 
     def _columns(self, span: Span) -> Columns:
         records = opened(self._records.read(span.offset, span.length))
         found = columns(records, self.topics, self._like)
         self._like = found.start
         return found
+
+
+def _gap(last: int, until: int) -> list[str]:
+    """Say which ticks after the last one that was found are missing, if any."""
+    if until > last + 1:
+        return [f"ticks {last + 1} to {until} are missing"]
+    return [f"tick {until} is missing"] if until > last else []
