@@ -16,7 +16,7 @@ from pyarrow import parquet
 from recordings.export import Put, header
 from recordings.tables import Table
 
-GROUP = 8 * 2**20
+GROUP = 4 * 2**20
 
 
 @contextmanager
