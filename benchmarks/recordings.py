@@ -1,4 +1,4 @@
-"""Messages per second that are written and read, beside mcap's own and Foxglove's writer, in one run.
+"""Messages per second that are written and read, beside mcap's and Foxglove's writers in one run.
 
 All write the same ticks of encoded samples and states, with zstd in chunks of 64 KiB, and hand each
 message over from Python. Ours sorts each tick, digests it, and leaves a file that after a SIGKILL
@@ -9,6 +9,7 @@ chunk being filled. All take turns, so that a noisy machine is noisy to all of t
 import json
 import statistics
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -149,20 +150,19 @@ def measure(n: int, count: int, folder: Path) -> dict[str, dict[str, float]]:
     """Return the messages per second of each writer and reader, medians."""
     ticks = ticks_of(n, count)
     messages = sum(map(len, ticks))
-    took: dict[str, list[float]] = {name: [] for name in (*WRITERS, *READERS)}
+    took: dict[tuple[str, str], list[float]] = defaultdict(list)
     for i in range(ROUNDS):
         for name, write in WRITERS.items():
             path = folder / f"{n} {name} {i}.mcap"
-            took[name].append(timed(lambda: write(path, n, ticks)))  # noqa: B023 (called at once)
+            took["written", name].append(timed(lambda: write(path, n, ticks)))  # noqa: B023 (called at once)
         for name, read in READERS.items():
             path = folder / f"{n} ours {i}.mcap"
-            took[name].append(timed(lambda: read(path)))  # noqa: B023 (called at once)
+            took["read", name].append(timed(lambda: read(path)))  # noqa: B023 (called at once)
             assert read(path) == messages
-    rates = {name: messages / statistics.median(times) for name, times in took.items()}
-    return {
-        "written": {name: rates[name] for name in WRITERS},
-        "read": {name: rates[name] for name in READERS},
-    }
+    rates: dict[str, dict[str, float]] = {"written": {}, "read": {}}
+    for (done, name), times in took.items():
+        rates[done][name] = messages / statistics.median(times)
+    return rates
 
 
 def main() -> None:

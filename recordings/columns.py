@@ -18,7 +18,7 @@ from recordings.container import demand
 from recordings.digest import Message
 
 _LENGTH = Struct("<Q")
-_HEAD = np.dtype(
+HEAD = np.dtype(
     [
         ("kind", "u1"),
         ("length", "<u8"),
@@ -28,6 +28,7 @@ _HEAD = np.dtype(
         ("published", "<u8"),
     ]
 )
+"""What stands before a message's own bytes: opcode, length of what follows, and so on."""
 _MANY = 2**16
 """Channel numbers: u16."""
 _OTHER = "it holds more than messages of this recording"
@@ -100,17 +101,17 @@ def columns(
     Raises DamageError when there are other records, or channels not in `channels`.
     """
     begins = _begins(records, like)
-    heads = rows_at(records, begins, _HEAD.itemsize).view(_HEAD)
+    heads = rows_at(records, begins, HEAD.itemsize).view(HEAD)
     known = np.zeros(_MANY, bool)
     known[list(channels)] = True
-    sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= _HEAD.itemsize - 9)
+    sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= HEAD.itemsize - 9)
     demand(bool((sound & known[heads["channel"]]).all()), _OTHER)
     return Columns(
         records,
         heads["channel"],
         heads["sequence"],
         heads["time"],
-        begins + _HEAD.itemsize,
+        begins + HEAD.itemsize,
         np.append(begins[1:], len(records)),
     )
 
@@ -118,9 +119,9 @@ def columns(
 def _begins(records: bytes, like: NDArray[np.int64] | None) -> NDArray[np.int64]:
     """Return where records begin; DamageError unless they fill all the bytes."""
     stop, at, known = len(records), 0, np.empty(0, np.int64)
-    if like is not None and len(like) and stop >= _HEAD.itemsize:
-        tried = like - _HEAD.itemsize
-        tried = tried[: np.searchsorted(tried, stop - _HEAD.itemsize, "right")]
+    if like is not None and len(like) and stop >= HEAD.itemsize:
+        tried = like - HEAD.itemsize
+        tried = tried[: np.searchsorted(tried, stop - HEAD.itemsize, "right")]
         lengths = rows_at(records, tried + 1, _LENGTH.size).view("<u8")
         after = tried + 9 + np.minimum(lengths, stop).astype(np.int64)
         wrong = np.flatnonzero(after[:-1] != tried[1:])
@@ -135,5 +136,5 @@ def _begins(records: bytes, like: NDArray[np.int64] | None) -> NDArray[np.int64]
     except error:
         at = -1
     found = np.concatenate([known, np.array(begins, np.int64)])
-    demand(at == stop and (not len(found) or found[-1] + _HEAD.itemsize <= stop), _OTHER)
+    demand(at == stop and (not len(found) or found[-1] + HEAD.itemsize <= stop), _OTHER)
     return found
