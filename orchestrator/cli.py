@@ -30,7 +30,7 @@ from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies
-from orchestrator.summary import describe, lines, measure
+from orchestrator.summary import describe, lines, measure, scenario_of
 from orchestrator.terminal import AsJson, out, print_json, say
 from recordings.export import Format
 from recordings.export import export as export_tables
@@ -116,6 +116,31 @@ def recover(
             say("yellow", "damage", damage)
     with Reader(output) as reader:
         showing.summary(out, lines(describe(reader), measure(reader)))
+
+
+@app.command()
+def scene(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    try:
+        from orchestrator.shapes import shapes_of, write_scene  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise InputError(
+            "scene: foxglove-schemas-protobuf is missing; pip install 'nrs-cosim[scene]'"
+        ) from error
+    with Reader(recording) as reader:
+        shapes = shapes_of(scenario_of(reader))
+        if not shapes:
+            raise InputError(
+                f"{recording}: no robot is a bundled model, so their looks are unknown"
+            )
+        write_scene(reader, output, shapes)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
 
 
 @app.command()
