@@ -17,9 +17,11 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 test: .venv/.tested  ## install what the tests need and pass them
 	$(BIN)/pytest $(ARGS)
 
-benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs
+benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs; recordings
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[benchmark]'
 	$(BIN)/python -m benchmarks.throughput
 	$(BIN)/python -m benchmarks.isolation
+	$(BIN)/python -m benchmarks.recordings
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
