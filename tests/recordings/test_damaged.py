@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 
 from bus.errors import InputError
 from bus.messages import SAMPLE, STATE, Codec
@@ -96,18 +97,28 @@ class Edit:
 
 
 def edits(whole: bytes) -> st.SearchStrategy[list[Edit]]:
-    """One to three of them, most behind the head."""
-    everywhere, behind = (
-        st.integers(0, len(whole)),
-        st.integers(whole.index(b"nrs.begin"), len(whole)),
-    )
+    """One to three of them, most behind the head, some of whole chunks."""
+    end = len(whole)
+    everywhere, behind = st.integers(0, end), st.integers(whole.index(b"nrs.begin"), end)
     places = everywhere | behind | behind | behind
     kinds = st.sampled_from(["flip", "set", "cut", "end", "twice", "insert", "move"])
     lengths = st.integers(1, 16) | everywhere
     filling = st.sampled_from(EIGHT) | st.binary(min_size=1, max_size=40)
-    return st.lists(
-        st.builds(Edit, kinds, places, lengths, places, filling), min_size=1, max_size=3
+    one = st.builds(Edit, kinds, places, lengths, places, filling)
+    bounds = st.sampled_from(chunks(whole))
+    some = st.tuples(st.sampled_from(["cut", "twice", "move"]), bounds, bounds, bounds).map(
+        lambda drawn: Edit(drawn[0], min(drawn[1:3]), abs(drawn[1] - drawn[2]), drawn[3], b"")
     )
+    return st.lists(one | one | some, min_size=1, max_size=3)
+
+
+def chunks(whole: bytes) -> list[int]:
+    """Where each chunk begins."""
+    found, at = [], 8
+    while at < len(whole) - 8:
+        found += [at] if whole[at] == Opcode.CHUNK else []
+        at += 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
+    return found
 
 
 def answer(read: Callable[[], object]) -> bool:
@@ -130,7 +141,9 @@ def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, whi
 
     def check_messages(path: Path) -> None:
         with Reader(path) as reader:
-            for time_ns, topic, k, data in reader.messages():
+            found = list(reader.messages())
+            assert found == sorted(set(found))
+            for time_ns, topic, k, data in found:
                 assert data in places[time_ns, topic, k]
 
     def check_recording() -> None:
