@@ -120,12 +120,12 @@ class Writer:
         tick = sorted(messages)
         if not tick:
             return
-        if unknown := {topic for _, topic, _, _ in tick} - self._numbers.keys():
+        times, topics, sequences, data = zip(*tick, strict=True)
+        if unknown := set(topics).difference(self._numbers):
             raise ValueError(f"{self.path}: topic {min(unknown)!r} has no channel")
-        sequences = {sequence for _, _, sequence, _ in tick}
-        if min(tick[0][0], *sequences) < 0 or tick[-1][0] >= 2**64 or max(sequences) >= 2**32:
+        if min(times[0], *sequences) < 0 or times[-1] >= 2**64 or max(sequences) >= 2**32:
             raise ValueError(f"{self.path}: a log_time or sequence is out of range")
-        size = sum([HEAD.itemsize + len(data) for _, _, _, data in tick])
+        size = HEAD.itemsize * len(tick) + sum(map(len, data))
         if tick[0][:2] <= self._last:
             raise ValueError(f"{self.path}: a tick begins at {tick[0][:2]}, not after {self._last}")
         if self._open_bytes + size > LIMIT:
@@ -208,7 +208,7 @@ class Writer:
             crc,
             digest,
             chunks=old.chunks + 1,
-            ticks=old.ticks + len({sequence for _, _, sequence, _ in messages} - {0}),
+            ticks=old.ticks + len({*columns.sequence.tolist()} - {0}),
             start=old.start if old.chunks else messages[0][0],
             end=messages[-1][0],
             counts={**old.counts, **{n: old.counts.get(n, 0) + m for n, m in added.items()}},
