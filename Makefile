@@ -17,10 +17,12 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 test: .venv/.tested  ## install what the tests need and pass them
 	$(BIN)/pytest $(ARGS)
 
-benchmark: .venv/.installed  ## robot-intervals per second beside a bare FMPy loop; isolated FMUs; two hosts
+benchmark: .venv/.installed  ## robot-intervals per second beside bare FMPy; isolated FMUs; hosts; recordings
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[benchmark]'
 	$(BIN)/python -m benchmarks.throughput
 	$(BIN)/python -m benchmarks.isolation
 	$(BIN)/python -m benchmarks.hosts
+	$(BIN)/python -m benchmarks.recordings
 
 soak: .venv/.installed  ## ten million messages over hosts that are killed; what checkpoints cost
 	$(BIN)/python -m benchmarks.checkpoints

@@ -30,10 +30,12 @@ from orchestrator.plants import group_by_archive, open_fleet
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies
-from orchestrator.summary import describe, lines, measure
+from orchestrator.summary import describe, lines, measure, scenario_of
 from orchestrator.terminal import AsJson, out, print_json, say
-from recordings.export import export_csv
+from recordings.export import Format
+from recordings.export import export as export_tables
 from recordings.reading import Reader
+from recordings.recovering import recover as recover_recording
 
 FAILED, BAD_INPUT = 1, 2
 
@@ -90,11 +92,55 @@ def export(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
     ],
+    form: Annotated[
+        Format, typer.Option("--format", help="Parquet needs the extra `analysis`.")
+    ] = "csv",
 ) -> None:
-    """Write a recording's samples and states as CSV tables."""
+    """Write a recording's samples, states and faults as tables."""
     with Reader(recording) as reader:
-        for path in export_csv(reader, output):
+        for path in export_tables(reader, output, form):
             out.print(str(path), markup=False)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+
+
+@app.command()
+def recover(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    with Reader(recording) as reader:
+        recover_recording(reader, output)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    with Reader(output) as reader:
+        showing.summary(out, lines(describe(reader), measure(reader)))
+
+
+@app.command()
+def scene(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    try:
+        from orchestrator.shapes import shapes_of, write_scene  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise InputError(
+            "scene: foxglove-schemas-protobuf is missing; pip install 'nrs-cosim[scene]'"
+        ) from error
+    with Reader(recording) as reader:
+        shapes = shapes_of(scenario_of(reader))
+        if not shapes:
+            raise InputError(
+                f"{recording}: no robot is a bundled model, so their looks are unknown"
+            )
+        write_scene(reader, output, shapes)
         for damage in reader.damage:
             say("yellow", "damage", damage)
 

@@ -28,11 +28,8 @@ from recordings.container import Closing, Compression
 from recordings.digest import Message
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
-from recordings.tables import RUN
+from recordings.tables import RUN, SCENARIO
 from recordings.writing import Writer
-
-SCENARIO = "scenario.toml"
-"""The attachment that holds the scenario's text."""
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 

@@ -7,17 +7,17 @@ from typing import Any
 
 from estimator_agents.target import Harmonic
 from orchestrator.clock import NS_PER_S
-from orchestrator.running import SCENARIO
 from orchestrator.scenario_file import ScenarioFile, parse_scenario
 from orchestrator.setting import target_of
 from recordings.measuring import Array, SteadyState, steady_state
 from recordings.reading import Reader
-from recordings.tables import RUN
+from recordings.tables import SCENARIO
+from recordings.tables import about as about_run
 
 
 def describe(reader: Reader) -> dict[str, Any]:
     """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
-    about = reader.metadata[RUN]
+    about = about_run(reader)
     return {
         "file": str(reader.path),
         "name": about["name"],
@@ -68,7 +68,7 @@ def scenario_text(reader: Reader) -> str:
 
 def scenario_of(reader: Reader) -> ScenarioFile:
     """Return the scenario that a recording came from; its paths are relative to where it was."""
-    about = reader.metadata[RUN]
+    about = about_run(reader)
     return parse_scenario(scenario_text(reader), about["name"], Path(about["folder"]), SCENARIO)
 
 

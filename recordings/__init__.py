@@ -1,1 +1,9 @@
-"""What was said: writing and reading it, and what follows from it."""
+"""What was said: writing and reading it, and what follows from it.
+
+`Recording` is the way in for users of Python; its `chunks` wants some of the three tables.
+"""
+
+from recordings.recording import Recording
+from recordings.tables import FAULTS, SAMPLES, STATES
+
+__all__ = ["FAULTS", "SAMPLES", "STATES", "Recording"]

@@ -3,26 +3,34 @@
     Chunk    start, end, size, CRC of the records, compression, the records
     MessageIndex    for each channel in it: (log_time, offset among the records) of its messages
 
-Its records are messages and nothing else. Here alone is work done per message, so the records are
-packed and walked by hand; everything else in a file is left to mcap's own record classes.
+Its records are messages and nothing else. Here alone is there work for each message or channel, so
+it is done for all at once, as it is in `columns`, where messages are taken apart again; everything
+else in a file is left to mcap's own record classes.
 """
 
 import struct
 import zlib
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain, pairwise
 
 import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 import zstandard
 from mcap import records as mcap
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
+from recordings.columns import HEAD, Columns
 from recordings.container import LIMIT, RECORD, Compression, DamageError, demand, encoded
 from recordings.digest import Message
 
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time (ns)
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
-_KIND = Opcode.MESSAGE.value
+_INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
+_OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
+_LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of _OFFSETs
+_REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
+_SIZES = struct.Struct("<QQ")  # compressed, uncompressed
+_ENTRY = 16  # bytes of a log_time and an offset
 _COMPRESS: Mapping[Compression, Callable[[bytes], bytes]] = {
     "zstd": zstandard.compress,
     "lz4": lz4.frame.compress,
@@ -30,66 +38,69 @@ _COMPRESS: Mapping[Compression, Callable[[bytes], bytes]] = {
 }
 
 
-def packed(messages: Sequence[Message], numbers: Mapping[str, int]) -> bytes:
-    """The messages as records; `numbers` gives each topic's channel.
-
-    Raises KeyError for a topic without one, struct.error for a number out of range.
-    """
-    pack = _MESSAGE.pack
-    return b"".join(
-        [
-            part
-            for time, topic, sequence, data in messages
-            for part in (
-                pack(_KIND, 22 + len(data), numbers[topic], sequence, time, time),
-                data,
-            )
-        ]
+def packed(messages: Sequence[Message], numbers: Mapping[str, int]) -> Columns:
+    """The messages, at least one, as records; `numbers` gives each topic's channel."""
+    times, topics, sequences, data = zip(*messages, strict=True)
+    heads = np.empty(len(messages), HEAD)
+    lengths = np.fromiter(map(len, data), np.int64, len(data))
+    heads["kind"] = Opcode.MESSAGE
+    heads["length"] = HEAD.itemsize - 9 + lengths
+    heads["channel"] = [numbers[topic] for topic in topics]
+    heads["sequence"] = sequences
+    heads["time"] = np.array(times, np.uint64)
+    heads["published"] = heads["time"]
+    pairs = zip(heads.view(f"V{HEAD.itemsize}").tolist(), data, strict=True)
+    stops = np.cumsum(HEAD.itemsize + lengths)
+    return Columns(
+        b"".join(chain.from_iterable(pairs)),
+        heads["channel"],
+        heads["sequence"],
+        heads["time"],
+        stops - lengths,
+        stops,
     )
 
 
 def closed(
-    offset: int,
-    messages: Sequence[Message],
-    records: bytes,
-    numbers: Mapping[str, int],
-    compression: Compression,
+    offset: int, messages: Columns, compression: Compression
 ) -> tuple[bytes, bytes, dict[int, int]]:
     """A chunk that will stand at `offset`, with its message indexes; its record for the summary;
     how many messages each channel has in it.
     """
-    entries: defaultdict[int, list[int]] = defaultdict(list)
-    at = 0
-    for time, topic, _, data in messages:
-        entries[numbers[topic]] += (time, at)
-        at += _MESSAGE.size + len(data)
-    indexes = [
-        struct.pack(f"<BQHI{n}Q", Opcode.MESSAGE_INDEX, 6 + 8 * n, channel, 8 * n, *flat)
-        for channel, flat in entries.items()
-        for n in (len(flat),)
-    ]
+    records = messages.data
     name = "" if compression == "none" else compression
     data = _COMPRESS[compression](records)
-    start, end = messages[0][0], messages[-1][0]
+    start, end = int(messages.time[0]), int(messages.time[-1])
     chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
-    offsets: dict[int, int] = {}
-    after = offset + len(chunk)
-    for channel, index in zip(entries, indexes, strict=True):
-        offsets[channel] = after
-        after += len(index)
-    summary = mcap.ChunkIndex(
-        chunk_length=len(chunk),
-        chunk_start_offset=offset,
-        compression=name,
-        compressed_size=len(data),
-        message_end_time=end,
-        message_index_length=after - offset - len(chunk),
-        message_index_offsets=offsets,
-        message_start_time=start,
-        uncompressed_size=len(records),
-    )
-    counts = {channel: len(flat) // 2 for channel, flat in entries.items()}
-    return b"".join([chunk, *indexes]), encoded(summary), counts
+    channels, entries = _by_channel(messages)
+    heads = np.zeros(len(channels), _INDEX)
+    heads["kind"], heads["channel"] = Opcode.MESSAGE_INDEX, channels
+    sizes = heads["size"] = np.array([len(those) for those in entries])
+    heads["length"] = sizes + 6
+    offsets = np.empty(len(channels), _OFFSET)
+    ends = offset + len(chunk) + np.cumsum(_INDEX.itemsize + sizes)
+    offsets["channel"], offsets["at"] = channels, ends - _INDEX.itemsize - sizes
+    pairs = zip(heads.view(f"V{_INDEX.itemsize}").tolist(), entries, strict=True)
+    index = b"".join(chain.from_iterable(pairs))
+    lengths = _LENGTHS.pack(start, end, offset, len(chunk), offsets.nbytes)
+    rest = _REST.pack(len(index), len(name)) + name.encode() + _SIZES.pack(len(data), len(records))
+    body = b"".join([lengths, offsets.tobytes(), rest])
+    summary = RECORD.pack(Opcode.CHUNK_INDEX, len(body)) + body
+    counts = dict(zip(channels.tolist(), (sizes // _ENTRY).tolist(), strict=True))
+    return chunk + index, summary, counts
+
+
+def _by_channel(messages: Columns) -> tuple[NDArray[np.uint16], list[bytes]]:
+    """The channels in the order of their first messages; (log_time, offset) of all of each."""
+    order = np.argsort(messages.channel, kind="stable")
+    grouped = messages.channel[order]
+    starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
+    offsets = (messages.start - HEAD.itemsize).astype(np.uint64)
+    flat = np.stack([messages.time, offsets], axis=1)[order].tobytes()
+    bounds = (_ENTRY * np.append(starts, len(order))).tolist()
+    parts = [flat[start:stop] for start, stop in pairwise(bounds)]
+    first = np.argsort(order[starts])
+    return grouped[starts][first], [parts[i] for i in first.tolist()]
 
 
 def opened(chunk: bytes) -> bytes:
@@ -106,29 +117,6 @@ def opened(chunk: bytes) -> bytes:
         raise DamageError(f"it does not decompress ({error})") from error
     demand(len(records) == size and zlib.crc32(records) == crc, "its checksum differs")
     return records
-
-
-def unpacked(records: bytes, topics: Mapping[int, str | None]) -> list[Message]:
-    """The messages among the records of a chunk, without those of a channel whose topic is None.
-
-    Raises DamageError when there are other records, or channels not in `topics`.
-    """
-    found: list[Message] = []
-    unpack, fixed, at, stop = _MESSAGE.unpack_from, _MESSAGE.size, 0, len(records)
-    try:
-        while at < stop:
-            kind, length, channel, sequence, time, _ = unpack(records, at)
-            topic = topics[channel]
-            start = at + fixed
-            at += 9 + length
-            if kind != _KIND or at > stop:
-                break
-            if topic is not None:
-                found.append((time, topic, sequence, records[start:at]))
-    except (struct.error, KeyError):
-        at = -1
-    demand(at == stop, "it holds more than messages of this recording")
-    return found
 
 
 def _unzstd(data: bytes, size: int) -> bytes:

@@ -11,14 +11,18 @@ Nothing else enters: not the compression, the chunks, the channels' numbers, or 
 
 import hashlib
 from collections.abc import Iterable
+from itertools import chain, repeat
+from operator import itemgetter
 from struct import Struct
 from typing import Self
+
+import numpy as np
 
 Message = tuple[int, str, int, bytes]
 """(log_time in integer ns, topic, sequence, data): `sorted` gives the total order."""
 
 _PREFIX = Struct("<I")
-_FIXED = Struct("<QII")
+_FIXED = np.dtype([("time", "<u8"), ("sequence", "<u4"), ("length", "<u4")])
 
 
 class Digest:
@@ -31,17 +35,18 @@ class Digest:
 
     def update(self, messages: Iterable[Message]) -> None:
         """Take in the next messages, which are in total order and after all earlier ones."""
-        prefix, pack = self._prefixes.get, _FIXED.pack
-        self._hash.update(
-            b"".join(
-                [
-                    part
-                    for time, topic, sequence, data in messages
-                    if (head := prefix(topic)) is not None
-                    for part in (head, pack(time, sequence, len(data)), data)
-                ]
-            )
-        )
+        columns = [*zip(*messages, strict=True)]
+        if not columns:
+            return
+        times, topics, sequences, data = columns
+        fixed = np.empty(len(times), _FIXED)
+        fixed["time"] = np.array(times, np.uint64)
+        fixed["sequence"] = sequences
+        fixed["length"] = np.fromiter(map(len, data), np.int64, len(data))
+        prefixes = map(self._prefixes.get, topics, repeat(b""))
+        parts = zip(prefixes, fixed.view(f"V{_FIXED.itemsize}").tolist(), data, strict=True)
+        counted = filter(itemgetter(0), parts)
+        self._hash.update(b"".join(chain.from_iterable(counted)))
 
     def copy(self) -> Self:
         """The same digest, from here on by itself."""

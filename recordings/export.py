@@ -1,55 +1,85 @@
-"""A recording's tables as CSV: floats in their shortest form that reads back to the same bits.
+"""A recording's tables as CSV or Parquet: every float is the same bits when it is read again.
 
-`samples.csv` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
-`states.csv` has a row a robot and output time. Both are sorted by time, then robot. A table gets
-its name when it is whole.
+`samples` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
+`states` has a row a robot and output time; `faults`, where the scenario has any, a row a sample
+that one befell. All are sorted by time, then robot. CSV has floats in their shortest form that
+reads back to the same bits. A table gets its name when it is whole.
 """
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import SAMPLE, STATE
+from bus.errors import InputError
 from recordings.errors import UncreatableError
 from recordings.reading import Reader
-from recordings.tables import joints, samples, states
+from recordings.tables import FAULTS, SAMPLES, STATES, Table, joints, rows
+
+Format = Literal["csv", "parquet"]
+Put = Callable[[NDArray[np.void]], None]
+Opener = Callable[[Path, Table, int], AbstractContextManager[Put]]
+"""Opens a file for a table of vectors of m numbers; what it gives puts rows into it."""
 
 
-def export_csv(reader: Reader, folder: Path) -> list[Path]:
-    """Write `samples.csv` and `states.csv` into a folder, made if need be; return their paths."""
+def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
+    """Write the tables into a folder, made if need be; return their paths.
+
+    Parquet needs the extra `analysis`: `InputError` without it. `UncreatableError` when the folder
+    cannot be written, `UnreadableError` as `rows`; then no table is replaced.
+    """
+    opened = _csv if form == "csv" else _parquet()
+    faulty = any(channel.schema_name == FAULTS.kind.name for channel in reader.channels)
+    tables = [SAMPLES, STATES, FAULTS] if faulty else [SAMPLES, STATES]
     m = joints(reader)
+    paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
+    parts = {name: path.with_suffix(".part") for name, path in paths.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return [
-            _write(folder / "samples.csv", ["k", "t", "robot"], SAMPLE.vectors, m, samples(reader)),
-            _write(folder / "states.csv", ["t", "robot"], STATE.vectors, m, states(reader)),
-        ]
+        try:
+            with ExitStack() as stack:
+                put = {t.name: stack.enter_context(opened(parts[t.name], t, m)) for t in tables}
+                for table, found in rows(reader, tables):
+                    put[table.name](found)
+            return [parts[name].replace(path) for name, path in paths.items()]
+        finally:
+            for part in parts.values():
+                part.unlink(missing_ok=True)
     except OSError as error:
         raise UncreatableError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def _write(
-    path: Path,
-    scalars: list[str],
-    vectors: Sequence[str],
-    m: int,
-    tables: Iterable[NDArray[np.void]],
-) -> Path:
-    part = path.with_suffix(".part")
-    with part.open("w", newline="", encoding="ascii") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(scalars + [f"{name}_{i}" for name in vectors for i in range(1, m + 1)])
-        for table in tables:
-            table = table[np.lexsort((table["robot"], table["time_ns"]))]  # noqa: PLW2901
-            columns = {
-                "k": table["k"].tolist(),
-                "t": (table["time_ns"] / 1e9).tolist(),
-                "robot": table["robot"].tolist(),
-            }
-            numbers = np.concatenate([table[name] for name in vectors], axis=1).tolist()
-            heads = zip(*(columns[name] for name in scalars), strict=True)
-            rows.writerows([*head, *row] for head, row in zip(heads, numbers, strict=True))
-    return part.replace(path)
+def header(table: Table, m: int) -> list[str]:
+    """Return the names of a table's columns."""
+    vectors = [f"{name}_{i}" for name in table.kind.vectors for i in range(1, m + 1)]
+    return [*table.scalars, *vectors]
+
+
+@contextmanager
+def _csv(path: Path, table: Table, m: int) -> Iterator[Put]:
+    with path.open("w", newline="", encoding="ascii") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(header(table, m))
+
+        def put(found: NDArray[np.void]) -> None:
+            scalars = zip(*(found[name].tolist() for name in table.scalars), strict=True)
+            vectors = np.concatenate([found[name] for name in table.kind.vectors], axis=1)
+            out.writerows(
+                (*head, *row) for head, row in zip(scalars, vectors.tolist(), strict=True)
+            )
+
+        yield put
+
+
+def _parquet() -> Opener:
+    try:
+        from recordings.parquet import opened  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise InputError(
+            "--format parquet: pyarrow is missing; pip install 'nrs-cosim[analysis]'"
+        ) from error
+    return opened

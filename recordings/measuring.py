@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reading import Reader
-from recordings.tables import samples, states
+from recordings.tables import SAMPLES, STATES, rows
 
 Array = NDArray[np.float64]
 TargetAt = Callable[[Array], tuple[Array, Array]]
@@ -42,13 +42,13 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
         norms = np.linalg.norm(errors, order, axis=1)
         found[name] = max(found[name], float(norms.max(initial=0.0)))
 
-    for records in samples(reader, since):
-        records = records[records["robot"] > 0]  # noqa: PLW2901
-        position, velocity = target_at(records["time_ns"] / 1e9)
-        note("position_estimate", records["position"] - position, np.inf)
-        note("velocity_estimate", records["velocity"] - velocity, np.inf)
-    for records in states(reader, since):
-        position, velocity = target_at(records["time_ns"] / 1e9)
-        note("position_tracking", records["q"] - position, 2)
-        note("velocity_tracking", records["qd"] - velocity, 2)
+    for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
+        records = part[part["robot"] > 0]
+        position, velocity = target_at(records["t"])
+        if table is SAMPLES:
+            note("position_estimate", records["position"] - position, np.inf)
+            note("velocity_estimate", records["velocity"] - velocity, np.inf)
+        else:
+            note("position_tracking", records["q"] - position, 2)
+            note("velocity_tracking", records["qd"] - velocity, 2)
     return SteadyState(**found)

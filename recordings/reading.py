@@ -15,10 +15,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, cast
 
+import numpy as np
 from mcap import records as mcap
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
-from recordings.chunk import opened, unpacked
+from recordings.chunk import opened
+from recordings.columns import Columns, columns
 from recordings.container import (
     BEGIN,
     MAGIC,
@@ -52,6 +55,8 @@ class Reader:
     library: str
     """What wrote it: "nrs-cosim" and a version."""
     schemas: tuple[Schema, ...]
+    topics: dict[int, str]
+    """Of each channel, by its number in the file."""
     channels: tuple[Channel, ...]
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, tuple[str, bytes]]
@@ -71,6 +76,7 @@ class Reader:
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = path
         self.damage = []
+        self._like: NDArray[np.int64] | None = None
         try:
             self._file = Path(path).open("rb")  # noqa: SIM115 (closed by close)
         except OSError as error:
@@ -95,23 +101,35 @@ class Reader:
 
         Raises UnreadableError when a chunk is no longer what it was at opening.
         """
-        asked = {*(self._topics.values() if topics is None else topics)}
-        wanted = {n: topic if topic in asked else None for n, topic in self._topics.items()}
+        for found in self.columns(topics, start_ns, end_ns):
+            yield found.messages(self.topics)
+
+    def columns(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Columns]:
+        """The same messages as columns; only chunks that overlap with the range are read."""
+        asked = None if topics is None else {*topics}
+        wanted = [n for n, topic in self.topics.items() if asked is None or topic in asked]
         start = 0 if start_ns is None else start_ns
         end = 2**64 if end_ns is None else end_ns
-        for span in self._chunks:
+        for span in self._chunks if wanted else ():
             if span.end < start or span.start >= end:
                 continue
             try:
-                messages = unpacked(self._chunk(span), wanted)
+                found = self._columns(span)
             except (DamageError, OSError) as error:
                 raise UnreadableError(
                     f"{self.path}: chunk at byte {span.offset}: since it was opened, {error}"
                 ) from error
+            if asked is not None:
+                found = found.on(wanted)
             if span.start < start or span.end >= end:
-                messages = [message for message in messages if start <= message[0] < end]
-            if messages:
-                yield messages
+                found = found.within(start, end)
+            if len(found.time):
+                yield found
 
     def messages(
         self,
@@ -206,7 +224,7 @@ class Reader:
                 attachment = parsed(mcap.Attachment.read, record)
                 self.attachments[attachment.name] = (attachment.media_type, attachment.data)
         self.schemas, self.channels = tuple(schemas.values()), tuple(channels.values())
-        self._topics = {number: channel.topic for number, channel in channels.items()}
+        self.topics = {number: channel.topic for number, channel in channels.items()}
 
     def _read_rest(self, after_head: int, verify: bool) -> None:
         """Read the end, and judge the chunks unless the checksums vouch for them."""
@@ -218,7 +236,8 @@ class Reader:
             self.message_count, self.ticks = int(self.end["messages"]), int(self.end["ticks"])
             computed = self.end["digest"]
         else:
-            computed = self._judge()
+            computed, gaps = self._judge()
+            self.damage += [] if layout.intact else gaps
         self.digest = computed
         self.status = cast(Status, self.end.get("status", "unfinished"))
         self.reason = self.end.get("reason", _UNFINISHED)
@@ -246,15 +265,18 @@ class Reader:
             return {}
         return fields
 
-    def _judge(self) -> str:
-        """Keep the chunks that are whole and in order, count what they hold; its digest."""
+    def _judge(self) -> tuple[str, list[str]]:
+        """Keep the chunks that are whole and in order, count what they hold; its digest, and which
+        ticks are missing. A recovered recording lacks some though it is as it was written.
+        """
         digest = Digest(channel.topic for channel in self.channels if channel.counted)
         chunks, self._chunks = self._chunks, []
         self.message_count = self.ticks = 0
-        last = (-1, "")
+        last, k = (-1, ""), 0
+        gaps: list[str] = []
         for span in chunks:
             try:
-                messages = unpacked(self._chunk(span), self._topics)
+                messages = self._columns(span).messages(self.topics)
                 ordered = messages and last < messages[0][:2] and messages == sorted(messages)
                 demand(bool(ordered), "its messages are out of order")
             except DamageError as damage:
@@ -262,12 +284,26 @@ class Reader:
                     f"chunk at byte {span.offset}: {damage}; {span.length} bytes skipped"
                 )
                 continue
+            here = {sequence for _, _, sequence, _ in messages}
+            gaps += _gap(k, min(here) - 1)
+            k = max(here)
             digest.update(messages)
             self.message_count += len(messages)
-            self.ticks += len({sequence for _, _, sequence, _ in messages} - {0})
+            self.ticks += len(here - {0})
             last = messages[-1][:2]
             self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
-        return digest.hexdigest()
+        gaps += _gap(k, int(self.end.get("ticks", k)))
+        return digest.hexdigest(), gaps
 
-    def _chunk(self, span: Span) -> bytes:
-        return opened(self._records.read(span.offset, span.length))
+    def _columns(self, span: Span) -> Columns:
+        records = opened(self._records.read(span.offset, span.length))
+        found = columns(records, self.topics, self._like)
+        self._like = found.start
+        return found
+
+
+def _gap(last: int, until: int) -> list[str]:
+    """Say which ticks after the last one that was found are missing, if any."""
+    if until > last + 1:
+        return [f"ticks {last + 1} to {until} are missing"]
+    return [f"tick {until} is missing"] if until > last else []

@@ -7,7 +7,6 @@ holds is one value, replaced at once when a chunk is on the disk: no interruptio
 chunk that the disk refuses is taken back.
 """
 
-import struct
 import time
 import zlib
 from collections.abc import Iterable, Mapping
@@ -21,6 +20,7 @@ from typing import Self, get_args
 from mcap import records as mcap
 
 from recordings.chunk import closed, packed
+from recordings.columns import HEAD
 from recordings.container import (
     END_FIELDS,
     LIMIT,
@@ -38,8 +38,6 @@ CHUNK_BYTES = 64 * 1024
 CHUNK_BYTES_PER_CHANNEL = 1024  # an index record per channel and chunk must stay small beside it
 CHUNK_SECONDS = 0.5
 
-_Tick = tuple[list[Message], bytes]
-
 
 @dataclass(frozen=True, slots=True)
 class _Stored:
@@ -53,7 +51,7 @@ class _Stored:
     start: int = 0
     end: int = 0
     counts: Mapping[int, int] = field(default_factory=dict)
-    open: list[_Tick] = field(default_factory=list)
+    open: list[list[Message]] = field(default_factory=list)
 
 
 class Writer:
@@ -122,19 +120,19 @@ class Writer:
         tick = sorted(messages)
         if not tick:
             return
-        try:
-            records = packed(tick, self._numbers)
-        except KeyError as error:
-            raise ValueError(f"{self.path}: topic {error} has no channel") from error
-        except struct.error as error:
-            raise ValueError(f"{self.path}: a log_time or sequence is out of range") from error
+        times, topics, sequences, data = zip(*tick, strict=True)
+        if unknown := set(topics).difference(self._numbers):
+            raise ValueError(f"{self.path}: topic {min(unknown)!r} has no channel")
+        if min(times[0], *sequences) < 0 or times[-1] >= 2**64 or max(sequences) >= 2**32:
+            raise ValueError(f"{self.path}: a log_time or sequence is out of range")
+        size = HEAD.itemsize * len(tick) + sum(map(len, data))
         if tick[0][:2] <= self._last:
             raise ValueError(f"{self.path}: a tick begins at {tick[0][:2]}, not after {self._last}")
-        if self._open_bytes + len(records) > LIMIT:
-            raise ValueError(f"{self.path}: a tick of {len(records)} bytes exceeds {LIMIT}")
+        if self._open_bytes + size > LIMIT:
+            raise ValueError(f"{self.path}: a tick of {size} bytes exceeds {LIMIT}")
         self._last = tick[-1][:2]
-        self._open_bytes += len(records)
-        self._stored.open.append((tick, records))
+        self._open_bytes += size
+        self._stored.open.append(tick)
         due = self._closed_at + self._chunk_seconds
         if self._open_bytes >= self._chunk_bytes or time.monotonic() >= due:
             self._close_chunk()
@@ -198,12 +196,11 @@ class Writer:
         old = self._stored
         if not old.open:
             return
-        messages = [message for tick, _ in old.open for message in tick]
-        records = b"".join([records for _, records in old.open])
+        messages = [message for tick in old.open for message in tick]
+        columns = packed(messages, self._numbers)
         digest = old.digest.copy()
         digest.update(messages)
-        numbers, compression = self._numbers, self._compression
-        chunk, index, added = closed(old.offset, messages, records, numbers, compression)
+        chunk, index, added = closed(old.offset, columns, self._compression)
         self._chunk_indexes[old.chunks :] = [index]
         offset, crc = self._emit(chunk)
         self._stored = _Stored(
@@ -211,7 +208,7 @@ class Writer:
             crc,
             digest,
             chunks=old.chunks + 1,
-            ticks=max([old.ticks, *(sequence for _, _, sequence, _ in messages)]),
+            ticks=old.ticks + len({*columns.sequence.tolist()} - {0}),
             start=old.start if old.chunks else messages[0][0],
             end=messages[-1][0],
             counts={**old.counts, **{n: old.counts.get(n, 0) + m for n, m in added.items()}},

@@ -50,6 +50,20 @@ def test_the_session_in_the_readme_is_true(tmp_path):
         assert [volatile(line) for line in printed] == [volatile(line) for line in expected]
 
 
+def test_the_python_in_the_readme_is_true(tmp_path):
+    (program,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
+    scenario = ROOT / "scenarios/paper_first_order.toml"
+    for command in (
+        [BIN / "nrs", "run", scenario, "-o", "recordings/data/first.mcap"],
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{program}"],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["completed (1002, 2)", "True"]
+
+
 def test_every_dependency_earns_its_line_in_contributing():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = [name for group in project["optional-dependencies"].values() for name in group]

@@ -365,3 +365,40 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
     assert told["reason"] == f"stopped by the user after t = {told['duration']:g} s"
     assert told["damage"] == []
     assert told["ticks"] > 0
+
+
+def test_a_cut_recording_is_recovered_and_says_so(recording, tmp_path):
+    cut, new = tmp_path / "cut.mcap", tmp_path / "new.mcap"
+    whole = recording[0].read_bytes()
+    cut.write_bytes(whole[: whole.rindex(b"nrs.end", 0, whole.rindex(b"nrs.end"))])
+    done = nrs("recover", cut, "-o", new)
+    assert done.returncode == 0, done.stderr
+    assert "damage: the file ends inside a record" in done.stderr
+    told = json.loads(nrs("info", new, "--json").stdout)
+    assert (told["status"], told["ticks"], told["damage"]) == ("failed", 10, [])
+    assert told["reason"].startswith(f"recovered from {cut}: unfinished; never closed")
+    assert told["digest"] in recording[1]
+    for target in (new, cut):
+        done = nrs("recover", cut, "-o", target)
+        assert done.returncode == 2
+        assert f"{target}: is there already" in done.stderr
+
+
+def test_export_writes_parquet_and_refuses_what_it_does_not_know(recording, tmp_path):
+    done = nrs("export", recording[0], "-o", tmp_path, "--format", "parquet")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(tmp_path / f"{t}.parquet") for t in ("samples", "states")]
+    done = nrs("export", recording[0], "-o", tmp_path, "--format", "odt")
+    assert done.returncode == 2
+    assert "'odt'" in done.stderr
+
+
+def test_scene_keeps_the_digest(recording, tmp_path):
+    new = tmp_path / "scene.mcap"
+    done = nrs("scene", recording[0], "-o", new)
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(nrs("info", new, "--json").stdout)
+    assert (told["status"], told["ticks"]) == ("completed", 10)
+    assert told["digest"] in recording[1]
+    assert told["messages"] > 376
+    assert nrs("scene", recording[0], "-o", new).returncode == 2

@@ -18,7 +18,7 @@ from orchestrator.running import run
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import parse_scenario, read_scenario
 from orchestrator.setting import links_of, missing_of, topology_of
-from recordings.export import export_csv
+from recordings.export import export
 from recordings.reading import Reader
 from recordings.tables import samples, states
 from tests.estimator_agents.faulty import Network, simulate
@@ -225,7 +225,7 @@ def test_with_all_links_cut_the_estimates_fly_on(paper, tmp_path):
 def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
     file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.3, 0.5]]"))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
-        (table, _) = export_csv(reader, tmp_path)
+        table, *_ = export(reader, tmp_path)
         assert [channel.topic for channel in reader.channels if not channel.counted] == [
             "fault/1",
             "fault/2",

@@ -469,7 +469,8 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     with Reader(path) as reader:
         assert [*reader.messages()] == in_order([made[0], *made[2:]])
         assert "its checksum differs" in reader.damage[0]
-        (missing,) = reader.damage[1:]
+        gap, missing = reader.damage[1:]
+        assert gap == "tick 2 is missing"
         assert missing.startswith("30 of 40 messages are here")
         assert naive_digest(in_order(made)) in missing
         here = naive_digest(in_order([made[0], *made[2:]]))

@@ -1,0 +1,48 @@
+"""A new recording from another one: its head, and what is added; the other is not touched."""
+
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+
+from recordings.container import END_FIELDS, Channel, Closing, Schema
+from recordings.errors import UncreatableError
+from recordings.reading import Reader
+from recordings.writing import Writer
+
+
+def copy_of(
+    reader: Reader,
+    path: str | PathLike[str],
+    metadata: Mapping[str, Mapping[str, str]],
+    channels: Iterable[Channel] = (),
+    schemas: Iterable[Schema] = (),
+) -> Writer:
+    """Return the writer of a new recording with the head of another, and more of each kind.
+
+    Raises `UncreatableError` when there is a file already, or none can be made.
+    """
+    if Path(path).exists():
+        raise UncreatableError(f"{path}: is there already; give the name of a new file")
+    return Writer(
+        path,
+        version=reader.library.removeprefix("nrs-cosim "),
+        channels=[*reader.channels, *channels],
+        schemas=[*reader.schemas, *schemas],
+        metadata={**reader.metadata, **metadata},
+        attachments=reader.attachments,
+        chunk_seconds=float("inf"),
+    )
+
+
+def ending(reader: Reader) -> tuple[Closing, str, dict[str, str]]:
+    """Return how a copy of all that is here ends: status, reason, and what else was said.
+
+    Where all messages are here, as the run did. Else it is "failed", whatever was said of the run,
+    and its reason begins with "recovered from".
+    """
+    here = (str(reader.message_count), reader.digest)
+    if reader.status != "unfinished" and here == (reader.end["messages"], reader.end["digest"]):
+        extra = {name: said for name, said in reader.end.items() if name not in END_FIELDS}
+        return reader.status, reader.reason, extra
+    what = "; ".join(filter(None, (reader.status, reader.reason, *reader.damage)))
+    return "failed", f"recovered from {reader.path}: {what}", {}

@@ -1,0 +1,89 @@
+"""A recording as an xarray Dataset: what was recorded where it belongs, NaN everywhere else.
+
+q, qd, tau, position, velocity    (time, robot, joint)             states, on the output grid
+sample_position, sample_velocity  (sampling_time, robot, joint)    left limits at t_k
+target_position, target_velocity  (sampling_time, joint)           the target's
+"""
+
+import json
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from recordings.reading import Reader
+from recordings.tables import SAMPLES, STATES, Table, about, joints, robots, rows
+
+_ANGULAR = {"q": "rad", "qd": "rad/s", "tau": "N m", "position": "rad", "velocity": "rad/s"}
+_LINEAR = {"q": "m", "qd": "m/s", "tau": "N", "position": "m", "velocity": "m/s"}
+_UNITS = {"two_link_arm": _ANGULAR, "n_link_arm": _ANGULAR, "planar_robot": _LINEAR}
+_WHAT = {
+    "q": "joint coordinates",
+    "qd": "joint velocities",
+    "tau": "applied generalised forces",
+    "position": "estimate of the target's position",
+    "velocity": "estimate of the target's velocity",
+    "sample_position": "estimate of the target's position, left limit at t_k",
+    "sample_velocity": "estimate of the target's velocity, left limit at t_k",
+    "target_position": "the target's position",
+    "target_velocity": "the target's velocity",
+}
+_Variable = tuple[tuple[str, ...], NDArray[np.float64], dict[str, str]]
+
+
+def dataset(reader: Reader) -> xarray.Dataset:
+    """Return all samples and states of a recording, which must fit into memory twice.
+
+    Units are attributes where all robots are bundled models of one kind: those of an FMU from
+    elsewhere are not in a recording. Raises `UnreadableError` as `rows` does.
+    """
+    run = about(reader)
+    n, m = robots(reader), joints(reader)
+    parts: dict[str, list[NDArray[np.void]]] = {SAMPLES.name: [], STATES.name: []}
+    for table, part in rows(reader, [SAMPLES, STATES]):
+        parts[table.name].append(part)
+
+    def spread(table: Table) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        found = np.concatenate([np.empty(0, table.dtype(m)), *parts.pop(table.name)])
+        times, row = np.unique(found["time_ns"], return_inverse=True)
+        grids = {}
+        for name in table.kind.vectors:
+            grids[name] = np.full((len(times), n + 1, m), np.nan)
+            grids[name][row, found["robot"]] = found[name]
+        return times / 1e9, grids
+
+    grid, states = spread(STATES)
+    at, samples = spread(SAMPLES)
+    plants = {plant["name"] for plant in json.loads(run["plants"])}
+    known = [_UNITS.get(plant, {}) for plant in plants]
+    units = known[0] if all(other is known[0] for other in known) else {}
+
+    def variable(dims: tuple[str, ...], name: str, values: NDArray[np.float64]) -> _Variable:
+        told = {"long_name": _WHAT[name]}
+        if units:
+            told["units"] = units[name.rpartition("_")[2]]
+        return (*dims, "joint"), values, told
+
+    variables = {
+        name: variable(("time", "robot"), name, values[:, 1:]) for name, values in states.items()
+    }
+    for name, values in samples.items():
+        sampled, target = f"sample_{name}", f"target_{name}"
+        variables[sampled] = variable(("sampling_time", "robot"), sampled, values[:, 1:])
+        variables[target] = variable(("sampling_time",), target, values[:, 0])
+    seconds = {"units": "s", "long_name": "simulated time"}
+    return xarray.Dataset(
+        variables,
+        {
+            "time": ("time", grid, seconds),
+            "sampling_time": ("sampling_time", at, seconds),
+            "robot": ("robot", np.arange(1, n + 1)),
+            "joint": ("joint", np.arange(1, m + 1)),
+        },
+        {
+            "name": run["name"],
+            "status": reader.status,
+            "digest": reader.digest,
+            "seed": int(run["seed"]),
+        },
+    )

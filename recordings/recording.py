@@ -1,0 +1,168 @@
+"""A recording as arrays, for a notebook or a script of one's own.
+
+    with Recording("first.mcap") as recording:
+        states = recording.states(robots=[1, 2], start=10.0)
+        states["q"]    (rows, m), in the order of states["t"], then states["robot"]
+
+Opening reads no message of an intact file; an array is read when it is asked for, from those parts
+of the file that overlap with its time range. Times are in s of simulated time, ranges half-open.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from os import PathLike
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.container import Status
+from recordings.reading import Reader
+from recordings.tables import FAULTS, SAMPLES, SCENARIO, STATES, Table, joints, robots, rows
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Recording:
+    """The recording at `path`, checked as it opens; a context manager.
+
+    Raises `UnreadableError` when there is no such file, when it is no recording of a run, or when
+    its head is cut or damaged; and later, when a message cannot be what it should be.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self._reader = Reader(path)
+        try:
+            self.robots = robots(self._reader)
+            """n; they are numbered from 1, and the target is 0."""
+            self.joints = joints(self._reader)
+            """m"""
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def scenario(self) -> str:
+        """The text of the scenario."""
+        return self._reader.attachments[SCENARIO][1].decode()
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """What was noted of the run before it began: `nrs.run`, `nrs.versions`."""
+        return self._reader.metadata
+
+    @property
+    def status(self) -> Status:
+        """How the run ended: completed, failed, interrupted, or unfinished, when nothing says."""
+        return self._reader.status
+
+    @property
+    def reason(self) -> str:
+        """Why it ended so."""
+        return self._reader.reason
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over all samples and states that are here."""
+        return self._reader.digest
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks after tick 0 are here; each is whole."""
+        return self._reader.ticks
+
+    @property
+    def damage(self) -> list[str]:
+        """What is missing or wrong, in words; empty when nothing is."""
+        return self._reader.damage
+
+    def samples(
+        self,
+        robots: Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> NDArray[np.void]:
+        """Return rows of k, time_ns, t, robot, position, velocity: left limits at t_k.
+
+        Position and velocity are (rows, m), a robot's estimates of the target, or, of robot 0, the
+        target's own.
+        """
+        return self._array(SAMPLES, robots, start, end)
+
+    def states(
+        self,
+        robots: Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> NDArray[np.void]:
+        """Return rows of k, time_ns, t, robot, q, qd, tau, position, velocity: the output grid.
+
+        The vectors are (rows, m); k is the tick that closes t. At t_k they are left limits.
+        """
+        return self._array(STATES, robots, start, end)
+
+    def faults(
+        self,
+        robots: Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> NDArray[np.void]:
+        """Return rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity.
+
+        A row is what befell the sample of t_k from `source` to `robot`, which may not have arrived:
+        then position and velocity are 0. A robot that is its own source was in an outage.
+        """
+        return self._array(FAULTS, robots, start, end)
+
+    def chunks(
+        self,
+        tables: Sequence[Table],
+        robots: Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> Iterator[tuple[Table, NDArray[np.void]]]:
+        """Yield the same rows, of one or more tables in one pass, a chunk of whole ticks each.
+
+        So a recording of any size is read in little memory.
+        """
+        return rows(self._reader, tables, robots, _ns(start), _ns(end))
+
+    def dataset(self) -> "xarray.Dataset":
+        """Return samples and states as an xarray Dataset; needs the extra `analysis`.
+
+        Dimensions are `time` (the output grid, s), `sampling_time` (t_k, s), `robot` and `joint`,
+        from 1. What was not recorded is NaN.
+        """
+        from recordings.dataset import dataset  # noqa: PLC0415 (an extra)
+
+        return dataset(self._reader)
+
+    def close(self) -> None:
+        """Close the file; what is known of it stays."""
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _array(
+        self,
+        table: Table,
+        robots: Collection[int] | None,
+        start: float | None,
+        end: float | None,
+    ) -> NDArray[np.void]:
+        found = [part for _, part in self.chunks([table], robots, start, end)]
+        return np.concatenate([np.empty(0, table.dtype(self.joints)), *found])
+
+
+def _ns(seconds: float | None) -> int | None:
+    return None if seconds is None else round(seconds * 1e9)

@@ -1,0 +1,87 @@
+"""Recordings of runs, by the real writer and of messages that are made up."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bus.keys import fault_key, sample_key, state_key
+from bus.messages import FAULT, SAMPLE, STATE, Codec
+from recordings.container import Channel
+from recordings.digest import Message
+from recordings.recorder import channels, schemas
+from recordings.tables import RUN
+from recordings.writing import Writer
+
+H = 100_000_000  # ns
+SCENARIO = (Path(__file__).parents[2] / "scenarios/paper_first_order.toml").read_text("utf-8")
+
+
+def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
+    """What a run of n robots with m joints notes of itself."""
+    plant = {
+        "fmu": "two_link_arm",
+        "name": "two_link_arm",
+        "fmi_version": "3.0",
+        "kind": "CoSimulation",
+        "drive": "reference-driven Co-Simulation",
+        "why": "",
+        "sha256": "0" * 64,
+        "robots": [*range(1, n + 1)],
+    }
+    run = {"name": "made_up", "folder": "/", "seed": 1, "robots": n, "joints": m, "ticks": ticks}
+    run |= {"sampling_period_ns": H, "output_step_ns": H // 2, "plants": json.dumps([plant])}
+    return {RUN: {key: str(value) for key, value in run.items()}, "nrs.versions": {"python": "3"}}
+
+
+def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
+    """Tick k of n robots: samples at t_k, states at the two output times, some faults."""
+    rng = np.random.default_rng(k)
+    samples, states, faults = (Codec(kind, m) for kind in (SAMPLE, STATE, FAULT))
+    made: list[Message] = []
+
+    def put(codec: Codec, robots: Sequence[int], time_ns: int, key: Any) -> None:
+        records = codec.blank(np.array(robots, "u4"))
+        records["k"], records["time_ns"] = k, time_ns
+        for name in codec.kind.vectors:
+            records[name] = rng.standard_normal((len(robots), m))
+        if codec is faults:
+            records["source"], records["lost"] = 1, 1
+        payloads = zip(robots, codec.encode(records), strict=True)
+        made.extend((time_ns, key(robot), k, data) for robot, data in payloads)
+
+    for time_ns in (k * H - H // 2, k * H) if k else (0,):
+        put(states, range(1, n + 1), time_ns, state_key)
+    if k:
+        put(samples, range(n + 1), k * H, sample_key)
+        if faulty and k % 3 == 0:
+            put(faults, faulty, k * H, fault_key)
+    return made
+
+
+def create(path: Path, n: int, m: int, ticks: int, faulty: Sequence[int], **options: Any) -> Writer:
+    """A writer of such a run."""
+    used: list[Channel] = channels(n, faulty, False)
+    attachments = {"scenario.toml": ("application/toml", SCENARIO.encode())}
+    head = {"channels": used, "schemas": schemas(used), "metadata": about(n, m, ticks)}
+    return Writer(path, version="1.2", attachments=attachments, **head, **options)
+
+
+def recorded(
+    path: Path,
+    *,
+    n: int = 6,
+    m: int = 2,
+    ticks: int = 20,
+    faulty: Sequence[int] = (),
+    **options: Any,
+) -> list[Message]:
+    """Write a completed run; return its messages in total order."""
+    made = [sorted(tick(k, n, m, faulty)) for k in range(ticks + 1)]
+    with create(path, n, m, ticks, faulty, **options) as writer:
+        for messages in made:
+            writer.write(messages)
+        writer.finish("completed")
+    return [message for messages in made for message in messages]

@@ -1,0 +1,135 @@
+"""A recording of the paper's example opens elsewhere, with our counts and our numbers."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from orchestrator.alone import alone
+from orchestrator.running import run
+from orchestrator.scenario_file import read_scenario
+from orchestrator.shapes import shapes_of
+from orchestrator.summary import describe, scenario_of
+from recordings import Recording
+from recordings.errors import UncreatableError
+from recordings.reading import Reader
+from recordings.scene import Shape, write_scene
+from tests.recordings.runs import recorded
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture(scope="module", params=["paper_first_order", "paper_lossy_links"])
+def example(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The whole recording of the paper's example, and of the one with faults."""
+    path = tmp_path_factory.mktemp("viewers") / "run.mcap"
+    file = read_scenario(SCENARIOS / f"{request.param}.toml")
+    run(file, path, alone(file))
+    return path
+
+
+def decoded(path: Path) -> list[tuple[str, Any, Any]]:
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(c.topic, m, value) for _, c, m, value in reader.iter_decoded_messages()]
+
+
+def test_the_reference_decoder_gives_our_numbers(example: Path) -> None:
+    found = decoded(example)
+    with Reader(example) as reader, Recording(example) as recording:
+        assert len(found) == describe(reader)["messages"]
+        for kind, table in (
+            ("sample", recording.samples()),
+            ("state", recording.states()),
+            ("fault", recording.faults()),
+        ):
+            mine = sorted(
+                (value for topic, _, value in found if topic.startswith(f"{kind}/")),
+                key=lambda value: (value.time_ns, value.robot, getattr(value, "source", 0)),
+            )
+            assert len(mine) == len(table)
+            for name in table.dtype.names:
+                if name != "t" and len(table):
+                    assert np.array_equal([getattr(v, name) for v in mine], table[name])
+
+
+def test_rerun_loads_every_message(example: Path) -> None:
+    reader = pytest.importorskip("rerun.chunk", reason="needs the extra `viewers`").McapReader
+    rows: Counter[str] = Counter()
+    for chunk in reader(example).stream():
+        if not chunk.is_static:
+            rows[chunk.entity_path] += chunk.num_rows
+    with Reader(example) as ours:
+        expected = Counter(f"/{topic}" for _, topic, _, _ in ours.messages())
+        assert reader(example).info().message_count == describe(ours)["messages"]
+    assert {path: rows[path] for path in expected} == dict(expected)
+
+
+def matrix(transform: Any) -> np.ndarray:
+    """The 4 x 4 matrix of a FrameTransform."""
+    x, y, z, w = (getattr(transform.rotation, axis) for axis in "xyzw")
+    assert x * x + y * y + z * z + w * w == pytest.approx(1)
+    made = np.eye(4)
+    made[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    made[:3, 3] = [getattr(transform.translation, axis) for axis in "xyz"]
+    return made
+
+
+def test_a_scene_shows_the_arms_where_they_are(example: Path, tmp_path: Path) -> None:
+    path = tmp_path / "scene.mcap"
+    with Reader(example) as reader:
+        shapes = shapes_of(scenario_of(reader))
+        assert shapes == dict.fromkeys(range(1, 7), Shape((1.0, 0.8)))
+        write_scene(reader, path, shapes)
+        with Reader(path, verify=True) as new:
+            assert (new.digest, new.status, new.ticks) == (reader.digest, "completed", 300)
+            assert new.damage == []
+            ours = [channel.topic for channel in reader.channels]
+            assert list(new.messages(ours)) == list(reader.messages())
+        with pytest.raises(UncreatableError, match="is there already"):
+            write_scene(reader, path, shapes)
+    found = decoded(path)
+    (scene,) = [value for topic, _, value in found if topic == "/scene"]
+    frames = {entity.frame_id for entity in scene.entities}
+    assert len(frames) == 7 * 2
+    lengths = {e.frame_id: e.cylinders[0].size.z for e in scene.entities}
+    moves = {m.log_time: value for topic, m, value in found if topic == "/tf"}
+    with Recording(path) as recording:
+        states = recording.states()
+        assert len(moves) == len(np.unique(states["time_ns"]))
+        for row in states[::97]:
+            made = {t.child_frame_id: t for t in moves[int(row["time_ns"])].transforms}
+            assert made.keys() <= frames
+            first, second = (f"robot/{row['robot']}/link/{i}" for i in (1, 2))
+            assert (made[first].parent_frame_id, made[second].parent_frame_id) == ("world", first)
+            assert (lengths[first], lengths[second]) == (1.0, 0.8)
+            end = matrix(made[first]) @ matrix(made[second]) @ [0.8, 0, 0, 1]
+            one, both = row["q"][0], row["q"].sum()
+            x, z = np.cos(one) + 0.8 * np.cos(both), np.sin(one) + 0.8 * np.sin(both)
+            assert end[[0, 2]] == pytest.approx([x, z], abs=1e-9)
+
+
+def test_points_move_in_the_plane(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    recorded(path, n=2, m=2, ticks=3)
+    with Reader(path) as reader:
+        write_scene(reader, tmp_path / "b.mcap", {2: Shape()})
+    with Recording(path) as recording:
+        places = {(row["time_ns"], 2): row["q"] for row in recording.states([2])}
+        places |= {(row["time_ns"], 0): row["position"] for row in recording.samples([0])}
+    shown = {
+        (message.log_time, int(move.child_frame_id[-1])): [move.translation.x, move.translation.y]
+        for topic, message, value in decoded(tmp_path / "b.mcap")
+        if topic == "/tf"
+        for move in value.transforms
+    }
+    assert shown.keys() == places.keys()
+    assert all(shown[at] == places[at].tolist() for at in places)
