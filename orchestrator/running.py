@@ -21,6 +21,7 @@ from orchestrator.clock import Clock, seconds
 from orchestrator.errors import Interrupted
 from orchestrator.host import Spent, Watch, needed
 from orchestrator.lockstep import Lockstep, Manning, TargetNode, window
+from orchestrator.pace import NO_PACE, Pace
 from orchestrator.restart import AT_ONCE
 from orchestrator.scenario_file import ScenarioFile
 from orchestrator.setting import clock_of, faulty_of, target_of, topology_of
@@ -73,6 +74,7 @@ def run(
     watch: Watch = lambda _time_ns: None,
     deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
+    pace: Pace = NO_PACE,
 ) -> Outcome:
     """Run a scenario into a recording.
 
@@ -80,7 +82,8 @@ def run(
     time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
     t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
     scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
-    run has: they are copied, and the run goes on after them.
+    run has: they are copied, and the run goes on after them. `pace` is the fastest at which ticks
+    close.
     """
     scenario = file.scenario
     clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
@@ -115,6 +118,7 @@ def run(
             ahead,
             deadline or scenario.bus.deadline,
             watch,
+            pace,
         )
         status: Closing = "completed"
         reason = ""

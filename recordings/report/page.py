@@ -15,6 +15,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
+from importlib.util import find_spec
 from typing import Any
 
 from recordings.errors import MissingExtraError
@@ -30,6 +31,7 @@ def page(stories: Sequence[Story]) -> str:
     return _filled(json.dumps(told(stories), allow_nan=False), "'none'")
 
 
+@cache
 def live_page() -> str:
     """Return the page that asks its server for what it shows, again and again."""
     return _filled("null", "'self'")
@@ -112,13 +114,17 @@ def _part(name: str) -> str:
     return files("recordings.report").joinpath("page", name).read_text("utf-8")
 
 
-@cache
-def _plotly() -> str:
-    """Return plotly.js, gzip in base64; MissingExtraError without the package."""
-    try:
-        from plotly.offline import get_plotlyjs  # noqa: PLC0415, an extra that may be missing
-    except ImportError:
+def expect_plotly() -> None:
+    """Raise MissingExtraError without plotly."""
+    if find_spec("plotly") is None:
         raise MissingExtraError(
             "a page needs plotly, which is not installed: pip install 'nrs-cosim[report]'"
-        ) from None
+        )
+
+
+def _plotly() -> str:
+    """Return plotly.js, gzip in base64."""
+    expect_plotly()
+    from plotly.offline import get_plotlyjs  # noqa: PLC0415, an extra that may be missing
+
     return b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode("ascii")

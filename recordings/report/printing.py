@@ -24,6 +24,8 @@ INKS = (
 )  # fmt: skip
 """As the page's on white."""
 _INK = "#1b1f24"
+_SYMBOL = re.compile(r"(?<![A-Za-z0-9_])([ευeėqt]\u0307?)_([ik\d])(?!\w)")
+"""The paper's symbols, with an index; as in the page."""
 _STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#9aa2ab",
@@ -151,4 +153,4 @@ def _colour(ink: int | None) -> str:
 
 
 def _mathematical(label: str) -> str:
-    return re.sub(r"_(\w)", r"$_{\1}$", label)
+    return _SYMBOL.sub(r"\1$_{\2}$", label)

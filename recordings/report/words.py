@@ -11,8 +11,8 @@ from recordings.report.story import Story
 _MEASURED = {
     "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", ""),
     "velocity_estimate": ("estimates of velocity", "sup ‖υ_i − υ_0‖∞", "/s"),
-    "position_tracking": ("position", "sup ‖e_i‖₂", ""),
-    "velocity_tracking": ("velocity", "sup ‖ė_i‖₂", "/s"),
+    "position_tracking": ("the robots’ position", "sup ‖e_i‖₂", ""),
+    "velocity_tracking": ("the robots’ velocity", "sup ‖ė_i‖₂", "/s"),
 }
 _STATUS = {
     "completed": "The run completed.",

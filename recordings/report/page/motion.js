@@ -119,7 +119,7 @@ const picture = {
     for (let x = Math.ceil((middle[0] - half) / step) * step; x <= middle[0] + half; x += step) {
       const at = side / 2 + (x - middle[0]) * scale;
       brush.beginPath(); brush.moveTo(at, 0); brush.lineTo(at, side); brush.stroke();
-      brush.fillText(text(Math.round(x / step) * step), at + 3, side - 5);
+      if (at < side - 30) brush.fillText(text(Math.round(x / step) * step), at + 3, side - 5);
     }
     for (let y = Math.ceil((middle[1] - half) / step) * step; y <= middle[1] + half; y += step) {
       const at = side / 2 - (y - middle[1]) * scale;

@@ -8,11 +8,14 @@ function make(kind, properties = {}, ...children) {
   return element;
 }
 
-// "ε_i" with its index below the line
+// "ε_i" with its index below the line; only the paper's symbols have any, "x86_64" is left alone
+const symbol = /(?<![A-Za-z0-9_])([ευeėqt]\u0307?)_([ik\d])(?!\w)/g;
 function indexed(text) {
-  return text.split(/_(\w)/).map((part, at) => (at % 2 ? make("sub", { textContent: part }) : part));
+  return text.replace(symbol, "$1\u0000$2\u0000").split("\u0000")
+    .map((part, at) => (at % 2 ? make("sub", { textContent: part }) : part));
 }
-const indexedHtml = (text) => text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`).replace(/_(\w)/g, "<sub>$1</sub>");
+const indexedHtml = (text) =>
+  text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`).replace(symbol, "$1<sub>$2</sub>");
 
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -101,7 +104,7 @@ function sayWords(runs) {
       make("p", { className: "lead", textContent: run.lead }),
       ...run.damage.map((damage) => make("p", { className: "damage", textContent: `Damaged: ${damage}` })),
       ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles),
-        make("p", { className: "about", textContent: "The largest errors of the last fifth." })] : []));
+        make("p", { className: "about", textContent: "The largest errors of the last fifth. In the plots, drag to look closer, double click to see all again." })] : []));
   }));
 }
 

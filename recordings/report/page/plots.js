@@ -10,7 +10,7 @@ const plots = {
     for (const one of this.drawn) {
       await Plotly.react(one.plot, this.traces(one.panel), this.layout(one.panel), {
         responsive: true, displaylogo: false, scrollZoom: false,
-        modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "toImage"],
+        displayModeBar: false,
       });
       await new Promise((done) => setTimeout(done));
     }
