@@ -200,13 +200,18 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
                     if 0 < bound < np.inf
                 ]
             if kind == "estimate":
-                curves += _slope(story, f"{of}slope of ρ = {story.subject.factor:.4f}", group)
+                curves += _slope(
+                    story,
+                    f"{of}slope of ρ = {story.subject.factor:.4f}",
+                    group,
+                    at if several else None,
+                )
         if curves:
             unit = stories[0].subject.unit
             yield Panel(f"{whose} ({unit}, {unit}/s)", tuple(curves), logarithmic=True, legend=True)
 
 
-def _slope(story: Story, name: str, group: str) -> list[Curve]:
+def _slope(story: Story, name: str, group: str, ink: int | None) -> list[Curve]:
     """Return the line that falls (or rises) by ρ each period, from the largest error on."""
     envelope, factor = story.envelopes["position_estimate"], story.subject.factor
     y = envelope.largest
@@ -217,7 +222,7 @@ def _slope(story: Story, name: str, group: str) -> list[Curve]:
     least, most = np.nanmin(y), np.nanmax(y)
     seen = (line >= least) & (line <= most)
     rows = np.flatnonzero(seen)[[0, -1]] if seen.any() else np.empty(0, int)
-    return [Curve(name, group, envelope.t[start:][rows], line[rows], None, "dot")]
+    return [Curve(name, group, envelope.t[start:][rows], line[rows], ink, "dash")]
 
 
 _TOLD = {"lost": "lost", "outage": "in an outage", "late": "late", "altered": "noisy or rounded"}

@@ -7,7 +7,6 @@ colours it, by class.
 
 from collections import Counter
 from collections.abc import Iterator
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ def drawn(story: Story) -> str:
     body = [*_links(story, nodes, node), *_nodes(story, nodes, node)]
     return (
         f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" role="img" '
-        f'aria-label="Who hears whom in {escape(story.name, quote=True)}">{"".join(body)}</svg>'
+        f'aria-label="Who hears whom">{"".join(body)}</svg>'
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Sheet
-from matplotlib.figure import SubFigure
 from matplotlib.lines import Line2D
 
 from recordings.report.figures import Figure, Group, Panel, figures, groups
@@ -77,7 +76,7 @@ def write_png(
 
 
 def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:
-    heights = [_height(figure) for figure in drawn]
+    heights = [_height(figure, legend) for figure in drawn]
     sheet = Sheet(figsize=(_WIDTH, sum(heights)), layout="constrained")
     parts = sheet.subfigures(len(drawn), 1, squeeze=False, height_ratios=heights)
     for figure, part in zip(drawn, parts[:, 0], strict=True):
@@ -93,17 +92,19 @@ def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None
             ax.set_axis_off()
         for ax in axes[-1]:
             ax.set_xlabel("simulated time (s)")
-        if not any(panel.legend for panel in figure.panels):
-            _legend(part, figure, legend)
+        lines = _legend(figure, legend)
+        part.legend(handles=lines, loc="outside lower center", ncols=_columns(lines))
     return sheet
 
 
-def _height(figure: Figure) -> float:
+def _height(figure: Figure, legend: Sequence[Group]) -> float:
     """Return the height of a figure in inches."""
-    rows = -(-len(figure.panels) // figure.columns)
+    lines = _legend(figure, legend)
+    named = 0.16 * -(-len(lines) // _columns(lines))
     if any(panel.rows for panel in figure.panels):
-        return 1.1 + sum(0.14 * len(panel.rows) for panel in figure.panels)
-    return 0.8 + (2.5 if any(panel.legend for panel in figure.panels) else 1.75) * rows
+        return 1.0 + named + sum(0.14 * len(panel.rows) for panel in figure.panels)
+    rows = -(-len(figure.panels) // figure.columns)
+    return 0.7 + named + (2.2 if any(panel.legend for panel in figure.panels) else 1.75) * rows
 
 
 def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
@@ -129,23 +130,29 @@ def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
         ax.set_ylabel(_mathematical(panel.label))
     if panel.logarithmic:
         ax.set_yscale("log")
-    if panel.legend:
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.26 if panel.rows else -0.2), ncols=4)
     if until is not None:
         ax.set_xlim(0, until)
     ax.margins(x=0.01)
 
 
-def _legend(part: SubFigure, figure: Figure, groups_of: Sequence[Group]) -> None:
-    """Name the groups that a figure has, in one line under it."""
-    there = {curve.group for panel in figure.panels for curve in panel.curves}
-    dashes = {curve.group: curve.dash for panel in figure.panels for curve in panel.curves}
-    lines = [
-        Line2D([], [], color=_colour(ink), linestyle=_DASHES[dashes[name]], label=name)
-        for name, ink in groups_of
-        if name in there
+def _legend(figure: Figure, legend: Sequence[Group]) -> list[Line2D]:
+    """Return what is named under a figure: its groups, or its curves where they have names."""
+    curves = [curve for panel in figure.panels for curve in panel.curves]
+    if any(panel.legend for panel in figure.panels):
+        looks = {curve.name: (curve.ink, curve.dash) for curve in curves}
+    else:
+        dashes = {curve.group: curve.dash for curve in curves}
+        looks = {name: (ink, dashes[name]) for name, ink in legend if name in dashes}
+    return [
+        Line2D([], [], color=_colour(ink), linestyle=_DASHES[dash], label=_mathematical(name))
+        for name, (ink, dash) in looks.items()
     ]
-    part.legend(handles=lines, loc="outside lower center", ncols=min(len(lines), 9))
+
+
+def _columns(lines: Sequence[Line2D]) -> int:
+    """Return how many names fit beside one another."""
+    longest = max((len(str(line.get_label())) for line in lines), default=1)
+    return max(1, min(len(lines), 110 // (longest + 6)))
 
 
 def _colour(ink: int | None) -> str:

@@ -28,25 +28,34 @@ const picture = {
     const points = this.runs.some(({ lengths }) => lengths.some((links) => !links.length));
     $("#jointspace").hidden = !chains || this.runs.every(({ m }) => m < 2);
     const unknown = this.runs.some(({ known }) => !known);
-    $("#workspace figcaption").textContent = !chains ? `the plane (${this.runs[0].unit}); rings are estimates, the cross is the target`
+    $("#workspace figcaption").textContent = !chains ? `the plane (${this.runs[0].unit}); rings are estimates; the picture goes with the target, the cross`
       : `the arms${unknown ? ", drawn with links of unit length," : ""} on one base; the broad grey arm is the target’s position`;
     this.reach = { chains, points };
-    this.frame = this.bounds();
+    this.sides = this.zoom();
     this.set(atEnd && !this.playing ? this.end : this.now);
   },
 
-  bounds() { // of joint space: the middle and half the side of a square
-    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
-    for (const { q, target, m } of this.runs)
-      for (const [array, step] of [[q, m], [target, m]])
-        for (let at = 0; at < array.length; at += step)
-          for (const axis of [0, Math.min(1, m - 1)]) {
-            const value = array[at + axis];
-            if (value < low[axis]) low[axis] = value;
-            if (value > high[axis]) high[axis] = value;
-          }
-    const side = Math.max(high[0] - low[0], high[1] - low[1], 1e-3) * 0.54;
-    return { middle: [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2].map((x) => (Number.isFinite(x) ? x : 0)), side };
+  // how far from the target joint space is seen at each frame of the first run: as far as the
+  // farthest robot is within a second, so that nothing leaves and nothing jumps
+  zoom() {
+    const [first] = this.runs, frames = [...first.t];
+    const far = frames.map((t) => {
+      const middle = this.at(first, first.target, 0, 1, t);
+      let most = 0;
+      for (const run of this.runs)
+        run.robots.forEach((_, row) => {
+          const q = this.at(run, run.q, row, run.robots.length, t);
+          for (const axis of [0, Math.min(1, run.m - 1)])
+            if (Math.abs(q[axis] - middle[axis]) > most) most = Math.abs(q[axis] - middle[axis]);
+        });
+      return Math.max(most * 1.2, 1);
+    });
+    const near = (values, at, fold) => {
+      const wide = Math.max(Math.round(1 / Math.max(frames[1] - frames[0], 1e-9)) || 1, 1);
+      return fold(values.slice(Math.max(at - wide, 0), at + wide + 1));
+    };
+    const most = far.map((_, at) => near(far, at, (some) => Math.max(...some)));
+    return most.map((_, at) => near(most, at, (some) => some.reduce((a, b) => a + b, 0) / some.length));
   },
 
   turn(on) {
@@ -112,7 +121,7 @@ const picture = {
     brush.fillStyle = theme.colour("--soft");
     brush.font = `16px ${getComputedStyle(document.body).fontFamily}`;
     brush.lineWidth = 1;
-    const rough = half / 2.5, power = 10 ** Math.floor(Math.log10(rough));
+    const rough = half / 3, power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].find((factor) => factor * power >= rough) * power;
     const scale = side / 2 / half;
     const text = (value) => Number(value.toPrecision(6)).toString();
@@ -196,7 +205,11 @@ const picture = {
   },
 
   plane(brush, side) {
-    const to = this.grid(brush, side, this.frame.middle, this.frame.side);
+    const [first] = this.runs;
+    const middle = this.at(first, first.target, 0, 1, this.now).map((x) => (Number.isFinite(x) ? x : 0));
+    const frame = Math.round(this.now / (first.t[first.t.length - 1] || 1) * (first.t.length - 1));
+    const half = this.sides[Math.min(frame, this.sides.length - 1)];
+    const to = this.grid(brush, side, [middle[0], middle[1] ?? 0], half);
     const two = (values) => to([values[0], values[1] ?? 0]);
     this.runs.forEach((run, at) => {
       run.robots.forEach((_, row) => {

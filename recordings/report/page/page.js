@@ -103,8 +103,8 @@ function sayWords(runs) {
       make("h3", {}, ...(several ? [run.name] : []), status),
       make("p", { className: "lead", textContent: run.lead }),
       ...run.damage.map((damage) => make("p", { className: "damage", textContent: `Damaged: ${damage}` })),
-      ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles),
-        make("p", { className: "about", textContent: "The largest errors of the last fifth. In the plots, drag to look closer, double click to see all again." })] : []));
+      ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles)] : []),
+      ...(tiles.length && run === runs.at(-1) ? [make("p", { className: "about", textContent: "The largest errors of the last fifth. In the plots, drag to look closer, double click to see all again." })] : []));
   }));
 }
 
@@ -124,8 +124,9 @@ function listGroups({ groups, figures }) {
 
 function drawNetworks(runs) {
   $("#network").hidden = false;
-  const drawn = [...new Set(runs.map(({ network }) => network))];
-  $("#network .networks").innerHTML = drawn.join("");
+  document.body.classList.toggle("several", runs.length > 1);
+  $("#network .networks").replaceChildren(...runs.map(({ name, network }) =>
+    make("figure", { innerHTML: network }, ...(runs.length > 1 ? [make("figcaption", { textContent: name })] : []))));
   if (runs.length > 1) return;
   for (const node of document.querySelectorAll(".node")) {
     const group = page.groups.find(({ name }) => name === nodeGroup(node.dataset.robot));
@@ -172,7 +173,8 @@ function tellNumbers(runs) {
     const name = several ? `${run.name}: ` : "";
     return [
       table(`${name}messages`, [], Object.entries(run.counted).map(([what, count]) => [what, { text: count, number: true }])),
-      table(`${name}made by`, [], Object.entries(run.particulars).map(([what, text]) => [what, { text, name: "long" }])),
+      make("details", {}, make("summary", { textContent: `${name}made by` }),
+        table("", [], Object.entries(run.particulars).map(([what, text]) => [what, { text, name: "long" }]))),
     ];
   }));
 }

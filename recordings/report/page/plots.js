@@ -8,6 +8,7 @@ const plots = {
     this.lay(figures);
     await library;
     for (const one of this.drawn) {
+      this.name(one);
       await Plotly.react(one.plot, this.traces(one.panel), this.layout(one.panel), {
         responsive: true, displaylogo: false, scrollZoom: false,
         displayModeBar: false,
@@ -32,7 +33,8 @@ const plots = {
       for (const panel of figure.panels) {
         const plot = make("div", { className: panel.rows.length ? "plot rows" : "plot" });
         plot.style.setProperty("--rows", panel.rows.length);
-        const box = make("div", { className: "panel" }, make("h3", {}, ...indexed(panel.label)), plot);
+        const box = make("div", { className: "panel" }, make("h3", {}, ...indexed(panel.label)), plot,
+          ...(panel.legend ? [make("ul", { className: "legend" })] : []));
         inner.append(box);
         this.drawn.push({ panel, box, plot });
       }
@@ -44,6 +46,14 @@ const plots = {
       return section;
     }));
     this.choose(panels.some(({ joint }) => joint > 2) ? 0 : null);
+  },
+
+  name({ panel, box }) {
+    $(".legend", box)?.replaceChildren(...panel.curves.map(({ name, ink, dash, width }) => {
+      const line = make("i");
+      line.style.borderTop = `${Math.max(width, 2.5)}px ${{ dash: "dashed", dot: "dotted" }[dash] ?? "solid"} var(${ink === null ? "--ink" : `--ink-${ink % 8}`})`;
+      return make("li", {}, line, make("span", {}, ...indexed(name)));
+    }));
   },
 
   chooser(joints) {
@@ -86,8 +96,7 @@ const plots = {
       font, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
       margin: { l: 8, r: 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       hoverlabel: { font: { ...font, color: ink }, bgcolor: theme.colour("--card"), bordercolor: line },
-      showlegend: panel.legend,
-      legend: { orientation: "h", y: -0.22, yanchor: "top", x: 0, font: { ...font, color: ink } },
+      showlegend: false,
       xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7 },
       yaxis: { ...axis, nticks: 6,
         ...(panel.logarithmic ? { type: "log", exponentformat: "power", dtick: 1 } : {}),
