@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +126,24 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     heard = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
     expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i hears j
     assert sorted(i + j for j, i in heard) == expected.split()
+
+
+def test_what_a_run_says_at_its_end_is_told(paper):
+    spent = replace(story(paper), ending={"time": '{"host": {"plants": 0.5}}', "note": "a word"})
+    (run,) = told(page([spent]))["runs"]
+    assert run["counted"]["time, host, plants"] == "0.5"
+    assert run["counted"]["note"] == "a word"
+
+
+def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
+    plain = story(paper)
+    bounds = {"position_estimate": {"sharp": 0.2, "paper’s": float("inf")}}
+    data = told(page([replace(plain, subject=replace(plain.subject, bounds=bounds))]))
+    (run,) = data["runs"]
+    assert run["measured"][0]["bounds"] == {"sharp": 0.2}
+    (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
+    (line,) = (c for c in figure["panels"][0]["curves"] if "sharp" in c["name"])
+    assert numbers(data, line["y"]).tolist() == [0.2, 0.2]
 
 
 def test_faults_are_those_of_the_recording(lossy):

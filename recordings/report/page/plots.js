@@ -97,7 +97,7 @@ const plots = {
       margin: { l: 8, r: 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       hoverlabel: { font: { ...font, color: ink }, bgcolor: theme.colour("--card"), bordercolor: line },
       showlegend: false,
-      xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7 },
+      xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7, rangemode: "tozero" },
       yaxis: { ...axis, nticks: 6,
         ...(panel.logarithmic ? { type: "log", exponentformat: "power", dtick: 1 } : {}),
         ...(panel.rows.length ? { tickvals: panel.rows.map((_, at) => at), ticktext: panel.rows,
