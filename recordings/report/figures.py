@@ -65,10 +65,8 @@ class Figure:
 def groups(stories: Sequence[Story]) -> list[Group]:
     """Return the names of the groups and their colours, as a legend lists them."""
     if len(stories) == 1:
-        return [
-            *((f"robot {robot}", robot - 1) for robot in stories[0].drawn.tolist()),
-            (TARGET, None),
-        ]
+        drawn = enumerate(stories[0].drawn)
+        return [*((f"robot {robot}", ink) for ink, robot in drawn), (TARGET, None)]
     return [*((name, ink) for ink, name in enumerate(names(stories))), (TARGET, None)]
 
 
@@ -130,7 +128,7 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
                 y = y - story.target[_OF[name]][:, joint, None]
             for row, robot in enumerate(story.drawn):
                 who = f"robot {robot}"
-                group, ink = (said, at) if several else (who, int(robot) - 1)
+                group, ink = (said, at) if several else (who, row)
                 label = f"{said}, {who}" if several else who
                 curves.append(_curve(label, group, story.t, y[:, row], ink))
             if name not in _OF:

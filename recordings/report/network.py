@@ -35,7 +35,7 @@ def drawn(story: Story) -> str:
     node = float(np.clip(RADIUS * np.pi / max(topology.n, 1) * 0.62, 5, 22))
     body = [*_links(story, nodes, node), *_nodes(story, nodes, node)]
     return (
-        f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" role="img" '
+        f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" style="--ring: {node / 3.2:.2g}px" role="img" '
         f'aria-label="Who hears whom">{"".join(body)}</svg>'
     )
 
@@ -68,7 +68,7 @@ def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
         middle = (start + 2 * control + tip) / 4
         label = (
             ""
-            if weight == 1
+            if weight == 1 or node < 12
             else f'<text x="{_n(middle[0])}" y="{_n(middle[1])}">{weight:g}</text>'
         )
         points = " ".join(f"{_n(x)},{_n(y)}" for x, y in (tip, *wings))
