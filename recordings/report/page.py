@@ -1,6 +1,6 @@
 """The page: one file that needs nothing else, no network and no server.
 
-    skeleton, style and script    as they stand in `page/`
+    skeleton, style and script    as they stand in `web/`
     what is drawn                 JSON, with arrays in base64
     plotly.js                     gzip in base64, inflated by the browser
 
@@ -111,7 +111,7 @@ def _filled(data: str, connect: str) -> str:
 
 
 def _part(name: str) -> str:
-    return files("recordings.report").joinpath("page", name).read_text("utf-8")
+    return files("recordings.report").joinpath("web", name).read_text("utf-8")
 
 
 def expect_plotly() -> None:
