@@ -27,6 +27,7 @@ from orchestrator.options import (
     tls_of,
 )
 from orchestrator.plants import group_by_archive, open_fleet
+from orchestrator.report_cli import report
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
 from orchestrator.setting import bodies
@@ -71,6 +72,7 @@ app.command()(run_cli.resume)
 app.command()(run_cli.host)
 app.command()(replay_cli.replay)
 app.command()(replay_cli.diff)
+app.command()(report)
 
 
 @app.command()

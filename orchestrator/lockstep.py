@@ -9,6 +9,7 @@ deadline, the run ends, and says who is silent and what they wait for.
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from time import monotonic, perf_counter
 from typing import Any, Protocol
 
@@ -22,6 +23,7 @@ from estimator_agents.target import Harmonic
 from orchestrator.clock import Clock, seconds
 from orchestrator.host import Spent, Watch
 from orchestrator.numbers import named
+from orchestrator.pace import NO_PACE, Pace
 from recordings.recorder import Recorder
 
 WINDOW_BYTES = 16 * 2**20
@@ -125,6 +127,7 @@ class Lockstep:
         ahead: int,
         deadline: float,
         watch: Watch,
+        pace: Pace = NO_PACE,
     ) -> None:
         """Let hosts run some ticks ahead; a silence may last as long as the deadline, s.
 
@@ -136,15 +139,18 @@ class Lockstep:
         self._clock, self._target, self._hosts, self._recorder = clock, target, hosts, recorder
         self._needs = needs
         self._ahead, self._deadline, self._watch = ahead, deadline, watch
+        self._pace = pace
 
     def run(self) -> Iterator[int]:
         """Close the ticks after the last that is recorded; yield each number."""
         first = self._recorder.closed + 1
         self._target.skip_to(first - 1)
         self._target.publish_until(first - 1 + self._ahead)
+        self._pace.start(self._clock.t(max(first - 1, 0)))
         for k in range(first, self._clock.ticks + 1):
             self._hosts.advance(k)
             self._gather(k)
+            self._pace.wait(self._clock.t(k), partial(self._watch, self._clock.t(max(k - 1, 0))))
             began = perf_counter()
             self._recorder.close(k)
             self.recording += perf_counter() - began

@@ -125,3 +125,16 @@ Deadline = Annotated[
 ]
 NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a host is gone.")]
 ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
+Realtime = Annotated[
+    float | None,
+    typer.Option(metavar="X", help="Let simulated time pass at most X times as fast as wall time."),
+]
+ShowLive = Annotated[
+    bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
+]
+Port = Annotated[
+    int | None, typer.Option(min=0, max=65535, help="Of --live; any free one unless given.")
+]
+Stay = Annotated[
+    bool, typer.Option("--stay", help="Of --live: serve the page until Ctrl-C after the run.")
+]

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from math import inf
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Literal
@@ -22,6 +23,7 @@ from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
 from orchestrator.errors import Interrupted
 from orchestrator.hosts.member import Membership, serve
+from orchestrator.live import Live
 from orchestrator.lockstep import Manning
 from orchestrator.manning import Handling, elsewhere, here, hosts_worth_it
 from orchestrator.options import (
@@ -32,15 +34,20 @@ from orchestrator.options import (
     InsecureTcp,
     Listen,
     NoRestart,
+    Port,
+    Realtime,
     RecordingPath,
     ScenarioPath,
+    ShowLive,
     ShowProfile,
+    Stay,
     TlsCa,
     TlsCertificate,
     TlsKey,
     Wait,
     tls_of,
 )
+from orchestrator.pace import NO_PACE, Pace, RealTime
 from orchestrator.places import place_for
 from orchestrator.plants import group_by_archive
 from orchestrator.running import Outcome, past_of
@@ -83,8 +90,15 @@ def run(
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
     insecure_tcp: InsecureTcp = False,
+    realtime: Realtime = None,
+    live: ShowLive = False,
+    port: Port = None,
+    stay: Stay = False,
 ) -> None:
     """Run a scenario and record all that was said."""
+    pace = _pace(realtime)
+    if not live and (stay or port is not None):
+        raise InputError(f"{'--stay' if stay else '--port'}: is of --live, which is not given")
     file = read_scenario(scenario)
     for warning in check_scenario(file.scenario).warnings():
         say("yellow", "warning", warning)
@@ -92,7 +106,9 @@ def run(
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     handling = _handling(no_restart, wait, expect, deadline)
     man = _manning(file, hosts, handling, listen, connect, ends)
-    perform(file, output, man, compression, profile, deadline)
+    with Live(port or 0, stay) as page:
+        begin = page.begin if live else None
+        perform(file, output, man, compression, profile, deadline, pace=pace, begin=begin)
 
 
 def resume(
@@ -210,6 +226,8 @@ def perform(
     deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    pace: Pace = NO_PACE,
+    begin: Callable[[Path], None] | None = None,
 ) -> None:
     """Run with everything that a person sees of it, and exit with its status."""
     clock = clock_of(file.scenario)
@@ -225,6 +243,8 @@ def perform(
                 raise Interrupted
 
         whole = path.absolute()  # an FMU may change the working directory
+        if begin:
+            begin(whole)
         outcome = run_scenario(
             file,
             whole,
@@ -234,6 +254,7 @@ def perform(
             deadline=deadline,
             past=past,
             metadata=metadata,
+            pace=pace,
         )
     with Reader(whole) as reader:
         told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
@@ -254,6 +275,14 @@ def perform(
     if outcome.status == "failed":
         say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])
+
+
+def _pace(factor: float | None) -> Pace:
+    if factor is None:
+        return NO_PACE
+    if not 0 < factor < inf:
+        raise InputError(f"--realtime: expected a number above 0, got {factor:g}")
+    return RealTime(factor)
 
 
 def _counted(outcome: Outcome) -> str:

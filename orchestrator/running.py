@@ -21,6 +21,7 @@ from orchestrator.clock import Clock, seconds
 from orchestrator.errors import Interrupted
 from orchestrator.host import Spent, Watch, needed
 from orchestrator.lockstep import Lockstep, Manning, TargetNode, window
+from orchestrator.pace import NO_PACE, Pace
 from orchestrator.restart import AT_ONCE
 from orchestrator.scenario_file import ScenarioFile
 from orchestrator.setting import clock_of, faulty_of, target_of, topology_of
@@ -77,6 +78,7 @@ def run(
     deadline: float | None = None,
     past: Iterator[list[Message]] | None = None,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    pace: Pace = NO_PACE,
 ) -> Outcome:
     """Run a scenario into a recording.
 
@@ -85,6 +87,7 @@ def run(
     t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
     scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
     run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
+    `pace` is the fastest at which ticks close.
     """
     scenario = file.scenario
     clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
@@ -120,6 +123,7 @@ def run(
             ahead,
             deadline or scenario.bus.deadline,
             watch,
+            pace,
         )
         status: Closing = "completed"
         reason = ""

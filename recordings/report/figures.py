@@ -1,0 +1,286 @@
+"""What is drawn of recordings: figures of panels of curves, like the paper's, for any painter.
+
+A curve belongs to a group, which is shown and hidden as one and has one colour: a robot where one
+recording is drawn, a recording where several lie over one another. A curve is a row of points that
+was decimated already; NaN breaks it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.report.decimating import kept
+from recordings.report.story import KINDS, Befallen, Story
+
+Array = NDArray[np.float64]
+Group = tuple[str, int | None]
+"""Its name and its colour."""
+TARGET = "target"
+"""The group of the target's curves and of the theory's: in the colour of ink."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Points (rows,) of x in s and y; `ink` is the colour's number, None that of the text."""
+
+    name: str
+    group: str
+    x: Array
+    y: Array
+    ink: int | None
+    dash: str = "solid"
+    """solid, dash or dot"""
+    width: float = 1.0
+    marks: bool = False
+    """Whether points are marked, so that one alone is seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """Curves in one pair of axes. `_i` in a label is an index."""
+
+    label: str
+    curves: tuple[Curve, ...]
+    joint: int | None = None
+    logarithmic: bool = False
+    legend: bool = False
+    """Whether its curves have names of their own, and not only their groups'."""
+    rows: tuple[str, ...] = ()
+    """Names of y = 0, 1, … from the top, where y is no number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figure:
+    """Panels that belong together."""
+
+    name: str
+    title: str
+    about: str
+    panels: tuple[Panel, ...]
+    columns: int = 2
+
+
+def groups(stories: Sequence[Story]) -> list[Group]:
+    """Return the names of the groups and their colours, as a legend lists them."""
+    if len(stories) == 1:
+        drawn = enumerate(stories[0].drawn)
+        return [*((f"robot {robot}", ink) for ink, robot in drawn), (TARGET, None)]
+    return [*((name, ink) for ink, name in enumerate(names(stories))), (TARGET, None)]
+
+
+def names(stories: Sequence[Story]) -> list[str]:
+    """Return a name for each recording, numbered where several share theirs."""
+    told = [story.name for story in stories]
+    return [
+        name if told.count(name) == 1 else f"{name} ({told[: at + 1].count(name)})"
+        for at, name in enumerate(told)
+    ]
+
+
+def figures(stories: Sequence[Story]) -> list[Figure]:
+    """Return all that is drawn over time; what nothing was recorded for has no panel."""
+    drawn = [_estimates(stories), _tracking(stories), _envelopes(stories), _faults(stories)]
+    return [figure for figure in drawn if figure.panels]
+
+
+def _estimates(stories: Sequence[Story]) -> Figure:
+    return Figure(
+        "estimates",
+        "What the robots believe",
+        "Each robot’s estimate of the target’s position ε_i and velocity υ_i, and the target "
+        "itself (dashed). Estimates jump at the sampling times, and only there.",
+        (*_by_joint(stories, "position", "ε_i"), *_by_joint(stories, "velocity", "υ_i")),
+        _columns(stories),
+    )
+
+
+def _tracking(stories: Sequence[Story]) -> Figure:
+    return Figure(
+        "tracking",
+        "How the robots follow",
+        "The tracking errors e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 of each robot’s joints.",
+        (*_by_joint(stories, "q", "e_i"), *_by_joint(stories, "qd", "ė_i")),
+        _columns(stories),
+    )
+
+
+def _columns(stories: Sequence[Story]) -> int:
+    """Return how many joints are side by side: all three of them, else two."""
+    return 3 if max(story.m for story in stories) == 3 else 2
+
+
+_OF = {"q": "position", "qd": "velocity"}
+
+
+def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Panel]:
+    """Yield a panel a joint: estimates beside the target, or joints less the target."""
+    rate = "/s" if name in {"velocity", "qd"} else ""
+    several = len(stories) > 1
+    for joint in range(max(story.m for story in stories)):
+        curves = []
+        for at, (story, said) in enumerate(zip(stories, names(stories), strict=True)):
+            if joint >= story.m or not len(story.t):
+                continue
+            y = story.vectors[name][:, :, joint]
+            if name in _OF:
+                y = y - story.target[_OF[name]][:, joint, None]
+            for row, robot in enumerate(story.drawn):
+                who = f"robot {robot}"
+                group, ink = (said, at) if several else (who, row)
+                label = f"{said}, {who}" if several else who
+                curves.append(_curve(label, group, story.t, y[:, row], ink))
+            if name not in _OF:
+                line = _curve(TARGET, TARGET, story.t, story.target[name][:, joint], None, "dash")
+                if not any(_same(line, other) for other in curves):
+                    curves.append(line)
+        if curves:
+            unit = stories[0].subject.unit + rate
+            yield Panel(f"{symbol}, joint {joint + 1} ({unit})", tuple(curves), joint)
+
+
+def _curve(
+    name: str, group: str, t: Array, y: Array, ink: int | None, dash: str = "solid"
+) -> Curve:
+    points = kept(y)
+    return Curve(name, group, t[points], y[points], ink, dash, 1.3 if group == TARGET else 1.0)
+
+
+def _same(one: Curve, other: Curve) -> bool:
+    return np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y, equal_nan=True)
+
+
+_NORMS = (
+    ("estimate", "estimates at t_k", "max ‖ε_i − ε_0‖∞", "max ‖υ_i − υ_0‖∞"),
+    ("tracking", "robots", "max ‖e_i‖₂", "max ‖ė_i‖₂"),
+)
+
+
+def _envelopes(stories: Sequence[Story]) -> Figure:
+    return Figure(
+        "envelopes",
+        "How fast it settles",
+        "The largest errors over all robots, and what the theory has beside them: the slope is "
+        "that of ρ, the factor that is left of the estimation error after a sampling period.",
+        tuple(_envelope_panels(stories)),
+    )
+
+
+def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
+    several = len(stories) > 1
+    for kind, whose, *norms in _NORMS:
+        curves: list[Curve] = []
+        for at, (story, said) in enumerate(zip(stories, names(stories), strict=True)):
+            of = f"{said}: " if several else ""
+            group = said if several else whose
+            for number, (name, norm) in enumerate(
+                zip(("position", "velocity"), norms, strict=True)
+            ):
+                field = f"{name}_{kind}"
+                envelope = story.envelopes[field]
+                if not len(envelope.t):
+                    continue
+                ink = at if several else number
+                dash = "dot" if several and number else "solid"
+                curves.append(_curve(f"{of}{norm}", group, envelope.t, envelope.largest, ink, dash))
+                ends = envelope.t[[0, -1]]
+                curves += [
+                    Curve(
+                        f"{of}{norm} ≤ {bound:.4g}, {law}",
+                        group,
+                        ends,
+                        np.full(2, bound),
+                        ink,
+                        "dash",
+                    )
+                    for law, bound in story.subject.bounds.get(field, {}).items()
+                    if 0 < bound < np.inf
+                ]
+            if kind == "estimate":
+                curves += _slope(
+                    story,
+                    f"{of}slope of ρ = {story.subject.factor:.4f}",
+                    group,
+                    at if several else None,
+                )
+        if curves:
+            unit = stories[0].subject.unit
+            yield Panel(f"{whose} ({unit}, {unit}/s)", tuple(curves), logarithmic=True, legend=True)
+
+
+def _slope(story: Story, name: str, group: str, ink: int | None) -> list[Curve]:
+    """Return the line that falls (or rises) by ρ each period, from the largest error on."""
+    envelope, factor = story.envelopes["position_estimate"], story.subject.factor
+    y = envelope.largest
+    if not np.isfinite(y).any() or not factor > 0:
+        return []
+    start = int(np.nanargmax(y)) if factor < 1 else 0
+    line = y[start] * factor ** np.arange(len(y) - start)
+    least, most = np.nanmin(y), np.nanmax(y)
+    seen = (line >= least) & (line <= most)
+    rows = np.flatnonzero(seen)[[0, -1]] if seen.any() else np.empty(0, int)
+    return [Curve(name, group, envelope.t[start:][rows], line[rows], ink, "dash")]
+
+
+_TOLD = {"lost": "lost", "outage": "in an outage", "late": "late", "altered": "noisy or rounded"}
+_LOOKS = {"lost": (5, 5.0), "outage": (1, 5.0), "late": (0, 5.0), "altered": (7, 1.0)}
+"""The colour and the width of each kind."""
+
+
+def _faults(stories: Sequence[Story]) -> Figure:
+    several = len(stories) > 1
+    panels = []
+    for story, said in zip(stories, names(stories), strict=True):
+        if len(story.befallen.k):
+            label = f"{said}: " if several else ""
+            panels.append(_fault_panel(story, f"{label}robot ← whom it hears"))
+    return Figure(
+        "faults",
+        "What befell the samples",
+        "A line a link, at the sampling times at which a sample met a fault on its way.",
+        tuple(panels),
+        columns=1,
+    )
+
+
+def _fault_panel(story: Story, label: str) -> Panel:
+    """Return a row a link, or a robot that was silent itself, and a stretch a row of faults."""
+    met = story.befallen
+    links = np.unique(np.stack([met.robot, met.source]), axis=1).T
+    row_of = {(int(i), int(j)): row for row, (i, j) in enumerate(links)}
+    rows = tuple(_link(int(i), int(j)) for i, j in links)
+    curves = []
+    for number in (3, 2, 0, 1):
+        x: list[float] = []
+        y: list[float] = []
+        for i, j, first, last in _stretches(met, number):
+            row = row_of[i, j]
+            x += [first * story.period, last * story.period, np.nan]
+            y += [row, row, np.nan]
+        if x:
+            told = _TOLD[KINDS[number]]
+            ink, width = _LOOKS[KINDS[number]]
+            mark = width > 1
+            line = Curve(told, told, np.array(x), np.array(y), ink, width=width, marks=mark)
+            curves.append(line)
+    return Panel(label, tuple(curves), legend=True, rows=rows)
+
+
+def _link(robot: int, source: int) -> str:
+    if robot == source:
+        return f"{robot} silent"
+    return f"{robot} ← {source or TARGET}"
+
+
+def _stretches(met: Befallen, kind: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield robot, source, first and last k of each unbroken row of faults of a kind."""
+    those = met.kind == kind
+    k, source, robot = met.k[those], met.source[those], met.robot[those]
+    order = np.lexsort((k, source, robot))
+    k, source, robot = k[order], source[order], robot[order]
+    breaks = (np.diff(k) != 1) | (np.diff(source) != 0) | (np.diff(robot) != 0)
+    starts = np.flatnonzero(np.r_[True, breaks]) if len(k) else np.empty(0, int)
+    ends = np.r_[starts[1:], len(k)] - 1
+    for first, last in zip(starts, ends, strict=False):
+        yield int(robot[first]), int(source[first]), int(k[first]), int(k[last])

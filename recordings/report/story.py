@@ -1,0 +1,178 @@
+"""What a report draws of a recording, read in one pass over its messages.
+
+What was not recorded is NaN, so a recording that is cut or damaged has gaps and no guesses. Of
+many robots some are drawn, spread evenly, and the envelopes are over all of them.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.messages import FAULT, SAMPLE, STATE, Codec
+from recordings.container import END_FIELDS, Status
+from recordings.measuring import SteadyState, steady_state
+from recordings.reading import Reader
+from recordings.report.subject import Subject
+from recordings.tables import RUN, joints, robots
+
+Array = NDArray[np.float64]
+MOST_DRAWN = 24
+"""Robots."""
+KINDS = ("lost", "outage", "late", "altered")
+"""What may befall a sample: the first that is true of it; an altered one is noisy or rounded."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """The largest of a norm over all robots, at times (rows,) in s."""
+
+    t: Array
+    largest: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Befallen:
+    """What befell samples, (rows,) each, in the order of the recording."""
+
+    k: NDArray[np.int64]
+    source: NDArray[np.int64]
+    robot: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    """Which of `KINDS`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story:
+    """A recording, and the scenario that it came from."""
+
+    subject: Subject
+    name: str
+    status: Status
+    reason: str
+    digest: str
+    damage: tuple[str, ...]
+    ticks: int
+    planned: int
+    n: int
+    m: int
+    seed: int
+    period: float
+    """h, s."""
+    versions: dict[str, str]
+    ending: dict[str, str]
+    """What the run said at its end beside how it ended."""
+    counts: dict[str, int]
+    """Messages by the name of their schema."""
+    drawn: NDArray[np.intp]
+    """(r,) the robots that are drawn, ascending."""
+    t: Array
+    """(T,) the output times, s."""
+    vectors: dict[str, Array]
+    """(T, r, m) q, qd, position and velocity."""
+    target: dict[str, Array]
+    """(T, m) position and velocity."""
+    envelopes: dict[str, Envelope]
+    """By the fields of `SteadyState`, in the norms of `measuring`."""
+    befallen: Befallen
+    steady: SteadyState
+
+    @property
+    def seconds(self) -> float:
+        """The simulated time that was recorded."""
+        return self.ticks * self.period
+
+
+VECTORS = ("q", "qd", "position", "velocity")
+
+
+def read_story(reader: Reader, subject: Subject) -> Story:
+    """Read all that a report draws of a recording."""
+    about = reader.metadata[RUN]
+    n, m = robots(reader), joints(reader)
+    period, step = int(about["sampling_period_ns"]), int(about["output_step_ns"])
+    end = -1 if reader.end_ns is None else reader.end_ns
+    drawn = np.unique(np.linspace(1, n, min(n, MOST_DRAWN)).astype(np.intp))
+    row_of = np.full(n + 1, -1)
+    row_of[drawn] = np.arange(len(drawn))
+    t = np.arange(end // step + 1) * step / 1e9
+    t_k = np.arange(1, end // period + 1) * period / 1e9
+    vectors = {name: np.full((len(t), len(drawn), m), np.nan) for name in VECTORS}
+    largest = {
+        "position_estimate": np.full(len(t_k), -1.0),
+        "velocity_estimate": np.full(len(t_k), -1.0),
+        "position_tracking": np.full(len(t), -1.0),
+        "velocity_tracking": np.full(len(t), -1.0),
+    }
+    counts: Counter[str] = Counter()
+    met: list[NDArray[np.int64]] = []
+
+    def note(name: str, at: NDArray[np.int64], errors: Array, order: float) -> None:
+        np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
+
+    kinds = {channel.topic: channel.schema_name for channel in reader.channels}
+    codecs = {kind.name: Codec(kind, m) for kind in (SAMPLE, STATE, FAULT)}
+    for batch in reader.batches():
+        payloads: dict[str, list[bytes]] = {}
+        for _, topic, _, data in batch:
+            payloads.setdefault(kinds[topic], []).append(data)
+        counts.update({kind: len(data) for kind, data in payloads.items()})
+        tables = {
+            kind: codec.decode(payloads[kind]) for kind, codec in codecs.items() if kind in payloads
+        }
+        if SAMPLE.name in tables:
+            table = tables[SAMPLE.name]
+            table = table[table["robot"] > 0]
+            position, velocity = subject.target_at(table["time_ns"] / 1e9)
+            at = (table["time_ns"] // period).astype(np.int64) - 1
+            note("position_estimate", at, table["position"] - position, np.inf)
+            note("velocity_estimate", at, table["velocity"] - velocity, np.inf)
+        if STATE.name in tables:
+            table = tables[STATE.name]
+            position, velocity = subject.target_at(table["time_ns"] / 1e9)
+            at = (table["time_ns"] // step).astype(np.int64)
+            note("position_tracking", at, table["q"] - position, 2)
+            note("velocity_tracking", at, table["qd"] - velocity, 2)
+            rows = row_of[table["robot"]]
+            shown = rows >= 0
+            for name, array in vectors.items():
+                array[at[shown], rows[shown]] = table[name][shown]
+        if FAULT.name in tables:
+            met.append(_met(tables[FAULT.name]))
+    position, velocity = subject.target_at(t)
+    return Story(
+        subject=subject,
+        name=about["name"],
+        status=reader.status,
+        reason=reader.reason,
+        digest=reader.digest,
+        damage=tuple(reader.damage),
+        ticks=reader.ticks,
+        planned=int(about["ticks"]),
+        n=n,
+        m=m,
+        seed=int(about["seed"]),
+        period=period / 1e9,
+        versions=reader.metadata["nrs.versions"],
+        ending={name: said for name, said in reader.end.items() if name not in END_FIELDS},
+        counts=dict(counts),
+        drawn=drawn,
+        t=t,
+        vectors=vectors,
+        target={"position": position, "velocity": velocity},
+        envelopes={
+            name: Envelope(
+                t if name.endswith("tracking") else t_k, np.where(norms < 0, np.nan, norms)
+            )
+            for name, norms in largest.items()
+        },
+        befallen=Befallen(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
+        steady=steady_state(reader, subject.target_at),
+    )
+
+
+def _met(table: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return k, source, robot and kind of faults, (4, rows)."""
+    kind = np.select([table["lost"] > 0, table["outage"] > 0, table["delay"] > 0], [0, 1, 2], 3)
+    return np.stack([table["k"], table["source"], table["robot"], kind]).astype(np.int64)

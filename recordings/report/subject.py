@@ -1,0 +1,47 @@
+"""What a report must know of a run and its messages do not tell: it follows from the scenario."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bus.topology import Topology
+from recordings.measuring import TargetAt
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """How a robot is drawn: a chain of links in the plane, or without any a point at (q_1, q_2)."""
+
+    lengths: tuple[float, ...]
+    """(m,) m: of the links from the base on; empty for a point."""
+    known: bool = True
+    """Whether the plant tells them; a chain of unit lengths is drawn where it does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A condition of the theory: value < bound."""
+
+    name: str
+    value: float
+    bound: float
+    holds: bool
+    source: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """The scenario's side of a run."""
+
+    estimator: str
+    """Its algorithm and gains, in words."""
+    target_at: TargetAt
+    topology: Topology
+    arms: Sequence[Arm]
+    """(n,) of the robots 1 … n."""
+    unit: str
+    """Of a joint's position."""
+    verdicts: Sequence[Verdict]
+    factor: float
+    """ρ: what is left of the estimation error after one sampling period, in the long run."""
+    bounds: Mapping[str, Mapping[str, float]]
+    """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""

@@ -1,0 +1,137 @@
+"""A page in a browser draws all that it has, moves, and can be read by night and on a phone."""
+
+import re
+
+import pytest
+
+from recordings.report.page import page
+from tests.report.conftest import story
+
+pytest.importorskip("selenium")
+from tests.report.looking import Look
+
+
+@pytest.fixture(scope="module")
+def address(paper, folder):
+    (folder / "paper.html").write_text(page([story(paper)]), "utf-8")
+    return (folder / "paper.html").as_uri()
+
+
+@pytest.fixture
+def look(chromium, address):
+    return Look(chromium, address).ready()
+
+
+def test_every_figure_is_there_with_its_lines(look):
+    drawn = look.drawn()
+    assert [label for label, *_ in drawn] == [
+        "εi, joint 1 (rad)", "εi, joint 2 (rad)", "υi, joint 1 (rad/s)", "υi, joint 2 (rad/s)",
+        "ei, joint 1 (rad)", "ei, joint 2 (rad)", "ėi, joint 1 (rad/s)", "ėi, joint 2 (rad/s)",
+        "estimates at tk (rad, rad/s)", "robots (rad, rad/s)",
+    ]  # fmt: skip
+    assert [lines for *_, lines in drawn] == [7] * 4 + [6] * 4 + [3, 2]
+    assert [points for _, points, _ in drawn] == [7 * 1501] * 4 + [6 * 1501] * 4 + [602, 3002]
+    assert look.ask("document.querySelectorAll('#network .node').length") == 7
+    assert look.ask("document.querySelectorAll('#network .link').length") == 10
+    assert "paper_first_order" in look.ask("document.title")
+    assert not look.complaints()
+
+
+def test_faults_and_several_recordings_are_drawn(chromium, paper, lossy, folder):
+    (folder / "both.html").write_text(page([story(paper), story(lossy)]), "utf-8")
+    look = Look(chromium, (folder / "both.html").as_uri()).ready()
+    *_, (label, points, lines) = look.drawn()
+    assert label == "paper_lossy_links: robot ← whom it hears"
+    assert points > 1000
+    assert lines == 4
+    assert look.ask("document.querySelectorAll('#network svg').length") == 2
+    assert not look.complaints()
+
+
+def test_the_arms_move_and_stop(look):
+    before, began = look.picture(), look.now()
+    look.ask("document.querySelector('#play').click()")
+    look.until("Number(document.querySelector('#slider').value) > 0.3")
+    look.ask("document.querySelector('#play').click()")
+    stopped, after = look.now(), look.picture()
+    assert stopped > began
+    assert after != before
+    assert look.ask("new Promise(done => requestAnimationFrame(() => done('frame')))") == "frame"
+    assert (look.now(), look.picture()) == (stopped, after)
+
+
+def test_the_slider_goes_to_a_time(look):
+    shown = set()
+    for t in (0, 10, 20, 30):
+        look.ask(
+            "(slider => { slider.value = arguments[0]; slider.dispatchEvent(new Event('input')) })"
+            "(document.querySelector('#slider'))",
+            t,
+        )
+        assert look.ask("document.querySelector('#now').value") == f"{t:.2f} s"
+        shown |= {look.picture("workspace"), look.picture("jointspace")}
+    assert len(shown) == 8
+
+
+def test_a_robot_is_hidden_everywhere_and_shown_again(look):
+    def lines():
+        return [lines for *_, lines in look.drawn()]
+
+    all_lines, picture = lines(), look.picture("jointspace")
+    chip = "[...document.querySelectorAll('#groups button')].find(b => b.innerText === 'robot 2')"
+    look.ask(f"{chip}.click()")
+    assert lines() == [n - 1 for n in all_lines[:8]] + all_lines[8:]
+    assert look.picture("jointspace") != picture
+    look.ask(f"{chip}.click()")
+    assert lines() == all_lines
+    assert look.picture("jointspace") == picture
+
+
+def brightness(look):
+    colour = look.ask("getComputedStyle(document.body).backgroundColor")
+    return sum(map(int, re.findall(r"\d+", colour)[:3]))
+
+
+def test_by_night_it_is_dark_and_the_switch_goes_before(look):
+    tick = "getComputedStyle(document.querySelector('.xtick text')).fill"
+    light, light_tick, arms = brightness(look), look.ask(tick), look.picture()
+    look.prefer(dark=True)
+    look.until("document.documentElement.hasAttribute('data-dark')")
+    assert brightness(look) < 150
+    assert light > 600
+    look.until(f"{tick} !== '{light_tick}'")
+    assert look.picture() != arms
+    for chosen, dark in (("light", False), ("dark", True), ("auto", True)):
+        look.ask(
+            "(theme => { theme.value = arguments[0]; theme.dispatchEvent(new Event('change')) })"
+            "(document.querySelector('#theme'))",
+            chosen,
+        )
+        assert (brightness(look) < 150) == dark
+    look.prefer(dark=False)
+    look.until("!document.documentElement.hasAttribute('data-dark')")
+    assert not look.complaints()
+
+
+def test_on_a_phone_nothing_is_small_or_beside_the_screen(chromium, address):
+    look = Look(chromium, address, width=390).ready()
+    assert look.ask("document.documentElement.scrollWidth") <= 390
+    smallest = look.ask(
+        "Math.min(...[...document.querySelectorAll('body *')]"
+        ".filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim())"
+        " && e.getClientRects().length && !['SUB', 'SCRIPT', 'tspan'].includes(e.tagName)"
+        " && !e.closest('svg.main-svg .infolayer .legend'))"
+        ".map(e => parseFloat(getComputedStyle(e).fontSize)))"
+    )
+    assert smallest >= 16
+    assert all(lines for *_, lines in look.drawn())
+    look.size(1280)
+    assert not look.complaints()
+
+
+def test_a_recording_without_a_tick_is_shown(chromium, empty, folder):
+    (folder / "empty.html").write_text(page([story(empty)]), "utf-8")
+    look = Look(chromium, (folder / "empty.html").as_uri()).ready()
+    assert "0 of 300 sampling times" in look.ask("document.body.innerText")
+    assert look.ask("document.querySelector('#motion').hidden")
+    assert not look.complaints()

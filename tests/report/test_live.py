@@ -1,0 +1,207 @@
+"""A run is watched while it goes on, by its own machine alone, and is none the worse for it."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from http.client import HTTPConnection
+from threading import Thread
+
+import pytest
+from typer.testing import CliRunner
+
+from orchestrator.cli import app
+from orchestrator.pace import RealTime
+from orchestrator.running import run
+from orchestrator.scenario_file import read_scenario
+from recordings.reading import Reader
+from recordings.report.serving import LiveServer
+from tests.report.conftest import SCENARIOS
+
+nrs = CliRunner()
+FIRST_ORDER = SCENARIOS / "paper_first_order.toml"
+
+
+class Run:
+    """`nrs run --live` in a process of its own."""
+
+    def __init__(self, *options):
+        command = [sys.executable, "-m", "orchestrator", "run", str(FIRST_ORDER), *options]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        line = self.process.stderr.readline()
+        (self.address,) = re.findall(r"http://127\.0\.0\.1:\d+/", line)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.communicate()
+
+
+def test_a_browser_sees_the_run_grow_to_its_end(chromium, tmp_path):
+    from tests.report.looking import Look  # noqa: PLC0415, needs selenium
+
+    out = tmp_path / "live.mcap"
+    with Run("-o", str(out), "--live", "--realtime", "0.3") as live:
+        look = Look(chromium, live.address).ready()
+        assert "unfinished" in look.ask("document.querySelector('#words').innerText")
+        look.until("document.querySelectorAll('.panel .plot .trace').length >= 8 * 6")
+        points = [n for _, n, _ in look.drawn()]
+        assert len(points) == 10
+        assert all(n > 0 for n in points)
+        look.until(f"document.querySelector('.plot').data[0].x.length * 7 > {points[0]}")
+        look.ask("document.querySelector('#play').click()")
+        look.until("Number(document.querySelector('#slider').value) > 0.2")
+        os.kill(live.process.pid, signal.SIGINT)
+        look.until("document.querySelector('#live').innerText.includes('interrupted')")
+        assert live.process.wait(60) == 130
+        assert not look.complaints()
+
+
+def test_the_page_stays_until_ctrl_c(paper, tmp_path):
+    out = tmp_path / "stay.mcap"
+    with Run("-o", str(out), "--live", "--stay") as live:
+        while "stays until Ctrl-C" not in live.process.stderr.readline():
+            pass
+        status, version, told = get(live.address, "/data.json")
+        assert (status, bool(version)) == (200, True)
+        assert json.loads(told)["runs"][0]["status"] == "completed"
+        os.kill(live.process.pid, signal.SIGINT)
+        assert live.process.wait(60) == 0
+    with pytest.raises(ConnectionRefusedError):
+        get(live.address, "/")
+    with Reader(out) as mine, Reader(paper) as other:
+        assert mine.digest == other.digest
+
+
+def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
+    out = tmp_path / "again.mcap"
+    out.write_bytes(b"")
+    with Run("-o", str(out), "--live", "--realtime", "0.01") as live:
+        status, _, told = get(live.address, "/data.json")
+        assert status == 204 or json.loads(told)["runs"][0]["status"] == "unfinished"
+        os.kill(live.process.pid, signal.SIGINT)
+        assert live.process.wait(60) == 130
+    with Reader(out) as reader:
+        assert reader.status == "interrupted"
+
+
+def get(address, path, **headers):
+    host = re.findall(r"//(.*)/", address)[0]
+    connection = HTTPConnection(host, timeout=60)
+    try:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.getheader("X-Version"), answer.read()
+    finally:
+        connection.close()
+
+
+@pytest.fixture
+def served():
+    """Return an address, and what is told there."""
+    state = {"version": "", "told": b"{}", "asked": 0}
+
+    def tell():
+        state["asked"] += 1
+        return state["told"]
+
+    listening = socket.create_server(("127.0.0.1", 0))
+    with LiveServer(listening, lambda: state["version"], tell) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/", state, server
+        server.shutdown()
+        thread.join()
+
+
+def test_what_is_known_is_not_told_again(served):
+    address, state, server = served
+    assert get(address, "/data.json")[0] == 204
+    state["version"] = "a"
+    assert get(address, "/data.json") == (200, "a", b"{}")
+    assert get(address, "/data.json?since=a")[0] == 204
+    assert state["asked"] == 1
+    server.linger(0.0)
+    state["version"], state["told"] = "b", b"[]"
+    assert get(address, "/data.json?since=a") == (200, "b", b"[]")
+
+
+def test_only_this_machine_by_its_own_name_is_answered(served):
+    address, *_ = served
+    assert get(address, "/")[0] == 200
+    assert get(address, "/", Host="evil.example")[0] == 403
+    assert get(address, "/data.json", Host="evil.example")[0] == 403
+    assert get(address, "/etc/passwd")[0] == 404
+
+
+def test_simulated_time_does_not_pass_faster_than_asked():
+    wall, naps = [100.0], []
+
+    def pause(seconds):
+        naps.append(seconds)
+        wall[0] += seconds
+
+    pace = RealTime(2.0, lambda: wall[0], pause)
+    pace.start(3_000_000_000)
+    asked = []
+    pace.wait(3_000_000_000, lambda: asked.append(wall[0]))
+    assert not naps
+    pace.wait(4_000_000_000, lambda: asked.append(wall[0]))
+    assert wall[0] == pytest.approx(100.5)
+    assert max(naps) <= 0.1
+    assert len(asked) == len(naps)
+    wall[0] = 200.0
+    pace.wait(5_000_000_000, lambda: asked.append(wall[0]))
+    assert wall[0] == 200.0
+
+
+class Counting:
+    """A pace that notes what it is asked."""
+
+    def __init__(self):
+        self.started, self.times = [], []
+
+    def start(self, time_ns):
+        self.started.append(time_ns)
+
+    def wait(self, time_ns, ask):
+        self.times.append(time_ns)
+        ask()
+
+
+def test_a_pace_is_asked_before_each_tick_and_changes_no_bit(paper, tmp_path):
+    pace = Counting()
+    path = run(read_scenario(FIRST_ORDER), tmp_path / "paced.mcap", pace=pace).path
+    assert pace.started == [0]
+    assert pace.times == [k * 100_000_000 for k in range(301)]
+    with Reader(path) as mine, Reader(paper) as other:
+        assert mine.digest == other.digest
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--realtime", "0"], "--realtime: expected a number above 0, got 0"),
+        (["--realtime", "nan"], "--realtime: expected a number above 0, got nan"),
+        (["--port", "80"], "--port: is of --live"),
+        (["--stay"], "--stay: is of --live"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, said):
+    assert said in str(nrs.invoke(app, ["run", str(FIRST_ORDER), *options]).exception)
+
+
+def test_a_port_that_is_taken_is_named(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = str(other.getsockname()[1])
+        out = str(tmp_path / "run.mcap")
+        options = ["run", str(FIRST_ORDER), "-o", out, "--live", "--port", port]
+        result = nrs.invoke(app, options)
+        assert f"--port {port}: Address already in use" in str(result.exception)

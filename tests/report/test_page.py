@@ -1,0 +1,244 @@
+"""A page says what the recording says: the numbers, the words, and nothing from anywhere else."""
+
+import json
+import re
+from base64 import b64decode
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bus.messages import FAULT, Codec
+from orchestrator.cli import app
+from orchestrator.reporting import arm_of
+from orchestrator.scenario import Plant
+from recordings.reading import Reader
+from recordings.report import page as pages
+from recordings.report.decimating import BUCKETS, kept
+from recordings.report.figures import figures
+from recordings.report.page import page
+from recordings.tables import samples, states
+from tests.report.conftest import story
+
+nrs = CliRunner()
+
+
+def told(text):
+    """Return what a page's script is told."""
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text)
+    return json.loads(data)
+
+
+def numbers(data, at):
+    kind = {"f4": "<f4", "f8": "<f8"}[data["arrays"][at]["kind"]]
+    return np.frombuffer(b64decode(data["arrays"][at]["data"]), kind)
+
+
+def table_of(path, read):
+    with Reader(path) as reader:
+        return np.concatenate(list(read(reader)))
+
+
+def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
+    path = recorded("fine", ("output_step = 0.02", "output_step = 0.005"))
+    data, rows = told(page([story(path)])), table_of(path, states)
+    seen = 0
+    for figure, name in (("estimates", "position"), ("estimates", "velocity")):
+        panels = next(f for f in data["figures"] if f["name"] == figure)["panels"]
+        symbol = {"position": "ε_i", "velocity": "υ_i"}[name]
+        for panel in (panel for panel in panels if panel["label"].startswith(symbol)):
+            for curve in panel["curves"]:
+                if curve["group"] == "target":
+                    continue
+                robot = int(curve["name"].removeprefix("robot "))
+                mine = rows[rows["robot"] == robot]
+                expected = mine[name][:, panel["joint"]]
+                t, y = numbers(data, curve["x"]), numbers(data, curve["y"])
+                assert len(expected) == 6001 > 3 * BUCKETS >= len(y)
+                assert (y.min(), y.max()) == (expected.min(), expected.max())
+                at = np.searchsorted(mine["time_ns"] / 1e9, t)
+                assert (expected[at] == y).all()
+                seen += 1
+    assert seen == 2 * 2 * 6
+
+
+def test_tracking_errors_are_joints_less_the_target(paper):
+    data, rows = told(page([story(paper)])), table_of(paper, states)
+    t = rows["time_ns"] / 1e9
+    target = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
+    (panels,) = (f["panels"] for f in data["figures"] if f["name"] == "tracking")
+    for panel in panels[:2]:
+        for robot, curve in enumerate(panel["curves"], start=1):
+            mine = rows["robot"] == robot
+            errors = (rows["q"] - target)[mine, panel["joint"]]
+            np.testing.assert_allclose(numbers(data, curve["y"]), errors, atol=1e-12)
+
+
+def test_envelopes_are_the_largest_over_robots(paper):
+    rows = table_of(paper, samples)
+    t = rows["time_ns"] / 1e9
+    target = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
+    errors = np.abs(rows["position"] - target).max(axis=1)
+    largest = [errors[rows["k"] == k].max() for k in range(1, 301)]
+    envelope = story(paper).envelopes["position_estimate"]
+    np.testing.assert_allclose(envelope.largest, largest, atol=1e-12)
+    assert envelope.t.tolist() == [k / 10 for k in range(1, 301)]
+
+
+@pytest.mark.parametrize("rows", [1, 2 * BUCKETS, 2 * BUCKETS + 1, 10_007])
+def test_few_points_keep_extremes_ends_and_gaps(rows):
+    y = np.random.default_rng(rows).normal(size=rows)
+    y[rows // 2] = np.nan
+    points = kept(y)
+    assert (np.diff(points) > 0).all()
+    assert len(points) <= max(rows, 3 * BUCKETS + 2)
+    assert {0, rows - 1, rows // 2} <= {*points.tolist()}
+    if rows > 1:
+        assert np.nanmax(y[points]) == np.nanmax(y)
+        assert np.nanmin(y[points]) == np.nanmin(y)
+
+
+def test_a_page_is_small_and_refers_to_nothing_outside(paper, tmp_path):
+    result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "page.html")])
+    assert result.exit_code == 0, result.output
+    written = (tmp_path / "page.html").read_bytes()
+    assert len(written) < 5_000_000
+    text = written.decode()
+    assert not re.search(r"https?:|wss?:|\bsrc=|\bhref=|url\(|@import", text, re.IGNORECASE)
+    assert "default-src 'none'" in text
+    assert "connect-src 'none'" in text
+
+
+def test_words_and_numbers_are_those_of_the_run(paper):
+    (run,) = told(page([story(paper)]))["runs"]
+    assert "6 robots with 2 joints each" in run["lead"]
+    assert "robot 3 alone" in run["lead"]
+    assert "dcea1 with α = 0.9 and β = 1.1" in run["lead"]
+    measured = [row["value"] for row in run["measured"]]
+    assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
+    assert run["counted"] == {"samples": "2,100", "states": "9,006"}
+    assert [v["name"] for v in run["verdicts"]] == ["alpha", "beta", "kp", "kd"]
+    assert all(v["holds"] for v in run["verdicts"])
+    assert run["factor"] == pytest.approx(0.877817, abs=1e-6)
+    assert run["network"].count('data-robot="') == 7
+    heard = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
+    expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i hears j
+    assert sorted(i + j for j, i in heard) == expected.split()
+
+
+def test_what_a_run_says_at_its_end_is_told(paper):
+    spent = replace(story(paper), ending={"time": '{"host": {"plants": 0.5}}', "note": "a word"})
+    (run,) = told(page([spent]))["runs"]
+    assert run["counted"]["time, host, plants"] == "0.5"
+    assert run["counted"]["note"] == "a word"
+
+
+def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
+    plain = story(paper)
+    bounds = {"position_estimate": {"sharp": 0.2, "paper’s": float("inf")}}
+    data = told(page([replace(plain, subject=replace(plain.subject, bounds=bounds))]))
+    (run,) = data["runs"]
+    assert run["measured"][0]["bounds"] == {"sharp": 0.2}
+    (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
+    (line,) = (c for c in figure["panels"][0]["curves"] if "sharp" in c["name"])
+    assert numbers(data, line["y"]).tolist() == [0.2, 0.2]
+
+
+def test_faults_are_those_of_the_recording(lossy):
+    data = told(page([story(lossy)]))
+    (figure,) = (f for f in data["figures"] if f["name"] == "faults")
+    (panel,) = figure["panels"]
+    with Reader(lossy) as reader:
+        topics = [f"fault/{robot}" for robot in range(1, 7)]
+        met = Codec(FAULT, 2).decode([m[3] for m in reader.messages(topics)])
+    lost = met[met["lost"] > 0]
+    expected = Counter(zip(lost["robot"].tolist(), lost["source"].tolist(), strict=True))
+    (curve,) = (c for c in panel["curves"] if c["name"] == "lost")
+    x = numbers(data, curve["x"]).reshape(-1, 3)
+    y = numbers(data, curve["y"]).reshape(-1, 3)
+    found: Counter[str] = Counter()
+    for (first, last, _), (row, *_) in zip(x, y, strict=True):
+        found[panel["rows"][int(row)]] += round((last - first) / 0.1) + 1
+    names = {f"{i} ← {j or 'target'}": count for (i, j), count in expected.items()}
+    assert found == names
+    assert "4 silent" in panel["rows"]
+
+
+def test_several_recordings_lie_over_one_another(paper, lossy):
+    data = told(page([story(paper), story(lossy), story(paper)]))
+    names = ["paper_first_order (1)", "paper_lossy_links", "paper_first_order (2)"]
+    assert [group["name"] for group in data["groups"]] == [*names, "target"]
+    first = data["figures"][0]["panels"][0]
+    drawn = Counter(curve["group"] for curve in first["curves"])
+    assert [drawn[name] for name in names] == [6, 6, 6]
+    inks = {curve["group"]: curve["ink"] for curve in first["curves"]}
+    assert [inks[name] for name in names] == [0, 1, 2]
+
+
+def test_a_cut_recording_is_drawn_as_far_as_it_goes_and_says_so(paper, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(paper.read_bytes()[:300_000])
+    result = nrs.invoke(app, ["report", str(cut), "-o", str(tmp_path / "page.html")])
+    assert result.exit_code == 0
+    (run,) = told((tmp_path / "page.html").read_text("utf-8"))["runs"]
+    assert run["status"] == "unfinished"
+    assert "the file ends inside a record" in run["damage"][0]
+    assert "of 300 sampling times" in run["lead"]
+
+
+def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
+    damaged = bytearray(paper.read_bytes())
+    damaged[400_000] ^= 0xFF
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(damaged)
+    gap = story(path)
+    assert gap.damage
+    missing = np.isnan(gap.vectors["q"][:, 0, 0])
+    assert 0 < missing.sum() < len(missing) / 2
+    estimates = figures([gap])[0].panels[0].curves[0]
+    assert np.isnan(estimates.y).sum() == missing.sum()
+
+
+def test_a_recording_without_a_tick_is_reported(empty, tmp_path):
+    result = nrs.invoke(app, ["report", str(empty), "-o", str(tmp_path / "page.html")])
+    assert result.exit_code == 0, result.output
+    data = told((tmp_path / "page.html").read_text("utf-8"))
+    (run,) = data["runs"]
+    assert data["figures"] == []
+    assert run["motion"] is None
+    assert "0 of 300 sampling times" in run["lead"]
+
+
+def test_names_from_a_recording_cannot_leave_the_data(recorded):
+    path = recorded("</script><b>{{plotly}}", ("duration = 30.0", "duration = 1.0"))
+    text = page([story(path)])
+    assert "</script><b>" not in text
+    assert told(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
+
+
+def test_arms_have_the_lengths_that_their_plants_tell():
+    assert arm_of(Plant(fmu="two_link_arm"), 2).lengths == (1.0, 0.8)
+    assert arm_of(Plant(fmu="two_link_arm", parameters={"r2": 0.5}), 2).lengths == (1.0, 0.5)
+    assert arm_of(Plant(fmu="n_link_arm", parameters={"n": 4}), 4).lengths == (0.5,) * 4
+    assert arm_of(Plant(fmu="planar_robot"), 2).lengths == ()
+    unknown = arm_of(Plant(fmu="theirs.fmu"), 3)
+    assert (unknown.lengths, unknown.known) == ((1.0, 1.0, 1.0), False)
+
+
+def test_a_missing_extra_is_named(paper, tmp_path, monkeypatch):
+    monkeypatch.setattr(pages, "find_spec", lambda _name: None)
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    monkeypatch.delitem(__import__("sys").modules, "recordings.report.printing", raising=False)
+    for form in ("html", "png"):
+        out = tmp_path / f"page.{form}"
+        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), "--format", form])
+        assert "nrs-cosim[report]" in str(result.exception)
+        assert not out.exists()
+
+
+def test_where_nothing_can_be_written_is_named(paper, tmp_path):
+    (tmp_path / "file").touch()
+    result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "file" / "page.html")])
+    assert "cannot be written" in str(result.exception)
