@@ -6,6 +6,7 @@ root mean square.
 """
 
 import tomllib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import zip_longest
@@ -25,6 +26,7 @@ from recordings.reading import Reader
 from recordings.tables import joints
 
 QUANTITIES = STATE.vectors
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,11 @@ class Comparison:
     distances: tuple[Distance, ...]
     """By robot and quantity; empty when they have no states in common."""
 
+    times: Mapping[int, Array]
+    """Of each robot the times of its states that both have, s."""
+    apart: Mapping[int, Array]
+    """And how far apart they are then, (times, quantities)."""
+
     @property
     def is_same(self) -> bool:
         """Whether both hold the same run."""
@@ -57,14 +64,19 @@ class Comparison:
 
     def as_json(self) -> dict[str, Any]:
         """Return it for JSON."""
-        return {**asdict(self), "same": self.is_same}
+        return {
+            "same": self.is_same,
+            "fields": dict(self.fields),
+            "first": asdict(self.first) if self.first else None,
+            "distances": [asdict(distance) for distance in self.distances],
+        }
 
 
 def compare(a: Reader, b: Reader) -> Comparison:
     """Compare two recordings."""
     fields = dict(_fields(tomllib.loads(scenario_text(a)), tomllib.loads(scenario_text(b))))
     first: Difference | None = None
-    measured: dict[int, _Measured] = {}
+    measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
     alike = joints(a) == joints(b)
     codec = Codec(STATE, joints(a))
     nothing: list[Message] = []
@@ -73,37 +85,20 @@ def compare(a: Reader, b: Reader) -> Comparison:
             was, now = next((was, now) for was, now in zip_longest(tick_a, tick_b) if was != now)
             first = difference_in(joints(a), joints(b), was, now)
         if alike and tick_a and tick_b:
-            _measure(measured, _states(codec, tick_a), _states(codec, tick_b))
-    distances = [
-        distance for robot in sorted(measured) for distance in measured[robot].distances(robot)
-    ]
-    return Comparison(fields, first, tuple(distances))
+            for robot, *part in _apart(_states(codec, tick_a), _states(codec, tick_b)):
+                measured[robot].append((part[0], part[1]))
+    times = {robot: np.concatenate([t for t, _ in parts]) for robot, parts in measured.items()}
+    apart = {robot: np.concatenate([d for _, d in parts]) for robot, parts in measured.items()}
+    found = (d for robot in sorted(times) for d in _distances(robot, times[robot], apart[robot]))
+    return Comparison(fields, first, tuple(found), times, apart)
 
 
-class _Measured:
-    """The distances of one robot so far, by quantity."""
-
-    def __init__(self) -> None:
-        size = len(QUANTITIES)
-        self._count = 0
-        self._largest, self._at, self._squares = np.zeros((3, size))
-
-    def add(self, times: NDArray[np.uint64], distances: NDArray[np.float64]) -> None:
-        """Take in distances (quantities, times) at some times, ns."""
-        best = distances.argmax(axis=1)
-        largest = distances[np.arange(len(best)), best]
-        better = largest > self._largest
-        self._largest[better] = largest[better]
-        self._at[better] = times[best[better]] / NS_PER_S
-        self._squares += (distances**2).sum(axis=1)
-        self._count += len(times)
-
-    def distances(self, robot: int) -> Iterator[Distance]:
-        """Yield what they come to."""
-        rms = np.sqrt(self._squares / max(self._count, 1))
-        for i, quantity in enumerate(QUANTITIES):
-            numbers = map(float, (self._largest[i], self._at[i], rms[i]))
-            yield Distance(robot, quantity, *numbers)
+def _distances(robot: int, times: Array, apart: Array) -> Iterator[Distance]:
+    """Yield what the distances of one robot come to, by quantity."""
+    rms = np.sqrt(np.mean(apart**2, axis=0))
+    for i, quantity in enumerate(QUANTITIES):
+        row = int(apart[:, i].argmax())
+        yield Distance(robot, quantity, *map(float, (apart[row, i], times[row], rms[i])))
 
 
 def _ticks(reader: Reader) -> Iterator[list[Message]]:
@@ -117,21 +112,23 @@ def _states(codec: Codec, tick: list[Message]) -> Records:
     return codec.decode([data for _, topic, _, data in tick if topic.startswith("state/")])
 
 
-def _measure(measured: dict[int, _Measured], a: Records, b: Records) -> None:
-    """Take in the states of one tick, of what both have."""
-    keys_a, keys_b = (np.stack([r["time_ns"], r["robot"]], axis=1) for r in (a, b))
-    rows = {tuple(key): row for row, key in enumerate(keys_b.tolist())}
-    pairs = [(i, rows[tuple(key)]) for i, key in enumerate(keys_a.tolist()) if tuple(key) in rows]
+def _apart(a: Records, b: Records) -> Iterator[tuple[int, Array, Array]]:
+    """Yield of each robot the times that both have in a tick, s, and the distances then."""
+    keys_a, keys_b = (
+        list(zip(r["time_ns"].tolist(), r["robot"].tolist(), strict=True)) for r in (a, b)
+    )
+    rows = {key: row for row, key in enumerate(keys_b)}
+    pairs = [(i, rows[key]) for i, key in enumerate(keys_a) if key in rows]
     if not pairs:
         return
     ours, theirs = np.array(pairs).T
     apart = np.stack(
-        [np.linalg.norm(a[name][ours] - b[name][theirs], axis=1) for name in QUANTITIES]
+        [np.linalg.norm(a[name][ours] - b[name][theirs], axis=1) for name in QUANTITIES], axis=1
     )
-    robots, times = a["robot"][ours], a["time_ns"][ours]
+    robots, times = a["robot"][ours], a["time_ns"][ours] / NS_PER_S
     for robot in np.unique(robots).tolist():
         mine = robots == robot
-        measured.setdefault(robot, _Measured()).add(times[mine], apart[:, mine])
+        yield robot, times[mine], apart[mine]
 
 
 def _fields(a: Any, b: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:

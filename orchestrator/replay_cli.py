@@ -12,7 +12,7 @@ from bus.errors import InputError
 from bus.zenoh_bus import ZenohBus
 from orchestrator import showing
 from orchestrator.clock import NS_PER_S
-from orchestrator.comparing import compare
+from orchestrator.comparing import QUANTITIES, Comparison, compare
 from orchestrator.options import Connect, Listen, RecordingPath
 from orchestrator.publishing import publish
 from orchestrator.replaying import verify
@@ -20,6 +20,7 @@ from orchestrator.run_cli import Output, perform
 from orchestrator.summary import scenario_of
 from orchestrator.terminal import AsJson, out, print_json, say
 from orchestrator.what_if import Change, changed, parent, run_again
+from recordings.errors import MissingExtraError, UncreatableError
 from recordings.reading import Reader
 
 FAILED = 1
@@ -88,15 +89,34 @@ def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A recording (MCAP).")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
     as_json: AsJson = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Draw how far apart they are, over time."),
+    ] = None,
 ) -> None:
     """Say what is not the same in two recordings; exit status 1 when anything is not."""
     with Reader(a) as one, Reader(b) as other:
         found = compare(one, other)
+    if picture:
+        _draw(found, picture)
     if as_json:
         print_json(found.as_json())
     else:
         showing.comparison(out, found)
     raise typer.Exit(0 if found.is_same else FAILED)
+
+
+def _draw(found: Comparison, picture: Path) -> None:
+    try:
+        from recordings.report.apart import write_distances  # noqa: PLC0415, needs an extra
+    except ImportError:
+        raise MissingExtraError(
+            "--picture: needs matplotlib, which is not installed: pip install 'nrs-cosim[report]'"
+        ) from None
+    try:
+        write_distances(found.times, found.apart, QUANTITIES, picture)
+    except OSError as error:
+        raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 
 
 def _verify(reader: Reader, *, plants: bool) -> None:
