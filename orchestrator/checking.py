@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator_agents.algorithm import load_algorithm
 from estimator_agents.condition import Condition
-from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from orchestrator.scenario import Scenario
 from orchestrator.setting import gain, topology_of
 
