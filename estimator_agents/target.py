@@ -37,7 +37,9 @@ class Harmonic:
     @property
     def gamma_1(self) -> float:
         """The largest |υ_0| of any axis (A1): as if its sines met, which they do in the end."""
-        return float((np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)).max())
+        return float(
+            (np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)).max()
+        )
 
     @property
     def gamma_2(self) -> float:

@@ -21,6 +21,7 @@ from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
 from orchestrator.errors import Interrupted
 from orchestrator.hosts.member import Membership, serve
+from orchestrator.judging import judge
 from orchestrator.lockstep import Manning
 from orchestrator.manning import Handling, elsewhere, here, hosts_worth_it
 from orchestrator.options import (
@@ -225,13 +226,16 @@ def perform(
             metadata=metadata,
         )
     with Reader(whole) as reader:
-        told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
+        measured = measure(reader)
+        told = {**lines(describe(reader), measured), "recording": str(path)}
+        judged = judge(reader, file.scenario, measured)
     simulated, took = seconds(clock.t(outcome.ticks)), outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
     if outcome.refused:
         told["refused"] = _counted(outcome)
     told["time"] = showing.shares(outcome.profile, took)
     showing.summary(out, told)
+    showing.judgement(out, judged)
     if profile:
         showing.profile(out, outcome.profile, took)
     if outcome.status == "failed":

@@ -11,20 +11,22 @@
 
 from dataclasses import dataclass
 from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import spsolve
 
 from estimator_agents.target import Harmonic
 from estimator_agents.theory.norms import SmallValueNorm, small_value_norm
 from estimator_agents.theory.recursion import Recursion
+from estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]
+Reals = NDArray[np.floating[Any]]
 
-WORK = 2e8
-"""Multiplications that a sum over the past may take."""
+WORK = 5e4
+"""Sampling periods of the past, of a few robots, that a sum may take; of more robots, fewer."""
 REST = 1e-13
 """The part of the sum at which it ends."""
 
@@ -60,12 +62,12 @@ def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | N
     norm = small_value_norm(recursion.matrix)
     if norm is None or recursion.drag[:, 0].any():
         return None
-    kappa = norm.gain * max(2 * gamma_1 + drag[0], gamma_2 + drag[1])
+    kappa = norm.gain * float(max(2 * gamma_1 + drag[0], gamma_2 + drag[1]))
     apart, kappa_2 = None, None
     if recursion.velocities_alone:
         apart = small_value_norm(recursion.velocity_block)
     if apart is not None:
-        kappa_2 = apart.gain * (gamma_2 + drag[1])
+        kappa_2 = apart.gain * float(gamma_2 + drag[1])
     best = kappa if kappa_2 is None else min(kappa, kappa_2)
     return Promise(norm, kappa, apart, kappa_2, Pair(h * kappa, h * best))
 
@@ -80,23 +82,23 @@ def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -
     unit = np.kron(np.eye(2), np.ones((n, 1)))
     if A.data.min() >= 0 and not recursion.drag.any():
         given = unit @ [min(size_1, gamma_2 * h**2 / 2), min(size_2, gamma_2 * h)]
-        worst = spsolve((sparse.eye_array(2 * n) - A).tocsc(), given)
+        worst = solve(sparse.eye_array(2 * n) - A, given)
         return Pair(float(worst[:n].max()), float(worst[n:].max()))
     steps = log(REST) / log(radius) if radius > 0 else 2
-    if steps * A.nnz > WORK:
+    most_steps = int(WORK / (1 + A.nnz / 4000))
+    if steps > most_steps:
         return None
     kernel, most, free = unit, np.zeros(2 * n), np.zeros(2 * n)
-    left = int(WORK / A.nnz)
-    while left:
+    for _ in range(most_steps):
         held = np.abs(kernel @ recursion.drag[:, 1]) * gamma_1
         bounded = np.abs(kernel) @ [size_1, size_2] + held
         driven = gamma_2 * _modulus(kernel[:, 1], kernel[:, 1] + h * kernel[:, 0], h) + held
         most, free = most + bounded, free + driven
-        if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * most.max():
-            break
-        kernel, left = A @ kernel, left - 1
-    worst = np.minimum(most, free)
-    return Pair(float(worst[:n].max()), float(worst[n:].max())) if left else None
+        if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
+            worst = np.minimum(most, free)
+            return Pair(float(worst[:n].max()), float(worst[n:].max()))
+        kernel = A @ kernel
+    return None
 
 
 def _slip(h: float, gamma_1: float, gamma_2: float) -> float:
@@ -106,7 +108,7 @@ def _slip(h: float, gamma_1: float, gamma_2: float) -> float:
     return 2 * gamma_1 * h - 2 * gamma_1**2 / gamma_2
 
 
-def _modulus(first: Array, last: Array, h: float) -> Array:
+def _modulus(first: Reals, last: Reals, h: float) -> Array:
     """Return ∫ |f| over 0 … h of what goes straight from `first` to `last`."""
     apart = np.abs(last - first)
     crossed = (first**2 + last**2) / np.where(apart > 0, 2 * apart, 1)
@@ -152,10 +154,10 @@ def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> Stea
     for w, omega in enumerate(frequency):
         turn = np.exp(1j * omega * h)
         given = (keep - turn * np.eye(2)) @ [1, 1j * omega]
-        X = spsolve((turn * unit - A).tocsc(), np.kron(given, ones))
+        X = solve(turn * unit - A, np.kron(given, ones))
         phasor[w] = X.reshape(2, n, 1) * waves[w]
     constant = np.zeros((2, n, waves.shape[1]))
     if recursion.drag.any():
-        X = spsolve((unit - A).tocsc(), np.kron(recursion.drag[:, 1], ones))
+        X = solve(unit - A, np.kron(recursion.drag[:, 1], ones))
         constant = X.reshape(2, n, 1) * target.rate
     return SteadyMotion(h, constant, frequency, phasor)

@@ -19,12 +19,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
-from scipy.sparse.linalg import spsolve
+
+from estimator_agents.theory.solving import solve
 
 Complex = NDArray[np.complex128]
 Family = Literal["weights", "schur", "ellipsoid"]
 
-DENSE = 120
+DENSE = 80
 """The order of A up to which the two families that need dense matrices are tried."""
 RATIOS = np.geomspace(0.02, 1, 12)
 FRACTIONS = np.array([0.02, 0.1, 0.25, 0.5, 0.75, 0.9])
@@ -71,7 +72,7 @@ def small_value_norm(A: sparse.csr_array) -> SmallValueNorm | None:
 def _candidates(A: sparse.csr_array) -> Iterator[SmallValueNorm]:
     p = A.shape[0]
     size = abs(A)
-    weights = np.atleast_1d(spsolve((sparse.eye_array(p) - size).tocsc(), np.ones(p)))
+    weights = solve(sparse.eye_array(p) - size, np.ones(p))
     if np.all(np.isfinite(weights)) and weights.min() > 0:
         value = float((size @ weights / weights).max())
         if value < 1:

@@ -52,7 +52,7 @@ def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
             band = np.zeros((width + 1, p))
             below = row >= column
             band[(row - column)[below], column[below]] = ranked.data[below]
-            return eigvals_banded(band, lower=True).astype(np.complex128)
+            return np.asarray(eigvals_banded(band, lower=True), np.complex128)
     ends = [
         eigs(block, k=EXTREMES, which=which, return_eigenvectors=False, v0=np.ones(p))
         for which in ("LR", "SR", "LI")
