@@ -1,10 +1,10 @@
 """After a run: what was measured beside what was promised, quantity by quantity.
 
-The promises are of t → ∞. At t_k there is also what is left of the beginning, A^(k−1) z(t_1), with
-z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is proven when it is more
-than the bound for this target and the largest such rest of the last fifth together. z also has the
-measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over the second half of the ticks
-until it is lost in rounding.
+The promises are of t → ∞. At t_k there is also what is left of the beginning: A^(k−1) z(t_1), where
+z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is proven when it is
+more than the bound for this target and the largest such rest of the last fifth together. z also has
+the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over the second half of the
+ticks until it is lost in rounding.
 """
 
 from collections.abc import Iterator

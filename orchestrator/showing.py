@@ -109,7 +109,7 @@ def judgement(console: Console, judged: Judgement) -> None:
         table.add_row(b.name, *numbers, _KEPT[row.verdict].format(row.tick))
     if judged.measured_factor is not None and judged.factor is not None:
         factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
-        table.add_row("factor", *factors, "", "", "per sampling time")
+        table.add_row("factor", *factors, "", "", "each tick")
     console.print(table)
     rest = max(row.rest for row in judged.quantities)
     if rest > SETTLED * max(row.measured for row in judged.quantities):
