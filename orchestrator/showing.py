@@ -161,9 +161,9 @@ def _parts(network: Network) -> str:
     """Say which robots depend on one another."""
     loops = [part for part in network.components if len(part) > 1]
     if not loops:
-        return "no robot hears itself over others"
+        return "no robots hear one another in a loop"
     shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
-    return f"{len(network.components)} strongly connected, of several robots: {shown}"
+    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
 
 
 def _robots(robots: Sequence[int]) -> str:
@@ -200,7 +200,8 @@ def _grounds(promised: Promises) -> dict[str, str]:
             f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
         )
     for part in promised.robots:
-        told[f"P3 {part.robots[0]}"] = _mechanics(part)
+        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+        told[name] = _mechanics(part)
     return told
 
 
