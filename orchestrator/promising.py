@@ -13,6 +13,7 @@ from estimator_agents.theory.estimates import (
     SteadyMotion,
     promise,
     sharp,
+    sharp_always,
     steady_motion,
 )
 from estimator_agents.theory.recursion import Recursion, recursion_of
@@ -119,18 +120,19 @@ def promises(scenario: Scenario) -> Promises:
     robots = bounded(scenario)
     whole = (target.gamma_1, target.gamma_2)
     why_not = _why_not(scenario, recursion, radius)
-    motion, sharpest, paper = None, None, None
+    motion, sharpest, always, paper = None, None, None, None
     if recursion is not None and not why_not:
         motion = steady_motion(recursion, target, radius)
         sharpest = sharp(recursion, *whole, radius)
+        always = sharp_always(recursion, *whole, radius)
         paper = promise(recursion, *whole)
     tracking = Tracking(
         *(
             worst([_ball(way, part, estimates) for part in robots])
             for way, estimates in (
                 (balls, paper.bound if paper else None),
-                (balls, sharpest),
-                (proven, sharpest),
+                (balls, always),
+                (proven, always),
             )
         )
     )

@@ -73,16 +73,43 @@ def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | N
 
 
 def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -> Pair | None:
-    """Return the sharp bounds; None where ρ = `radius` ≥ 1, or forgetting takes too long to sum."""
+    """Return the sharp bounds at the sampling times, left limits.
+
+    None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
+    """
+    seen = sparse.eye_array(2 * recursion.n, format="csr")
+    return _worst(recursion, gamma_1, gamma_2, radius, seen)
+
+
+def sharp_always(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float
+) -> Pair | None:
+    """Return the sharp bounds at all times: an interval's are at its ends, and so also after jumps.
+
+    In between x is affine in time but for what the target does meanwhile, at most a convex part.
+    """
+    before = sharp(recursion, gamma_1, gamma_2, radius)
+    after = _worst(recursion, gamma_1, gamma_2, radius, recursion.jump)
+    if before is None or after is None:
+        return None
+    dragged = np.abs(recursion.keep - np.eye(2))[:, 1] * gamma_1
+    return Pair(
+        max(before.position, after.position + float(dragged[0])),
+        max(before.velocity, after.velocity + float(dragged[1])),
+    )
+
+
+def _worst(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, seen: sparse.csr_array
+) -> Pair | None:
+    """Return the sharp bounds on `seen` x at the sampling times, (2 n, 2 n)."""
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
     h, n, A = recursion.h, recursion.n, recursion.matrix
-    size_1 = _slip(h, gamma_1, gamma_2)
-    size_2 = min(2 * gamma_1, h * gamma_2)
+    sizes = [_slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
     unit = np.kron(np.eye(2), np.ones((n, 1)))
-    if A.data.min() >= 0 and not recursion.drag.any():
-        given = unit @ [min(size_1, gamma_2 * h**2 / 2), min(size_2, gamma_2 * h)]
-        worst = solve(sparse.eye_array(2 * n) - A, given)
+    if A.data.min() >= 0 and seen.data.min() >= 0 and not recursion.drag.any():
+        worst = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
         return Pair(float(worst[:n].max()), float(worst[n:].max()))
     steps = log(REST) / log(radius) if radius > 0 else 2
     most_steps = int(WORK / (1 + A.nnz / 4000))
@@ -90,9 +117,10 @@ def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -
         return None
     kernel, most, free = unit, np.zeros(2 * n), np.zeros(2 * n)
     for _ in range(most_steps):
-        held = np.abs(kernel @ recursion.drag[:, 1]) * gamma_1
-        bounded = np.abs(kernel) @ [size_1, size_2] + held
-        driven = gamma_2 * _modulus(kernel[:, 1], kernel[:, 1] + h * kernel[:, 0], h) + held
+        told = seen @ kernel
+        held = np.abs(told @ recursion.drag[:, 1]) * gamma_1
+        bounded = np.abs(told) @ sizes + held
+        driven = gamma_2 * _modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
         most, free = most + bounded, free + driven
         if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
             worst = np.minimum(most, free)

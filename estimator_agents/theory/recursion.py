@@ -51,6 +51,12 @@ class Recursion:
         return drag
 
     @property
+    def jump(self) -> sparse.csr_array:
+        """K ⊗ I + G ⊗ (D − I), (2 n, 2 n): x right after a sampling time from x there."""
+        alone = sparse.kron(self.keep - self.gain, sparse.eye_array(self.n))
+        return sparse.csr_array(alone + sparse.kron(self.gain, self.D))
+
+    @property
     def matrix(self) -> sparse.csr_array:
         """A, (2 n, 2 n)."""
         gain, keep = self.flow @ self.gain, self.flow @ self.keep

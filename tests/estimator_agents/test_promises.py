@@ -20,7 +20,7 @@ from estimator_agents.impulsive import Impulsive
 from estimator_agents.pd_like import PdLike
 from estimator_agents.sliding import Sliding
 from estimator_agents.target import Harmonic
-from estimator_agents.theory.estimates import promise, sharp, steady_motion
+from estimator_agents.theory.estimates import promise, sharp, sharp_always, steady_motion
 from estimator_agents.theory.network import network_of
 from estimator_agents.theory.norms import small_value_norm
 from estimator_agents.theory.recursion import linear_jump, recursion_of
@@ -296,6 +296,25 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
     found = [(bound.position, bound.velocity) for bound in (motion.bound, sharpest, paper)]
     for loose, tight in zip(found, [measured, *found[:2]], strict=True):
         assert np.all(np.array(tight) <= np.array(loose) * (1 + 1e-9) + 1e-6 * scale)
+
+
+@pytest.mark.parametrize("algorithm", [FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)])
+def test_between_samples_errors_are_within_what_is_sharp_always(algorithm):
+    h = 0.1
+    recursion, rho = recursion_of(algorithm, TOPOLOGY, h), radius_of(algorithm, TOPOLOGY, h)
+    before, always = (way(recursion, 3, 1, rho) for way in (sharp, sharp_always))
+    assert always.position >= before.position
+    assert always.velocity >= before.velocity
+    rng, x, most = np.random.default_rng(0), np.zeros((2, 6)), np.zeros(2)
+    pushes = np.where(rng.random((2000, 10)) < 0.5, -1.0, 1.0)
+    for push in pushes:
+        x = (recursion.jump @ x.ravel()).reshape(2, 6)
+        most = np.maximum(most, np.abs(x).max(axis=1))
+        for a in push:
+            x = np.array([x[0] + h / 10 * x[1] - a * (h / 10) ** 2 / 2, x[1] - a * h / 10])
+            most = np.maximum(most, np.abs(x).max(axis=1))
+    assert most[0] <= always.position
+    assert most[1] <= always.velocity
 
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 1.1), SecondOrder(1.1, 0.9)])
