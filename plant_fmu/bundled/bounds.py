@@ -51,20 +51,28 @@ class Bounds:
 
 
 def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | None:
-    """Return P3 of a bundled model with some of its parameters set; None for other models."""
+    """Return P3 of a bundled model with some of its parameters set.
+
+    None for other models, and for parameters that the model itself refuses.
+    """
     if model not in {"two_link_arm", "n_link_arm", "planar_robot"}:
         return None
     given = {v.name: v.start for v in declaration(model).of_kind("parameter")}
-    p = {name: np.asarray(parameters.get(name, start), float) for name, start in given.items()}
+    size = m if model == "n_link_arm" else 1
+    try:
+        p = {
+            name: np.broadcast_to(np.asarray(parameters.get(name, start), float), size)
+            for name, start in given.items()
+        }
+    except (TypeError, ValueError):
+        return None
     if model == "planar_robot":
-        mass, drag = float(p["m"]), float(p["d"])
+        mass, drag = float(p["m"][0]), float(p["d"][0])
         return Bounds(mass, mass, 0.0, 0.0, drag, "exact")
     if model == "two_link_arm":
-        masses, lengths = (np.array([p[f"{k}1"], p[f"{k}2"]]) for k in "mr")
-        drives = np.array([p["J1"], p["J2"]])
-        return arm(masses, lengths, lengths, np.zeros(2), drives, float(p["g"]))
-    of = {name: np.broadcast_to(p[name], m) for name in "mrcIJ"}
-    return arm(of["m"], of["r"], of["c"], of["I"], of["J"], float(p["g"]))
+        masses, lengths, drives = (np.append(p[f"{k}1"], p[f"{k}2"]) for k in "mrJ")
+        return arm(masses, lengths, lengths, np.zeros(2), drives, float(p["g"][0]))
+    return arm(p["m"], p["r"], p["c"], p["I"], p["J"], float(p["g"][0]))
 
 
 def arm(mass: Array, r: Array, c: Array, I: Array, J: Array, g: float) -> Bounds | None:  # noqa: E741

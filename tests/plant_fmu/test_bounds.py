@@ -104,4 +104,5 @@ def test_a_point_mass_has_its_mass_and_its_drag():
 
 def test_what_is_not_known_is_not_told():
     assert bounds_of("their_arm.fmu", {}, 2) is None
-    assert bounds_of("two_link_arm", {"m1": -1.0}, 2) is None
+    for refused in (-1.0, [1.0, 2.0], "heavy"):
+        assert bounds_of("two_link_arm", {"m1": refused}, 2) is None
