@@ -51,10 +51,11 @@ def tracking_conditions(scenario: Scenario) -> list[Condition]:
 
     None unless P3 is known of all robots.
     """
-    found = [part.constants.conditions(part.drive) for part in bounded(scenario) if part.constants]
-    if not found or any(part.constants is None for part in bounded(scenario)):
+    parts = bounded(scenario)
+    known = [part.constants.conditions(part.drive) for part in parts if part.constants]
+    if len(known) < len(parts):
         return []
-    return [min(same, key=lambda c: c.margin) for same in zip(*found, strict=True)]
+    return [min(same, key=lambda c: c.margin) for same in zip(*known, strict=True)]
 
 
 def _bounded(scenario: Scenario, robot: Robot, robots: list[int]) -> Bounded:

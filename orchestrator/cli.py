@@ -7,6 +7,7 @@
 from contextlib import ExitStack
 from dataclasses import asdict
 from importlib.metadata import version as installed
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -122,12 +123,13 @@ def check(
     ] = 0.5,
 ) -> None:
     """Say what the theory promises for a scenario, and whether its plants can be opened."""
-    if accuracy and not min(accuracy) > 0:
+    if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
         raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     file = read_scenario(scenario)
-    checked, promised = check_scenario(file.scenario), promises(file.scenario)
+    checked = check_scenario(file.scenario)
+    promised = promises(file.scenario, checked.spectral_radius)
     with ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))

@@ -110,13 +110,14 @@ def bounds(promised: Promises) -> list[Bound]:
 TRACKED = ("paper", "sharp", "proven")
 
 
-def promises(scenario: Scenario) -> Promises:
-    """Return what is promised of a run of a scenario."""
+def promises(scenario: Scenario, radius: float | None = None) -> Promises:
+    """Return what is promised of a run of a scenario; ρ is found again unless it is given."""
     topology, target = topology_of(scenario), target_of(scenario)
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     recursion = recursion_of(algorithm, topology, h)
-    radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
+    if radius is None:
+        radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
     robots = bounded(scenario)
     whole = (target.gamma_1, target.gamma_2)
     why_not = _why_not(scenario, recursion, radius)
@@ -145,8 +146,9 @@ def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum = spectrum_of(topology)
-    known = [part.constants for part in bounded(scenario) if part.constants]
-    if len(known) < len(bounded(scenario)):
+    parts = bounded(scenario)
+    known = [part.constants for part in parts if part.constants]
+    if len(known) < len(parts):
         return None
 
     def paper_of(h: float) -> Pair | None:

@@ -1,5 +1,8 @@
 """Runs beside what was promised of them: kept, broken, or not given; and the proof's own V."""
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +171,52 @@ def value(q, e, ed):
     M, *_ = two_link(q, np.zeros(2))
     swing = ed @ M @ ed / 2 + ed @ M @ np.tanh(e) + 100 * e @ e
     return swing + 300 * np.sum(np.logaddexp(e, -e) - np.log(2))
+
+
+def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
+    scenario = read_scenario(PAPER).scenario
+    gone = scenario.algorithm.model_copy(update={"name": "gone"})
+    with Reader(recording) as reader:
+        judged = judge(reader, scenario.model_copy(update={"algorithm": gone}), measure(reader))
+    assert "'gone'" in judged.why_not
+    assert judged.quantities == ()
+
+
+def test_a_target_that_rests_is_reached():
+    text = PAPER.read_text("utf-8")
+    start, end = text.index("axes = ["), text.index("[plant]")
+    text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
+    told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml").scenario)
+    assert (told.gamma_1, told.gamma_2) == (0, 0)
+    assert told.exact == told.sharp == told.paper.bound == Pair(0, 0)
+    assert told.tracking.paper.position < 0.2
+
+
+NRS = Path(sys.executable).with_name("nrs")
+
+
+def shown(*arguments):
+    return subprocess.run([NRS, *arguments], check=False, capture_output=True, text=True)
+
+
+def test_check_shows_and_tells_what_an_accuracy_takes():
+    asked = ("check", PAPER, "--accuracy", "0.5", "0.5")
+    assert "kp >= 359.341" in shown(*asked).stdout
+    told = json.loads(shown(*asked, "--json").stdout)
+    assert told["design"]["kp"] == pytest.approx(359.3407, abs=1e-3)
+    assert told.keys() >= {
+        "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
+        "conditions", "network", "rate", "settling", "gamma_1", "gamma_2", "norms", "estimates",
+        "plants", "tracking",
+    }  # fmt: skip
+    assert told["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
+    assert told["settling"] == pytest.approx(np.log(1e6) / told["rate"])
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
+)
+def test_an_accuracy_that_is_none_exits_2(wrong):
+    done = shown("check", PAPER, *wrong)
+    assert done.returncode == 2
+    assert wrong[0] in done.stderr
