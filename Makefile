@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark soak figures lint lock clean
+.PHONY: demo test benchmark soak figures paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -32,6 +32,10 @@ figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
 	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap
 	$(BIN)/python -m docs.figures $(DATA)/figures.mcap docs/paper_first_order.png
+
+paper: .venv/.installed  ## run the paper's cases; its figures and numbers beside ours in docs/paper
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
+	$(BIN)/python -m docs.paper_tables $(DATA) docs/paper
 
 lint: .venv/.tested  ## format and lint
 	$(BIN)/ruff format .

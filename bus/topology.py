@@ -55,16 +55,24 @@ class Topology:
             shape=(self.n, self.n),
         )
 
+    def steps(self) -> NDArray[np.intp]:
+        """Return the fewest edges that lead from the target to each robot, (n,); −1 for none do."""
+        graph = sparse.csr_array(
+            (np.ones(len(self.source)), (self.source, self.sink)), shape=(self.n + 1, self.n + 1)
+        )
+        order, before = breadth_first_order(graph, 0)
+        steps = np.full(self.n + 1, -1, np.intp)
+        steps[0] = 0
+        for node in order[1:]:
+            steps[node] = steps[before[node]] + 1
+        return steps[1:]
+
     def unreached(self) -> list[int]:
         """Return the robots to which no directed path leads from the target.
 
         Empty if and only if the digraph has a spanning tree rooted at the target (assumption A2).
         """
-        graph = sparse.csr_array(
-            (np.ones(len(self.source)), (self.source, self.sink)), shape=(self.n + 1, self.n + 1)
-        )
-        reached = breadth_first_order(graph, 0, return_predecessors=False)
-        return [int(node) for node in np.setdiff1d(np.arange(self.n + 1), reached)]
+        return [int(row) + 1 for row in np.flatnonzero(self.steps() < 0)]
 
     def components(self) -> list[NDArray[np.intp]]:
         """Return the strongly connected components of the robots, as arrays of robots − 1."""

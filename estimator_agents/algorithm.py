@@ -6,7 +6,7 @@ Others' packages add algorithms through the entry-point group `nrs.algorithms`.
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +31,26 @@ class Algorithm(Protocol):
         """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k."""
 
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
-        """Return the eigenvalues of the error's recursion, one axis of m, from those of D."""
+        """Return the eigenvalues of the error's recursion, one axis of m, from those of D.
+
+        None at all, an empty array, where the jump is not linear.
+        """
 
     def conditions(self, spectrum: Spectrum, h: float) -> Sequence[Condition]:
         """Return the stability conditions for the eigenvalues s_i of D and the period h (s)."""
+
+
+@runtime_checkable
+class Demanding(Protocol):
+    """An algorithm whose conditions are also on the target's motion; this is optional."""
+
+    def demands(self, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:
+        """Return conditions on the period h (s) and on the largest |υ_0| and |a_0| (A1)."""
+
+
+def demands(algorithm: Algorithm, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:
+    """Return what an algorithm demands of the target's motion: nothing, for most."""
+    return algorithm.demands(h, gamma_1, gamma_2) if isinstance(algorithm, Demanding) else ()
 
 
 def algorithm_names() -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from estimator_agents.algorithm import Spectrum
 from estimator_agents.condition import Condition
 from estimator_agents.estimate import Disagreement, Estimate
 from estimator_agents.hearing import POLICIES, Missing
-from estimator_agents.theory import largest_period, smallest_theta
+from estimator_agents.theory.spectrum import largest_period, smallest_theta
 
 
 @dataclass(frozen=True, slots=True)

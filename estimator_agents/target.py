@@ -33,3 +33,25 @@ class Harmonic:
             self.offset + self.rate * t + swing.sum(axis=-1),
             self.rate + speed.sum(axis=-1),
         )
+
+    @property
+    def gamma_1(self) -> float:
+        """The largest |υ_0| of any axis (A1): as if its sines met, which they do in the end."""
+        return float(
+            (np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)).max()
+        )
+
+    @property
+    def gamma_2(self) -> float:
+        """The largest |a_0| of any axis (A1), in the same way."""
+        return float(np.abs(self.amplitude * self.frequency**2).sum(axis=1).max())
+
+    def phasors(self) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Return ω ≥ 0, (w,), all different, and Â, (w, m), where ε_0 sways by Σ Im Â e^{jωt}."""
+        omega, index = np.unique(np.abs(self.frequency), return_inverse=True)
+        sign = np.where(self.frequency < 0, -1, 1)
+        wave = sign * self.amplitude * np.exp(1j * sign * self.phase)
+        total = np.zeros((len(omega), len(self.rate)), complex)
+        axis = np.broadcast_to(np.arange(len(self.rate))[:, None], self.frequency.shape)
+        np.add.at(total, (index.reshape(self.frequency.shape), axis), wave)
+        return omega, total

@@ -1,16 +1,19 @@
-"""Before a run: what the theory says of a scenario (paper, Theorems 1 and 3)."""
+"""Before a run: whether the theory lets its estimates settle (paper, Theorems 1 and 3)."""
 
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import inf, isfinite, log
 from typing import Any
 
 import numpy as np
 
-from estimator_agents.algorithm import load_algorithm
+from estimator_agents.algorithm import demands, load_algorithm
 from estimator_agents.condition import Condition
-from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.network import Network, network_of
+from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.tracking import TRACKING
+from orchestrator.bounding import tracking_conditions
 from orchestrator.scenario import Scenario
-from orchestrator.setting import gain, topology_of
+from orchestrator.setting import gain, target_of, topology_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,25 @@ class Check:
     spanning_tree: bool
     """Assumption A2: a directed path leads from the target to every robot."""
     conditions: tuple[Condition, ...]
+    network: Network
+    period: float
+    """h, s"""
+
+    @property
+    def whole_spectrum(self) -> bool:
+        """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
+        return len(self.spectrum) == sum(map(len, self.network.components))
+
+    @property
+    def rate(self) -> float:
+        """−ln ρ / h, per s: in the long run an error falls as e^(−rate t)."""
+        radius = self.spectral_radius
+        return -log(radius) / self.period if radius > 0 else inf if radius == 0 else radius
+
+    @property
+    def settling(self) -> float:
+        """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
+        return log(1e6) / self.rate if self.rate > 0 else inf
 
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
@@ -36,18 +58,31 @@ class Check:
             {
                 "name": condition.name,
                 "source": condition.source,
-                "left": _finite(condition.left),
-                "right": _finite(condition.right),
-                "margin": _finite(condition.margin),
+                "left": finite(condition.left),
+                "right": finite(condition.right),
+                "margin": finite(condition.margin),
                 "holds": condition.holds,
             }
             for condition in self.conditions
         ]
-        return {**asdict(self), "h_bound": _finite(self.h_bound), "conditions": conditions}
+        return {
+            **asdict(self),
+            "spectral_radius": finite(self.spectral_radius),
+            "alpha_beta_bound": finite(self.alpha_beta_bound),
+            "h_bound": finite(self.h_bound),
+            "conditions": conditions,
+            "whole_spectrum": self.whole_spectrum,
+            "rate": finite(self.rate),
+            "settling": finite(self.settling),
+        }
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows."""
-        unmet = [_warning(condition) for condition in self.conditions if not condition.holds]
+        unmet = [
+            _warning(condition)
+            for condition in self.conditions
+            if not condition.holds and condition.source != TRACKING
+        ]
         if self.spectral_radius >= 1:
             unmet.append(
                 f"the estimates diverge: their error grows by a factor of "
@@ -61,8 +96,14 @@ def check(scenario: Scenario) -> Check:
     topology = topology_of(scenario)
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
-    spectrum = spectrum_of(topology)
-    conditions = (*algorithm.conditions(spectrum, h), *_gain_conditions(scenario))
+    spectrum, target = spectrum_of(topology), target_of(scenario)
+    conditions = (
+        *algorithm.conditions(spectrum, h),
+        *demands(algorithm, h, target.gamma_1, target.gamma_2),
+        *_gain_conditions(scenario),
+        *tracking_conditions(scenario),
+    )
+    network = network_of(topology)
     periods = [c.right for c in conditions if c.name == "sampling_period"]
     return Check(
         algorithm=choice.name,
@@ -70,12 +111,14 @@ def check(scenario: Scenario) -> Check:
         spectral_radius=spectral_radius(algorithm.modes(spectrum, h)),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(periods, default=None),
-        spanning_tree=not topology.unreached(),
+        spanning_tree=network.spanning_tree,
         conditions=conditions,
+        network=network,
+        period=h,
     )
 
 
-def _finite(number: float | None) -> float | None:
+def finite(number: float | None) -> float | None:
     """JSON has no infinity: a bound that no number reaches is null."""
     return number if number is not None and isfinite(number) else None
 

@@ -5,7 +5,9 @@
 """
 
 from contextlib import ExitStack
+from dataclasses import asdict
 from importlib.metadata import version as installed
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -13,10 +15,12 @@ import numpy as np
 import typer
 
 from bus.errors import CosimError, InputError
+from estimator_agents.theory.estimates import Pair
 from orchestrator import replay_cli, run_cli, showing
 from orchestrator.checking import check as check_scenario
 from orchestrator.doctor import diagnose
 from orchestrator.fmu_cli import fmu
+from orchestrator.judging import judge
 from orchestrator.options import (
     Listen,
     RecordingPath,
@@ -27,6 +31,7 @@ from orchestrator.options import (
     tls_of,
 )
 from orchestrator.plants import group_by_archive, open_fleet
+from orchestrator.promising import designed, promises
 from orchestrator.report_cli import report
 from orchestrator.scenario import json_schema
 from orchestrator.scenario_file import read_scenario
@@ -79,11 +84,13 @@ app.command()(report)
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
     with Reader(recording) as reader:
-        told = describe(reader)
+        told, measured = describe(reader), measure(reader)
+        judged = judge(reader, scenario_of(reader).scenario, measured)
         if as_json:
-            print_json(told)
+            print_json({**told, "theory": judged.as_json()})
         else:
-            showing.summary(out, lines(told, measure(reader)))
+            showing.summary(out, lines(told, measured))
+            showing.judgement(out, judged)
             for damage in reader.damage:
                 say("yellow", "damage", damage)
 
@@ -148,17 +155,41 @@ def scene(
 
 
 @app.command()
-def check(scenario: ScenarioPath, as_json: AsJson = False) -> None:
+def check(
+    scenario: ScenarioPath,
+    as_json: AsJson = False,
+    accuracy: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="POSITION VELOCITY",
+            help="Find gains and a period that promise tracking errors of so many rad and rad/s.",
+        ),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(help="Of --accuracy, the part for the robots' own error, between 0 and 1."),
+    ] = 0.5,
+) -> None:
     """Say what the theory promises for a scenario, and whether its plants can be opened."""
+    if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
+        raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
+    if not 0 < share < 1:
+        raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     file = read_scenario(scenario)
     checked = check_scenario(file.scenario)
+    promised = promises(file.scenario, checked.spectral_radius)
     with ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
+    wanted = Pair(*accuracy) if accuracy else None
+    found = designed(file.scenario, wanted, share) if wanted else None
     if as_json:
-        print_json(checked.as_json())
-    else:
-        showing.check(out, checked)
+        design = {"design": asdict(found) if found else None} if wanted else {}
+        print_json({**checked.as_json(), **promised.as_json(), **design})
+        return
+    showing.check(out, checked, promised)
+    if wanted:
+        showing.design(out, found, wanted)
 
 
 @app.command()

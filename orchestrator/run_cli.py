@@ -23,6 +23,7 @@ from orchestrator.checking import check as check_scenario
 from orchestrator.clock import seconds
 from orchestrator.errors import Interrupted
 from orchestrator.hosts.member import Membership, serve
+from orchestrator.judging import judge
 from orchestrator.live import Live
 from orchestrator.lockstep import Manning
 from orchestrator.manning import Handling, elsewhere, here, hosts_worth_it
@@ -257,7 +258,9 @@ def perform(
             pace=pace,
         )
     with Reader(whole) as reader:
-        told = {**lines(describe(reader), measure(reader)), "recording": str(path)}
+        measured = measure(reader)
+        told = {**lines(describe(reader), measured), "recording": str(path)}
+        judged = judge(reader, file.scenario, measured)
     simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
     took = outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
@@ -270,6 +273,7 @@ def perform(
     if outcome.refused:
         told["refused"] = _counted(outcome)
     showing.summary(out, told | last)
+    showing.judgement(out, judged)
     if profile:
         showing.profile(out, outcome.profile, took)
     if outcome.status == "failed":

@@ -1,9 +1,9 @@
 """What a person sees in a terminal: the progress of a run, its summary, the theory's verdict."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import groupby
-from math import prod
+from math import inf, isnan, prod
 from statistics import fmean
 from typing import Any
 
@@ -13,10 +13,16 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
+from estimator_agents.theory.design import Design
+from estimator_agents.theory.estimates import Pair
+from estimator_agents.theory.network import Network
+from orchestrator.bounding import Bounded
 from orchestrator.checking import Check
 from orchestrator.clock import Clock, seconds
 from orchestrator.comparing import Comparison
 from orchestrator.doctor import Diagnosis
+from orchestrator.judging import Judgement
+from orchestrator.promising import Promises, bounds
 from orchestrator.running import Profile
 from plant_fmu.checking.findings import FmuCheck
 
@@ -28,6 +34,15 @@ _VERDICTS = {
     "ok": "[green]ok[/]",
     "warning": "[yellow]warning[/]",
 }
+
+
+_KEPT = {
+    "within": "[green]within[/]",
+    "exceeds": "[red]beyond what is proven, at k = {}[/]",
+    "unknown": "",
+}
+SETTLED = 1e-3
+"""The part of an error that the beginning may have without being told of."""
 
 
 class _SimulatedTime(ProgressColumn):
@@ -54,20 +69,9 @@ def summary(console: Console, lines: Mapping[str, str]) -> None:
         console.print(f"[bold]{name:<10}[/] {escape(line)}")
 
 
-def check(console: Console, checked: Check) -> None:
+def check(console: Console, checked: Check, promised: Promises) -> None:
     """Show the theory's verdict on a scenario."""
-    spectrum = ", ".join(_complex(*s) for s in checked.spectrum)
-    settles = checked.spectral_radius < 1
-    verdict = "the estimates settle near the target" if settles else "the estimates diverge"
-    summary(
-        console,
-        {
-            "algorithm": checked.algorithm,
-            "network": "a path leads from the target to every robot (assumption A2)",
-            "spectrum": f"{spectrum} (of D, the normalised adjacency)",
-            "factor": f"{checked.spectral_radius:.6f} on the error per sampling time: {verdict}",
-        },
-    )
+    summary(console, _verdict(checked) | _grounds(promised))
     table = Table(box=None, pad_edge=False)
     for title in ("condition", "value", "bound", "margin", "", "source"):
         table.add_column(
@@ -79,6 +83,141 @@ def check(console: Console, checked: Check) -> None:
         table.add_row(c.name, *numbers, mark, c.source)
     console.print()
     console.print(table)
+    table = Table(box=None, pad_edge=False)
+    table.add_column("in the long run")
+    for title in ("this target", "any target", "paper"):
+        table.add_column(title, justify="right")
+    for row in bounds(promised):
+        table.add_row(row.name, *map(_number, (row.exact, row.sharp, row.paper)))
+    console.print()
+    console.print(table)
+
+
+def judgement(console: Console, judged: Judgement) -> None:
+    """Show a run's measurements beside the theory's promises, and whether they are kept."""
+    if judged.why_not:
+        summary(console, {"theory": f"says nothing of this run: {judged.why_not}"})
+        return
+    table = Table(box=None, pad_edge=False)
+    table.add_column("last fifth")
+    for title in ("measured", "this target", "any target", "paper"):
+        table.add_column(title, justify="right")
+    table.add_column("")
+    for row in judged.quantities:
+        b = row.bound
+        numbers = map(_number, (row.measured, b.exact, b.sharp, b.paper))
+        table.add_row(b.name, *numbers, _KEPT[row.verdict].format(row.tick))
+    if judged.measured_factor is not None and judged.factor is not None:
+        factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
+        table.add_row("factor", *factors, "", "", "each tick")
+    console.print(table)
+    rest = max(row.rest for row in judged.quantities)
+    if rest > SETTLED * max(row.measured for row in judged.quantities):
+        summary(console, {"settling": f"up to {rest:.4g} is left of the beginning"})
+
+
+def design(console: Console, found: Design | None, wanted: Pair) -> None:
+    """Show what gains and period promise an accuracy."""
+    if found is None:
+        told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
+    else:
+        period = "no period is" if found.period is None else f"h <= {found.period:.4g} s is"
+        sharper = "none" if found.sharp_period is None else f"h <= {found.sharp_period:.4g} s"
+        told = {
+            "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
+            f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
+            "gains": f"kp >= {found.kp:.6g}, kd >= {found.kd:.6g} (equations 6.1, 6.2)",
+            "period": f"{period} enough by the paper's bounds; {sharper} by sharp ones",
+        }
+    console.print()
+    summary(console, told)
+
+
+def _verdict(checked: Check) -> dict[str, str]:
+    """Return lines of what the network and the algorithm are."""
+    network, radius = checked.network, checked.spectral_radius
+    if isnan(radius):
+        factor = "none: the algorithm does not jump linearly"
+    else:
+        settles = radius < 1
+        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
+        factor = f"{radius:.6f} on the error per sampling time: {verdict}"
+    told = {
+        "algorithm": checked.algorithm,
+        "network": f"a path of at most {network.depth} links leads from the target to every robot "
+        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it",
+        "parts": _parts(network),
+        "spectrum": f"{_spectrum(checked)} (of D, the normalised adjacency)",
+        "factor": factor,
+    }
+    if 0 < checked.rate < inf:
+        told["rate"] = (
+            f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
+        )
+    return told
+
+
+def _parts(network: Network) -> str:
+    """Say which robots depend on one another."""
+    loops = [part for part in network.components if len(part) > 1]
+    if not loops:
+        return "no robots hear one another in a loop"
+    shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
+    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
+
+
+def _robots(robots: Sequence[int]) -> str:
+    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
+    return f"robot{'s' * (len(robots) > 1)} {numbers}"
+
+
+def _spectrum(checked: Check) -> str:
+    if len(checked.spectrum) <= 24:
+        return ", ".join(_complex(*s) for s in checked.spectrum)
+    real = [s[0] for s in checked.spectrum]
+    imaginary = max(abs(s[1]) for s in checked.spectrum)
+    which = "" if checked.whole_spectrum else "outermost "
+    return (
+        f"{len(real)} {which}eigenvalues, {min(real):.6g} to {max(real):.6g}, "
+        f"imaginary parts up to {imaginary:.6g}"
+    )
+
+
+def _grounds(promised: Promises) -> dict[str, str]:
+    """Return lines of what bounds are made of."""
+    told = {
+        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
+        "(gamma_1, gamma_2 of assumption A1)"
+    }
+    if promised.why_not:
+        told["bounds"] = f"none: {promised.why_not}"
+    elif promised.paper is None:
+        told["norm"] = "no small-value norm is found"
+    else:
+        norm = promised.paper.norm
+        told["norm"] = (
+            f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
+            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
+        )
+    for part in promised.robots:
+        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+        told[name] = _mechanics(part)
+    return told
+
+
+def _mechanics(part: Bounded) -> str:
+    p3, of = part.bounds, part.constants
+    if p3 is None or of is None:
+        return part.why
+    return (
+        f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
+        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({p3.source}); "
+        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
 
 
 def archive(console: Console, told: Mapping[str, Any]) -> None:

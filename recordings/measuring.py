@@ -4,14 +4,14 @@
 e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 on the output grid, in the 2-norm (paper, after equation 2.1).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recordings.reading import Reader
-from recordings.tables import SAMPLES, STATES, rows
+from recordings.tables import SAMPLES, STATES, robots, rows
 
 Array = NDArray[np.float64]
 TargetAt = Callable[[Array], tuple[Array, Array]]
@@ -30,25 +30,43 @@ class SteadyState:
     """sup ‖e_i‖₂"""
     velocity_tracking: float = 0.0
     """sup ‖ė_i‖₂"""
+    times_ns: tuple[int, int, int, int] = (0, 0, 0, 0)
+    """When each of the four was reached first, ns."""
 
 
 def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     """Measure the steady state of a recording against its target."""
     end = reader.end_ns or 0
     since = end - end // 5
-    found = dict.fromkeys((field.name for field in fields(SteadyState)), 0.0)
+    most, times = np.zeros(4), np.zeros(4, np.int64)
 
-    def note(name: str, errors: Array, order: float) -> None:
+    def note(quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
         norms = np.linalg.norm(errors, order, axis=1)
-        found[name] = max(found[name], float(norms.max(initial=0.0)))
+        if len(norms) and norms.max() > most[quantity]:
+            row = int(norms.argmax())
+            most[quantity], times[quantity] = norms[row], time_ns[row]
 
     for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
         records = part[part["robot"] > 0]
         position, velocity = target_at(records["t"])
         if table is SAMPLES:
-            note("position_estimate", records["position"] - position, np.inf)
-            note("velocity_estimate", records["velocity"] - velocity, np.inf)
+            note(0, records["position"] - position, np.inf, records["time_ns"])
+            note(1, records["velocity"] - velocity, np.inf, records["time_ns"])
         else:
-            note("position_tracking", records["q"] - position, 2)
-            note("velocity_tracking", records["qd"] - velocity, 2)
-    return SteadyState(**found)
+            note(2, records["q"] - position, 2, records["time_ns"])
+            note(3, records["qd"] - velocity, 2, records["time_ns"])
+    (a, b, c, d), (e, f, g, h) = most.tolist(), times.tolist()
+    return SteadyState(a, b, c, d, (e, f, g, h))
+
+
+def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:
+    """Yield k and the estimates' errors ε̄ and ῡ at t_k, (2, n, m), of each tick that is whole."""
+    n = robots(reader)
+    for _, part in rows(reader, [SAMPLES]):
+        mine = part[part["robot"] > 0]
+        position, velocity = target_at(mine["t"])
+        errors = np.stack([mine["position"] - position, mine["velocity"] - velocity])
+        ks, starts, counts = np.unique(mine["k"], return_index=True, return_counts=True)
+        for k, start, count in zip(ks, starts, counts, strict=True):
+            if count == n:
+                yield int(k), errors[:, start : start + count]

@@ -7,7 +7,7 @@ from bus.topology import Topology
 from estimator_agents.condition import Condition
 from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.theory import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order, target
 

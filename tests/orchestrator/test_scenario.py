@@ -140,7 +140,7 @@ BAD = {
     ),
     "unknown algorithm": (
         ('name = "dcea1"', 'name = "dcea3"'),
-        "algorithm.name: expected one of dcea1, dcea2, got 'dcea3'",
+        "algorithm.name: expected one of dcea1, dcea2, impulsive, pd_like, sliding, got 'dcea3'",
     ),
     "variable's name": (
         ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = 3'),

@@ -1,0 +1,56 @@
+"""Impulsive consensus on a constant value (after Guan, Liu, Feng and Jian, Automatica 48, 2012).
+
+Second-order agents, ε̇_i = υ_i and υ̇_i = 0 between sampling times, whose velocities are damped by
+impulses until they rest at a common position; here it is the target's:
+
+    Δε_i = 0,   Δυ_i = α Σ_j w_ij/ϖ_i (ε_j − ε_i) − β υ_i   at t_k
+
+It hears no velocity. A target that moves at υ_0 is followed at a distance that h does not lessen,
+for β drags at the estimates: each of the paper's bounds gains h β γ1 (docs/theory.md).
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from estimator_agents.algorithm import Spectrum
+from estimator_agents.condition import Condition
+from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import POLICIES, Missing
+
+
+@dataclass(frozen=True, slots=True)
+class Impulsive:
+    """The law with gain α on positions, per s, and damping β of the own velocity."""
+
+    missing: ClassVar[tuple[Missing, ...]] = POLICIES
+
+    alpha: float
+    beta: float
+
+    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+        """Return the estimate right after t_k."""
+        return Estimate(
+            estimate.position,
+            estimate.velocity + (self.alpha * heard.position - self.beta * estimate.velocity),
+        )
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
+        """Return the roots of λ² − [2 − β − α h (1 − s_i)] λ + 1 − β."""
+        half = 1 - (self.beta + self.alpha * h * (1 - spectrum)) / 2
+        root = np.sqrt(half**2 - 1 + self.beta)
+        return np.concatenate([half + root, half - root])
+
+    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:
+        """Return β < 2, and with R + j I = 1 − s_i, by the test of Schur and Cohn,
+
+        h < min 2 β² (2 − β) R / (α [β² R² + (2 − β)² I²]).
+        """
+        away, beta = 1 - spectrum, self.beta
+        size = self.alpha * (beta**2 * away.real**2 + (2 - beta) ** 2 * away.imag**2)
+        bounds = 2 * beta**2 * (2 - beta) * away.real / size
+        return [
+            Condition("beta", "Schur and Cohn", beta, 2.0),
+            Condition("sampling_period", "Schur and Cohn", h, float(bounds.min())),
+        ]

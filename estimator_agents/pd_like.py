@@ -1,0 +1,53 @@
+"""PD-like consensus tracking in discrete time (Cao, Ren and Li, Automatica 45, 2009).
+
+Their law moves a single integrator by ξ_i[k+1] = ξ_i[k] + T Σ_j a_ij/Σ_j a_ij {(ξ_j[k] −
+ξ_j[k−1])/T − γ (ξ_i[k] − ξ_j[k])}, the target among the j. An estimate that moves on with
+ε̇_i = υ_i is such an integrator, with T = h and what is in braces as its velocity:
+
+    Δε_i = 0,   υ_i(t_k⁺) = Σ_j w_ij/ϖ_i [υ_j + α (ε_j − ε_i)]   at t_k,   α = γ
+
+For a robot j, υ_j(t_k) is the backward difference (ε_j(t_k) − ε_j(t_{k−1}))/h, exactly. For the
+target it takes the place of one, which lags behind by half a period. So this is the second-order
+DCEA (equation 2.2) at β = 1, and (5.2) is then the condition of Cao, Ren and Li.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bus.errors import InputError
+from estimator_agents.algorithm import Spectrum
+from estimator_agents.condition import Condition
+from estimator_agents.dcea2 import SecondOrder
+from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import POLICIES, Missing
+from estimator_agents.theory.spectrum import largest_period
+
+
+@dataclass(frozen=True, slots=True)
+class PdLike:
+    """The law with gain α, per s; it has no second gain, and β must be 1."""
+
+    missing: ClassVar[tuple[Missing, ...]] = POLICIES
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        if self.beta != 1:
+            raise InputError(f"algorithm.beta: pd_like has one gain: expected 1, got {self.beta:g}")
+
+    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+        """Return the estimate right after t_k."""
+        return Estimate(
+            estimate.position,
+            estimate.velocity + (self.alpha * heard.position + heard.velocity),
+        )
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
+        """Return the roots of λ² + [(α h + 1)(1 − s_i) − 2] λ + s_i."""
+        return SecondOrder(self.alpha, 1.0).modes(spectrum, h)
+
+    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:
+        """Return the bound on the period, min 2 (θ_i − 1)/(α (ϑ_i² + 1))."""
+        bound = largest_period(spectrum, self.alpha, 1.0)
+        return [Condition("sampling_period", "Cao, Ren and Li 2009", h, bound)]

@@ -1,0 +1,50 @@
+"""The distributed sliding-mode observer, under samples (Cao, Ren, Meng 2010; Mei, Ren, Ma 2011).
+
+In continuous time υ̇_i = β' sgn Σ_j a_ij (υ_j − υ_i) reaches υ_0 in finite time when β' > sup |a_0|,
+and ε̇_i = υ_i + α' sgn Σ_j a_ij (ε_j − ε_i) then reaches ε_0. Heard at t_k alone and held, a
+sign adds h times its gain until t_{k+1}; here it is added at once, at t_k:
+
+    Δε_i = α sgn Σ_j w_ij/ϖ_i (ε_j − ε_i),   Δυ_i = β sgn Σ_j w_ij/ϖ_i (υ_j − υ_i)
+
+With α = h α' and β = h β' that is the observer at the sampling times but for up to h β/2 in ε.
+Its jump is not linear: there are no modes, and nothing is promised but what the target demands.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from estimator_agents.algorithm import Spectrum
+from estimator_agents.condition import Condition
+from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.hearing import POLICIES, Missing
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """The observer with steps α of position and β of velocity at each sampling time."""
+
+    missing: ClassVar[tuple[Missing, ...]] = POLICIES
+
+    alpha: float
+    beta: float
+
+    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+        """Return the estimate right after t_k."""
+        return Estimate(
+            estimate.position + self.alpha * np.sign(heard.position),
+            estimate.velocity + self.beta * np.sign(heard.velocity),
+        )
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002, there are none
+        """Return none."""
+        return np.zeros(0, np.complex128)
+
+    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:  # noqa: ARG002
+        """Return none: the observer asks nothing of the digraph beyond A2."""
+        return []
+
+    def demands(self, h: float, gamma_1: float, gamma_2: float) -> list[Condition]:  # noqa: ARG002
+        """Return that a step is larger than what the target's velocity changes by meanwhile."""
+        return [Condition("acceleration", "Cao, Ren and Meng 2010", h * gamma_2, self.beta)]

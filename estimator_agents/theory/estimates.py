@@ -1,0 +1,191 @@
+"""How far the estimates stay from the target in the long run: three answers, each within the next.
+
+- exact: for a target of sines. Δ(k) is then Σ Im Δ̂ e^{jωkh}, and x(t_k) → Σ Im X e^{jωkh} with
+  (e^{jωh} I − A) X = Δ̂; its largest value is at most Σ |X|, and comes as near to it as one likes
+  when no ωh is a rational part of 2π or of another;
+- sharp: over all targets with |υ_0| ≤ γ1, |a_0| ≤ γ2 (A1). On (t_k, t_{k+1}] an acceleration adds
+  −∫ ((t_{k+1} − w) A^j 1⊗[1; 0] + A^j 1⊗[0; 1]) a_0(w) dw to x(t_{k+1+j}), and the sum of the
+  integrals' moduli is reached by some target as far as γ1 lets it;
+- paper: Theorems 1 and 3, h κ, of ‖Δ(k)‖∞ ≤ h max(2 γ1, γ2) (equation 0.7) and a small-value norm.
+"""
+
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from estimator_agents.target import Harmonic
+from estimator_agents.theory.norms import SmallValueNorm, small_value_norm
+from estimator_agents.theory.recursion import Recursion
+from estimator_agents.theory.solving import solve
+
+Array = NDArray[np.float64]
+Reals = NDArray[np.floating[Any]]
+
+WORK = 5e4
+"""Sampling periods of the past, of a few robots, that a sum may take; of more robots, fewer."""
+REST = 1e-13
+"""The part of the sum at which it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Bounds on lim ‖ε̄_i‖∞ and lim ‖ῡ_i‖∞ over all robots."""
+
+    position: float
+    velocity: float
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """The paper's bounds, with what they are made of: κ3 is κ1 of the matrix Γ."""
+
+    norm: SmallValueNorm
+    """Of A."""
+    kappa: float
+    """κ1 or κ3, per s: ‖x‖∞ → at most h κ (equations 0.5 and 5.3)."""
+    velocity_norm: SmallValueNorm | None
+    """Of 𝒫; None where velocities depend on positions."""
+    velocity_kappa: float | None
+    """κ2"""
+    bound: Pair
+    """δ1 = h κ1 and δ2 = h min(κ1, κ2) (equation 6.6), or h κ3 for both (equation 5.3)."""
+
+
+def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | None:
+    """Return Theorem 1's or 3's bounds; None where no small-value norm is found."""
+    h = recursion.h
+    drag = np.abs(recursion.drag[:, 1]) * gamma_1 / h
+    norm = small_value_norm(recursion.matrix)
+    if norm is None or recursion.drag[:, 0].any():
+        return None
+    kappa = norm.gain * float(max(2 * gamma_1 + drag[0], gamma_2 + drag[1]))
+    apart, kappa_2 = None, None
+    if recursion.velocities_alone:
+        apart = small_value_norm(recursion.velocity_block)
+    if apart is not None:
+        kappa_2 = apart.gain * float(gamma_2 + drag[1])
+    best = kappa if kappa_2 is None else min(kappa, kappa_2)
+    return Promise(norm, kappa, apart, kappa_2, Pair(h * kappa, h * best))
+
+
+def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -> Pair | None:
+    """Return the sharp bounds at the sampling times, left limits.
+
+    None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
+    """
+    seen = sparse.eye_array(2 * recursion.n, format="csr")
+    return _worst(recursion, gamma_1, gamma_2, radius, seen)
+
+
+def sharp_always(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float
+) -> Pair | None:
+    """Return the sharp bounds at all times: an interval's are at its ends, and so also after jumps.
+
+    In between x is affine in time but for what the target does meanwhile, at most a convex part.
+    """
+    before = sharp(recursion, gamma_1, gamma_2, radius)
+    after = _worst(recursion, gamma_1, gamma_2, radius, recursion.jump)
+    if before is None or after is None:
+        return None
+    dragged = np.abs(recursion.keep - np.eye(2))[:, 1] * gamma_1
+    return Pair(
+        max(before.position, after.position + float(dragged[0])),
+        max(before.velocity, after.velocity + float(dragged[1])),
+    )
+
+
+def _worst(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, seen: sparse.csr_array
+) -> Pair | None:
+    """Return the sharp bounds on `seen` x at the sampling times, (2 n, 2 n)."""
+    if radius >= 1 or recursion.drag[:, 0].any():
+        return None
+    h, n, A = recursion.h, recursion.n, recursion.matrix
+    sizes = [_slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
+    unit = np.kron(np.eye(2), np.ones((n, 1)))
+    if A.data.min() >= 0 and seen.data.min() >= 0 and not recursion.drag.any():
+        worst = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
+        return Pair(float(worst[:n].max()), float(worst[n:].max()))
+    steps = log(REST) / log(radius) if radius > 0 else 2
+    most_steps = int(WORK / (1 + A.nnz / 4000))
+    if steps > most_steps:
+        return None
+    kernel, most, free = unit, np.zeros(2 * n), np.zeros(2 * n)
+    for _ in range(most_steps):
+        told = seen @ kernel
+        held = np.abs(told @ recursion.drag[:, 1]) * gamma_1
+        bounded = np.abs(told) @ sizes + held
+        driven = gamma_2 * _modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
+        most, free = most + bounded, free + driven
+        if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
+            worst = np.minimum(most, free)
+            return Pair(float(worst[:n].max()), float(worst[n:].max()))
+        kernel = A @ kernel
+    return None
+
+
+def _slip(h: float, gamma_1: float, gamma_2: float) -> float:
+    """Return the most of |Δ_1(k)|: ∫ min(2 γ1, γ2 w) dw over 0 … h."""
+    if gamma_2 * h <= 2 * gamma_1:
+        return gamma_2 * h**2 / 2
+    return 2 * gamma_1 * h - 2 * gamma_1**2 / gamma_2
+
+
+def _modulus(first: Reals, last: Reals, h: float) -> Array:
+    """Return ∫ |f| over 0 … h of what goes straight from `first` to `last`."""
+    apart = np.abs(last - first)
+    crossed = (first**2 + last**2) / np.where(apart > 0, 2 * apart, 1)
+    mean: Array = np.where(first * last >= 0, np.abs(first + last) / 2, crossed)
+    return h * mean
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadyMotion:
+    """What the errors settle to for one target: constants and sines at the sampling times."""
+
+    h: float
+    """s"""
+    constant: Array
+    """(2, n, m) of ε̄ and ῡ."""
+    frequency: Array
+    """(w,) rad/s"""
+    phasor: NDArray[np.complex128]
+    """(w, 2, n, m)"""
+
+    def at(self, k: int) -> Array:
+        """Return ε̄ and ῡ at t_k, (2, n, m)."""
+        turned = np.exp(1j * self.frequency * (k * self.h))
+        swing: Array = np.tensordot(turned, self.phasor, axes=1).imag
+        return self.constant + swing
+
+    @property
+    def bound(self) -> Pair:
+        """The largest that it comes to."""
+        most = np.abs(self.constant) + np.abs(self.phasor).sum(axis=0)
+        return Pair(float(most[0].max()), float(most[1].max()))
+
+
+def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> SteadyMotion | None:
+    """Return what the errors settle to; None where ρ = `radius` ≥ 1."""
+    if radius >= 1 or recursion.drag[:, 0].any():
+        return None
+    n, A, h = recursion.n, recursion.matrix, recursion.h
+    ones, unit = np.ones(n), sparse.eye_array(2 * n)
+    keep = recursion.flow @ recursion.keep
+    frequency, waves = target.phasors()
+    phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)
+    for w, omega in enumerate(frequency):
+        turn = np.exp(1j * omega * h)
+        given = (keep - turn * np.eye(2)) @ [1, 1j * omega]
+        X = solve(turn * unit - A, np.kron(given, ones))
+        phasor[w] = X.reshape(2, n, 1) * waves[w]
+    constant = np.zeros((2, n, waves.shape[1]))
+    if recursion.drag.any():
+        X = solve(unit - A, np.kron(recursion.drag[:, 1], ones))
+        constant = X.reshape(2, n, 1) * target.rate
+    return SteadyMotion(h, constant, frequency, phasor)

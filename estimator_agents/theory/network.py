@@ -1,0 +1,68 @@
+"""Who depends on whom: the condensation of the digraph, and how the target comes to all (A2).
+
+The strongly connected components of the robots, with the edges between them, are a digraph without
+cycles. A2 holds if and only if each component that hears no other has a robot that hears the
+target.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bus.topology import Topology
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """The digraph in short."""
+
+    pinned: tuple[int, ...]
+    """The robots that hear the target, ascending."""
+    components: tuple[tuple[int, ...], ...]
+    """The robots of each strongly connected component, those that are heard before who hears."""
+    edges: tuple[tuple[int, int], ...]
+    """(j, i), components by number from 0: somebody in i hears somebody in j."""
+    depth: int
+    """The longest of the shortest ways from the target to a robot, in edges."""
+    spanning_tree: bool
+    """A2: a directed path leads from the target to every robot."""
+
+
+def network_of(topology: Topology) -> Network:
+    """Return a digraph in short."""
+    parts = topology.components()
+    label = np.empty(topology.n, np.intp)
+    for number, part in enumerate(parts):
+        label[part] = number
+    among = topology.source > 0
+    source, sink = label[topology.source[among] - 1], label[topology.sink[among] - 1]
+    between = np.unique(np.stack([source, sink], axis=1)[source != sink], axis=0)
+    rank = _ranks(len(parts), between)
+    order = np.lexsort(([part[0] for part in parts], rank))
+    place = np.empty(len(parts), np.intp)
+    place[order] = np.arange(len(parts))
+    edges = np.unique(place[between], axis=0).tolist() if len(between) else []
+    steps = topology.steps()
+    return Network(
+        pinned=tuple((topology.sink[topology.source == 0]).tolist()),
+        components=tuple(tuple((np.sort(parts[p]) + 1).tolist()) for p in order),
+        edges=tuple((int(j), int(i)) for j, i in edges),
+        depth=int(steps.max()),
+        spanning_tree=bool((steps >= 0).all()),
+    )
+
+
+def _ranks(count: int, edges: np.ndarray) -> np.ndarray:
+    """Return how many edges the longest way to each component has, (count,), without cycles."""
+    rank = np.zeros(count, np.intp)
+    waits = np.bincount(edges[:, 1], minlength=count)
+    hears = np.split(edges[:, 1], np.searchsorted(edges[:, 0], np.arange(1, count)))
+    ready = np.flatnonzero(waits == 0).tolist()
+    while ready:
+        j = ready.pop()
+        for i in hears[j]:
+            rank[i] = max(rank[i], rank[j] + 1)
+            waits[i] -= 1
+            if not waits[i]:
+                ready.append(int(i))
+    return rank

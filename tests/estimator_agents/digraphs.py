@@ -1,0 +1,36 @@
+"""Random digraphs with a spanning tree from the target, as a strategy, and rings."""
+
+import numpy as np
+from hypothesis import strategies as st
+
+from bus.topology import Topology
+
+
+@st.composite
+def digraphs(draw: st.DrawFn, most: int = 7) -> Topology:
+    """Draw weights for a random tree from the target, and for some more edges."""
+    n = draw(st.integers(1, most))
+    weight = st.floats(0.1, 5.0)
+    adjacency, pinning = np.zeros((n, n)), np.zeros(n)
+    for i in range(n):
+        parent = draw(st.integers(0, i))
+        if parent:
+            adjacency[i, parent - 1] = draw(weight)
+        else:
+            pinning[i] = draw(weight)
+    for _ in range(draw(st.integers(0, 2 * n))):
+        i, j = draw(st.integers(0, n - 1)), draw(st.integers(0, n - 1))
+        if i != j:
+            adjacency[i, j] = draw(weight)
+    order = np.array(draw(st.permutations(range(n))))
+    return Topology.of(adjacency[np.ix_(order, order)], pinning[order])
+
+
+def ring(n: int, both: bool) -> Topology:
+    """Return a ring that hears one way or both, with robot 1 pinned; edges sorted by (i, j)."""
+    robot = np.arange(1, n + 1)
+    sides = [np.roll(robot, 1), np.roll(robot, -1)] if both else [np.roll(robot, 1)]
+    source = np.concatenate([[0], *sides])
+    sink = np.concatenate([[1], *(robot for _ in sides)])
+    order = np.lexsort((source, sink))
+    return Topology(n, source[order], sink[order], np.ones(len(order)))

@@ -1,0 +1,76 @@
+"""μ, ϱ and δ of Theorems 2 and 3, and inequality (1.9), against sums written by hand."""
+
+import numpy as np
+import pytest
+
+from estimator_agents.theory.design import design
+from estimator_agents.theory.estimates import Pair
+from estimator_agents.theory.tracking import Drive, balls, constants, proven, push, worst
+from plant_fmu.bundled.bounds import bounds_of
+from tests.plant_fmu.test_bounds import two_link
+
+P3 = bounds_of("two_link_arm", {}, 2)
+LAMBDA_D, GAMMA_1, GAMMA_2 = 2 * np.sqrt(2), 3.0, 1.0
+OF = constants(P3, 2, LAMBDA_D, GAMMA_1, GAMMA_2)
+DRIVE = Drive.of(200 * np.eye(2), 300 * np.eye(2))
+
+
+def test_constants_of_the_example_by_hand():
+    assert OF.mu_1 == pytest.approx(
+        LAMBDA_D + P3.lambda_M * 2**0.5 + P3.lambda_c * 18 + P3.lambda_g, rel=1e-12
+    )
+    assert OF.mu_2 == OF.rho_1 == pytest.approx(P3.lambda_c * 3 * 2**0.5, rel=1e-12)
+    assert OF.rho_2 == pytest.approx(2 * OF.mu_2 + P3.lambda_M + 2**0.5 * P3.lambda_c, rel=1e-12)
+
+
+def test_inequality_1_9_holds_wherever_one_looks():
+    rng = np.random.default_rng(9)
+    for _ in range(2000):
+        q, qd = rng.uniform(-np.pi, np.pi, 2), rng.normal(scale=5, size=2)
+        t = rng.uniform(0, 100)
+        ups, a = np.array([2 + np.cos(t), -2 + np.sin(t)]), np.array([-np.sin(t), np.cos(t)])
+        M, C, G = two_link(q, qd)
+        eps_bar, ups_bar = rng.normal(size=(2, 2))
+        phi = 2 * np.array([np.sin(t), np.cos(2 * t)]) - M @ a - C @ ups - G
+        phi += 200 * eps_bar + 300 * ups_bar
+        mu_3 = 200 * np.linalg.norm(eps_bar) + 300 * np.linalg.norm(ups_bar)
+        most = OF.mu_1 + OF.mu_2 * np.linalg.norm(qd - ups) + mu_3
+        assert np.linalg.norm(phi) <= most
+
+
+def test_balls_of_theorem_2_and_the_gains_that_it_asks_for():
+    found = balls(OF, DRIVE, Pair(0.1, 0.2))
+    rho_3 = OF.mu_1 + 2**0.5 * (200 * 0.1 + 300 * 0.2)
+    assert push(OF, DRIVE, Pair(0.1, 0.2)) == pytest.approx(rho_3)
+    assert found.position == pytest.approx(rho_3 / (200 - OF.rho_1))
+    assert found.velocity == pytest.approx(rho_3 / (300 - OF.rho_2))
+    for kp, kd in ((0.99 * 2 * P3.lambda_M, 300), (200, 0.99 * OF.rho_2)):
+        weak = Drive.of(kp * np.eye(2), kd * np.eye(2))
+        assert not all(c.holds for c in OF.conditions(weak))
+        assert balls(OF, weak, Pair(0.1, 0.2)) is None
+        assert proven(OF, weak, Pair(0.1, 0.2)) is None
+
+
+def test_what_is_proven_is_no_less_than_where_the_derivative_is_negative():
+    estimates = Pair(0.1674, 0.5156)
+    stated, holding = balls(OF, DRIVE, estimates), proven(OF, DRIVE, estimates)
+    assert holding.position > stated.position
+    assert holding.velocity > stated.velocity
+    assert worst([stated, holding]) == holding
+    assert worst([stated, None]) is None
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(share):
+    """With bounds on the estimates that are h and 2 h, on both sides of the third of (6.1)."""
+    wanted = Pair(0.7, 0.9)
+    found = design([OF], wanted, share, lambda h: Pair(h, 2 * h), lambda _: None)
+    drive = Drive(found.kp, found.kp, found.kd, found.kd)
+    kept = balls(OF, drive, Pair(found.period, 2 * found.period))
+    assert kept.position <= wanted.position * (1 + 1e-6)
+    assert kept.velocity <= wanted.velocity * (1 + 1e-6)
+    room = OF.mu_1 * (1 - share) / (share * 2**0.5)
+    longer = 1.1 * found.period
+    assert found.kp * found.period + found.kd * 2 * found.period <= room
+    assert found.kp * longer + found.kd * 2 * longer > room
+    assert found.sharp_period is None

@@ -1,0 +1,222 @@
+"""Runs beside what was promised of them: kept, broken, or not given; and the proof's own V."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator_agents.theory.estimates import Pair
+from orchestrator.bounding import bounded, tracking_conditions
+from orchestrator.checking import check
+from orchestrator.judging import judge
+from orchestrator.promising import designed, promises
+from orchestrator.running import run
+from orchestrator.scenario_file import parse_scenario, read_scenario
+from orchestrator.setting import target_of
+from orchestrator.summary import measure
+from recordings.measuring import SteadyState
+from recordings.reading import Reader
+from recordings.tables import states
+from tests.plant_fmu.test_bounds import two_link
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+PAPER = SCENARIOS / "paper_first_order.toml"
+
+
+def changed(*pairs, path=PAPER):
+    text = path.read_text("utf-8")
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    return parse_scenario(text, "changed", SCENARIOS, "changed.toml")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("promises") / "paper.mcap"
+    run(read_scenario(PAPER), path)
+    return path
+
+
+def test_the_example_keeps_every_promise(recording):
+    with Reader(recording) as reader:
+        judged = judge(reader, read_scenario(PAPER).scenario, measure(reader))
+    assert judged.why_not == ""
+    assert [row.verdict for row in judged.quantities] == ["within"] * 4
+    assert judged.measured_factor == pytest.approx(judged.factor, rel=2e-3)
+    for row in judged.quantities[:2]:
+        assert row.measured <= row.bound.exact * (1 + 1e-6) <= row.bound.sharp <= row.bound.paper
+        assert row.measured == pytest.approx(row.bound.exact, rel=1e-2)
+        assert row.rest < 1e-5
+
+
+def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
+    with Reader(recording) as reader:
+        true = measure(reader)
+        broken = SteadyState(0.2, true.velocity_estimate, 0.4, 0.4, (int(27.3e9), 0, 0, 0))
+        judged = judge(reader, read_scenario(PAPER).scenario, broken)
+    assert [row.verdict for row in judged.quantities] == ["exceeds", *["within"] * 3]
+    assert judged.quantities[0].tick == 273
+
+
+def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
+    """As if agents had jumped otherwise than their gains say."""
+    other = changed(("alpha = 0.9", "alpha = 1.1"))
+    with Reader(recording) as reader:
+        judged = judge(reader, other.scenario, measure(reader))
+    assert judged.quantities[0].verdict == "exceeds"
+    assert judged.measured_factor is not None
+
+
+def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
+    lossy = promises(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
+    assert "faults" in lossy.why_not
+    assert (lossy.exact, lossy.sharp, lossy.paper) == (None, None, None)
+    diverging = promises(read_scenario(SCENARIOS / "paper_example_1c.toml").scenario)
+    assert "diverge" in diverging.why_not
+    assert diverging.tracking.paper is None
+
+
+def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
+    file = changed(("duration = 30.0", "duration = 2.0"))
+    run(file, tmp_path / "short.mcap")
+    with Reader(tmp_path / "short.mcap") as reader:
+        judged = judge(reader, file.scenario, measure(reader))
+    row = judged.quantities[0]
+    assert row.measured > row.bound.sharp
+    assert row.verdict == "within"
+    assert row.rest > 0.1
+
+
+def test_robots_of_their_own_are_bounded_on_their_own():
+    own = "[[robots]]\nid = 3\ncontroller = { kp = 25.0, kd = 300.0 }\n"
+    scenario = changed(("# [[robots]] ", own + "# [[robots]] ")).scenario
+    parts = bounded(scenario)
+    assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
+    kp = tracking_conditions(scenario)[0]
+    assert (kp.name, kp.right, kp.holds) == ("kp_tracking", 25.0, True)
+    assert check(scenario).warnings() == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("kp = 200.0", "kp = [[200.0, 1.0], [1.0, 200.0]]", "diagonal"),
+        ('fmu = "two_link_arm"', 'fmu = "theirs.fmu"', "P3 are not known"),
+        ("{ sines = [{ amplitude = 2.0,", "{ rate = 1.0, sines = [{ amplitude = 2.0,", "grows"),
+    ],
+)
+def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why):
+    scenario = changed((old, new)).scenario
+    (part,) = bounded(scenario)
+    assert why in part.why
+    assert part.constants is None
+    assert tracking_conditions(scenario) == []
+    assert promises(scenario).tracking.paper is None
+
+
+def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
+    scenario = changed(("kp = 200.0", "kp = 10.0")).scenario
+    kp = {c.name: c for c in check(scenario).conditions}["kp_tracking"]
+    assert not kp.holds
+    assert check(scenario).warnings() == []
+
+
+def test_a_design_is_found_and_keeps_6_1():
+    found = designed(read_scenario(PAPER).scenario, Pair(0.5, 0.5), 0.5)
+    (part,) = bounded(read_scenario(PAPER).scenario)
+    of = part.constants
+    assert found.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
+    assert 0 < found.period < found.sharp_period < 0.1
+
+
+def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
+    """V, with M of the paper's text, along a run that starts far out with good estimates."""
+    file = changed(
+        ("duration = 30.0", "duration = 3.0"),
+        ("output_step = 0.02 ", "output_step = 0.002 "),
+        ("position = { uniform = [-25.0, 25.0] } ", "position = { uniform = [-0.2, 0.0] } "),
+        ("velocity = { uniform = [-25.0, 25.0] } ", "velocity = { uniform = [1.0, 1.2] } "),
+    )
+    run(file, tmp_path / "far.mcap")
+    (part,) = bounded(file.scenario)
+    of, drive = part.constants, part.drive
+    with Reader(tmp_path / "far.mcap") as reader:
+        table = np.concatenate(list(states(reader)))
+    looked = 0
+    for robot in range(1, 7):
+        mine = table[table["robot"] == robot]
+        t = mine["time_ns"] / 1e9
+        motion = target_of(file.scenario).at(t)
+        e, ed = mine["q"] - motion.position, mine["qd"] - motion.velocity
+        x, y, z = (np.linalg.norm(v, axis=1) for v in (e, ed, np.tanh(e)))
+        off = [mine["position"] - motion.position, mine["velocity"] - motion.velocity]
+        rho_3 = of.mu_1 + sum(
+            K * np.linalg.norm(v, axis=1) for K, v in zip((200, 300), off, strict=True)
+        )
+        slope = -((drive.kd_min - of.rho_2) * y - rho_3) * y
+        slope -= ((drive.kp_min - of.rho_1) * x / np.sqrt(2) - rho_3) * z
+        V = [value(*row) for row in zip(mine["q"], e, ed, strict=True)]
+        down = (slope[:-1] < 0) & (slope[1:] < 0)
+        assert np.all(np.diff(V)[down] < 0)
+        looked += int(down.sum())
+    assert looked > 500
+
+
+def value(q, e, ed):
+    """Return V_i of equation (4.0) at Kp = 200 I, Kd = 300 I."""
+    M, *_ = two_link(q, np.zeros(2))
+    swing = ed @ M @ ed / 2 + ed @ M @ np.tanh(e) + 100 * e @ e
+    return swing + 300 * np.sum(np.logaddexp(e, -e) - np.log(2))
+
+
+def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
+    scenario = read_scenario(PAPER).scenario
+    gone = scenario.algorithm.model_copy(update={"name": "gone"})
+    with Reader(recording) as reader:
+        judged = judge(reader, scenario.model_copy(update={"algorithm": gone}), measure(reader))
+    assert "'gone'" in judged.why_not
+    assert judged.quantities == ()
+
+
+def test_a_target_that_rests_is_reached():
+    text = PAPER.read_text("utf-8")
+    start, end = text.index("axes = ["), text.index("[plant]")
+    text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
+    told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml").scenario)
+    assert (told.gamma_1, told.gamma_2) == (0, 0)
+    assert told.exact == told.sharp == told.paper.bound == Pair(0, 0)
+    assert told.tracking.paper.position < 0.2
+
+
+NRS = Path(sys.executable).with_name("nrs")
+
+
+def shown(*arguments):
+    return subprocess.run([NRS, *arguments], check=False, capture_output=True, text=True)
+
+
+def test_check_shows_and_tells_what_an_accuracy_takes():
+    asked = ("check", PAPER, "--accuracy", "0.5", "0.5")
+    assert "kp >= 359.341" in shown(*asked).stdout
+    told = json.loads(shown(*asked, "--json").stdout)
+    assert told["design"]["kp"] == pytest.approx(359.3407, abs=1e-3)
+    assert told.keys() >= {
+        "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
+        "conditions", "network", "rate", "settling", "gamma_1", "gamma_2", "norms", "estimates",
+        "plants", "tracking",
+    }  # fmt: skip
+    assert told["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
+    assert told["settling"] == pytest.approx(np.log(1e6) / told["rate"])
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
+)
+def test_an_accuracy_that_is_none_exits_2(wrong):
+    done = shown("check", PAPER, *wrong)
+    assert done.returncode == 2
+    assert wrong[0] in done.stderr
