@@ -5,11 +5,13 @@ its in-neighbours is always taken in the order of their numbers, whoever compute
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +49,10 @@ class Topology:
         return self.weight / self.in_degree[self.sink - 1]
 
     @property
-    def D(self) -> sparse.csr_array:  # noqa: N802, the paper's symbol
+    def D(self) -> "sparse.csr_array":  # noqa: N802, the paper's symbol
         """D = B⁻¹ Ŵ, shape (n, n): the normalised weights between robots."""
+        from scipy import sparse  # noqa: PLC0415, 0.1 s that hosts need not wait for
+
         among = self.source > 0
         return sparse.csr_array(
             (self.normalised[among], (self.sink[among] - 1, self.source[among] - 1)),
@@ -57,14 +61,11 @@ class Topology:
 
     def steps(self) -> NDArray[np.intp]:
         """Return the fewest edges that lead from the target to each robot, (n,); −1 for none do."""
-        graph = sparse.csr_array(
-            (np.ones(len(self.source)), (self.source, self.sink)), shape=(self.n + 1, self.n + 1)
-        )
-        order, before = breadth_first_order(graph, 0)
         steps = np.full(self.n + 1, -1, np.intp)
-        steps[0] = 0
-        for node in order[1:]:
-            steps[node] = steps[before[node]] + 1
+        steps[0] = reached = 0
+        while (new := self.sink[(steps[self.source] == reached) & (steps[self.sink] < 0)]).size:
+            reached += 1
+            steps[new] = reached
         return steps[1:]
 
     def unreached(self) -> list[int]:
@@ -76,6 +77,8 @@ class Topology:
 
     def components(self) -> list[NDArray[np.intp]]:
         """Return the strongly connected components of the robots, as arrays of robots − 1."""
+        from scipy.sparse.csgraph import connected_components  # noqa: PLC0415, as above
+
         count, label = connected_components(self.D, connection="strong")
         order = np.argsort(label, kind="stable")
         return np.split(order, np.searchsorted(label[order], np.arange(1, count)))

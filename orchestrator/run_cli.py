@@ -57,7 +57,6 @@ from orchestrator.scenario_file import ScenarioFile, read_scenario
 from orchestrator.setting import clock_of
 from orchestrator.summary import describe, lines, measure, scenario_of
 from orchestrator.terminal import err, out, say
-from plant_fmu.isolation.worker import follow
 from recordings.container import Compression
 from recordings.digest import Message
 from recordings.reading import Reader
@@ -167,16 +166,13 @@ def host(
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
     insecure_tcp: InsecureTcp = False,
-    parent: Annotated[int, typer.Option(hidden=True)] = 0,
 ) -> None:
     """Run some robots of a run that an orchestrator elsewhere listens for."""
-    if parent:
-        follow(parent)
     tls = tls_of(tls_ca, tls_certificate, tls_key)
     endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     wanted = None if robots is None else parse_robots(robots, "--robots")
     own = name or (common_name(tls) if tls else None) or socket.gethostname()
-    member = Membership(own, wanted, run_id, wait, allow_fmus, not parent, _show)
+    member = Membership(own, wanted, run_id, wait, allow_fmus, True, _show)
     serve(member, endpoints)
 
 

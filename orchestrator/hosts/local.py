@@ -11,10 +11,12 @@ from pathlib import Path
 from bus.errors import RunError
 
 _PRINTED = 2000
+_STARTING = 60.0
+"""s: how long it looks for the run that started it."""
 
 
 class LocalHost:
-    """A process that runs `nrs host` for some robots of a run on this machine."""
+    """A process that runs `orchestrator.hosts.process` for some robots of a run on this machine."""
 
     def __init__(self, name: str, robots: Sequence[int], endpoint: str, folder: Path) -> None:
         """Start it; it will join over an endpoint. What it prints is kept in a folder."""
@@ -22,13 +24,13 @@ class LocalHost:
         self._printed = folder / f"{name}.txt"
         temporary = folder / name  # what it leaves when it is killed goes with the run's folder
         temporary.mkdir(exist_ok=True)
-        command = ["host", "--connect", endpoint, "--name", name]
-        command += ["--robots", ",".join(map(str, robots)), "--parent", str(os.getpid())]
+        command = ["--connect", endpoint, "--name", name, "--robots", ",".join(map(str, robots))]
+        command += ["--wait", f"{_STARTING:g}", "--parent", str(os.getpid())]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         try:
             with self._printed.open("wb") as printed:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "orchestrator", *command],
+                    [sys.executable, "-P", "-m", "orchestrator.hosts.process", *command],
                     stdin=subprocess.DEVNULL,
                     stdout=printed,
                     stderr=printed,

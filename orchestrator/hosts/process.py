@@ -1,0 +1,36 @@
+"""The process of a host that the orchestrator starts here: `nrs host` without a command line.
+
+It imports little, so that it is soon there, and it ends with the orchestrator.
+"""
+
+from argparse import ArgumentParser
+
+import numpy as np
+
+from bus.endpoints import Endpoints
+from bus.errors import CosimError
+from bus.hosting import parse_robots
+from orchestrator.hosts.member import Membership, serve
+from plant_fmu.isolation.worker import follow
+
+
+def main() -> None:
+    """Join the run at an endpoint, for some robots."""
+    parser = ArgumentParser()
+    for name in ("connect", "name", "robots"):
+        parser.add_argument(f"--{name}", required=True)
+    for name, kind in (("wait", float), ("parent", int)):
+        parser.add_argument(f"--{name}", required=True, type=kind)
+    told = parser.parse_args()
+    follow(told.parent)
+    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
+    robots = parse_robots(told.robots, "--robots")
+    member = Membership(told.name, robots, None, told.wait, False, False, lambda _text: None)
+    try:
+        serve(member, Endpoints(connect=(told.connect,), wait=told.wait))
+    except CosimError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    main()
