@@ -4,7 +4,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigvals_banded
 from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import eigs
+from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
 from bus.topology import Topology
 from estimator_agents.algorithm import Spectrum
@@ -53,11 +53,17 @@ def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
             below = row >= column
             band[(row - column)[below], column[below]] = ranked.data[below]
             return np.asarray(eigvals_banded(band, lower=True), np.complex128)
-    ends = [
-        eigs(block, k=EXTREMES, which=which, return_eigenvectors=False, v0=np.ones(p))
-        for which in ("LR", "SR", "LI")
-    ]
-    return np.unique(np.concatenate(ends)).astype(np.complex128)
+    return np.unique(np.concatenate([_outermost(block, which) for which in ("LR", "SR", "LI")]))
+
+
+def _outermost(block: sparse.csr_array, which: str) -> Spectrum:
+    """Return the eigenvalues at one end, as many of them as Arnoldi's method comes to."""
+    start = np.ones(block.shape[0])
+    try:
+        found = eigs(block, EXTREMES, which=which, return_eigenvectors=False, v0=start)
+    except ArpackNoConvergence as error:
+        found = error.eigenvalues
+    return np.asarray(found, np.complex128)
 
 
 def thetas(spectrum: Spectrum) -> Spectrum:

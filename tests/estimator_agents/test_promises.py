@@ -20,6 +20,7 @@ from estimator_agents.impulsive import Impulsive
 from estimator_agents.pd_like import PdLike
 from estimator_agents.sliding import Sliding
 from estimator_agents.target import Harmonic
+from estimator_agents.theory import spectrum
 from estimator_agents.theory.estimates import promise, sharp, sharp_always, steady_motion
 from estimator_agents.theory.network import network_of
 from estimator_agents.theory.norms import small_value_norm
@@ -351,6 +352,22 @@ def test_a_large_ring_has_the_spectrum_of_its_dense_matrix(n, both):
     exact = [D.trace(), (D @ D).trace(), (D @ D @ D).trace()]
     np.testing.assert_allclose(traces, exact, atol=1e-8 * n)
     assert small.max() < np.abs(ours).max()
+
+
+def test_of_a_large_digraph_without_structure_the_outermost_eigenvalues_are_found(monkeypatch):
+    rng, n = np.random.default_rng(5), 150
+    adjacency = rng.random((n, n)) * (rng.random((n, n)) < 0.04)
+    np.fill_diagonal(adjacency, 0)
+    adjacency[np.arange(n), np.roll(np.arange(n), 1)] = 1.0
+    topology = Topology.of(adjacency, np.eye(n)[0])
+    dense = spectrum_of(topology)
+    monkeypatch.setattr(spectrum, "DENSE", 20)
+    found = spectrum_of(topology)
+    assert len(dense) == n > len(found)
+    for end in (dense.real.max(), dense.real.min()):
+        assert np.abs(found.real - end).min() < 1e-9
+    assert found.imag.max() == pytest.approx(dense.imag.max(), abs=1e-9)
+    assert np.abs(found[:, None] - dense).min(axis=1).max() < 1e-8
 
 
 def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
