@@ -13,11 +13,11 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.table import compared, keep, spread
 from benchmarks.throughput import scenario
-from orchestrator.alone import alone
-from orchestrator.lockstep import Manning
-from orchestrator.manning import Handling, here
-from orchestrator.running import run
-from orchestrator.scenario_file import ScenarioFile
+from orchestrator.hosts.manning import Handling, here
+from orchestrator.runs.alone import alone
+from orchestrator.runs.lockstep import Manning
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import ScenarioFile
 
 ROUNDS = 5
 SIZES = {100: 400, 1000: 80}

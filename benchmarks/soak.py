@@ -26,17 +26,17 @@ from typing import Any
 from benchmarks.mischief import Mischief, blows, peak
 from benchmarks.table import keep
 from benchmarks.throughput import scenario
-from bus.endpoints import Endpoints
+from bus.network.endpoints import Endpoints
 from bus.transport import Bus
-from orchestrator.alone import alone
-from orchestrator.clock import Clock
-from orchestrator.host import Watch
 from orchestrator.hosts.crew import Crew
-from orchestrator.lockstep import Hosts, Manning
-from orchestrator.manning import Handling, elsewhere, here
-from orchestrator.running import Outcome, run
-from orchestrator.scenario_file import ScenarioFile
-from orchestrator.setting import clock_of
+from orchestrator.hosts.manning import Handling, elsewhere, here
+from orchestrator.runs.alone import alone
+from orchestrator.runs.host import Watch
+from orchestrator.runs.lockstep import Hosts, Manning
+from orchestrator.runs.running import Outcome, run
+from orchestrator.scenario.clock import Clock
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.setting import clock_of
 from recordings.reading import Reader
 
 PAGE = Path(__file__).parents[1] / "docs" / "soak.md"

@@ -18,8 +18,8 @@ import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
 from benchmarks.table import compared, keep, spread
-from orchestrator.running import run
-from orchestrator.scenario_file import ScenarioFile, parse_scenario
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from plant_fmu.archives.archive import find_archive, unpacked
 
 H = 0.1

@@ -35,7 +35,7 @@ class RefusedError(BusError):
 
 
 class Times(Protocol):
-    """The sampling times and the output grid, ns; see `orchestrator.clock.Clock`."""
+    """The sampling times and the output grid, ns; see `orchestrator.scenario.clock.Clock`."""
 
     @property
     def ticks(self) -> int:

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from orchestrator.reporting import story_of
+from orchestrator.reports.reporting import story_of
 from recordings.reading import Reader
 from recordings.report.figures import figures, groups
 from recordings.report.printing import write_png

@@ -13,12 +13,12 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from docs.figures import STYLE
-from orchestrator.checking import Check, check
-from orchestrator.judging import Judgement, judge
-from orchestrator.running import run
-from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import target_of
-from orchestrator.summary import measure
+from orchestrator.promises.checking import Check, check
+from orchestrator.promises.judging import Judgement, judge
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import measure
+from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.setting import target_of
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
 from recordings.tables import states

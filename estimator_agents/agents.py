@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
-from bus.links import Links
+from bus.links.links import Links
 from bus.messages import FAULT, Codec
 from bus.topology import Topology
 from estimator_agents.algorithm import Algorithm

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
-from bus.faults import told
-from bus.links import Links
+from bus.links.faults import told
+from bus.links.links import Links
 from bus.messages import FAULT, Codec
 
 Missing = Literal["hold", "drop"]

@@ -4,7 +4,7 @@
 def main() -> None:
     """Run `nrs`."""
     try:
-        from orchestrator.cli import main as run  # noqa: PLC0415
+        from orchestrator.commands.cli import main as run  # noqa: PLC0415
 
         run()
     except KeyboardInterrupt:

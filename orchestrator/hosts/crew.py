@@ -14,7 +14,6 @@ from struct import Struct
 from time import monotonic
 from typing import Any
 
-from bus.access import expect_host_name
 from bus.errors import BusError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -29,20 +28,21 @@ from bus.keys import (
     START,
     wire_key,
 )
+from bus.network.access import expect_host_name
+from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import joined
 from bus.seal import Seal
 from bus.transport import Item, Message, Presence, Question
 from bus.wire import Wire
-from bus.zenoh_bus import ZenohBus, ZenohInbox
-from orchestrator.host import Spent
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import LocalHost
 from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
-from orchestrator.numbers import named
-from orchestrator.restart import AT_ONCE, point_of
-from orchestrator.robots import wire_of
-from orchestrator.scenario_file import ScenarioFile
-from orchestrator.setting import clock_of
+from orchestrator.runs.host import Spent
+from orchestrator.runs.restart import AT_ONCE, point_of
+from orchestrator.runs.robots import wire_of
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.numbers import named
+from orchestrator.scenario.setting import clock_of
 from recordings.recorder import Recorder
 
 END = b"end"
@@ -83,7 +83,7 @@ class Fmu:
 
 
 class Crew:
-    """The hosts of a run; see `orchestrator.lockstep.Hosts`."""
+    """The hosts of a run; see `orchestrator.runs.lockstep.Hosts`."""
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ from typing import Any
 from bus.transport import Put
 from orchestrator.hosts.local import LocalHost
 from orchestrator.hosts.notes import Hello, Report
-from orchestrator.numbers import named
+from orchestrator.scenario.numbers import named
 
 
 class NotLetInError(Exception):

@@ -14,8 +14,6 @@ from pathlib import Path
 from time import monotonic
 from uuid import uuid4
 
-from bus.access import expect_host_name
-from bus.endpoints import Endpoints
 from bus.errors import BusError, CosimError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -30,19 +28,21 @@ from bus.keys import (
     START,
     wire_key,
 )
+from bus.network.access import expect_host_name
+from bus.network.endpoints import Endpoints
+from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import parted
 from bus.seal import Seal
 from bus.transport import Answer, Item, Message, Presence
 from bus.wire import RefusedError, Wire
-from bus.zenoh_bus import ZenohBus, ZenohInbox
-from orchestrator.host import Heard
 from orchestrator.hosts.crew import END, TICK
 from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Told, Welcome
-from orchestrator.numbers import named
-from orchestrator.restart import AT_ONCE
-from orchestrator.robots import Robots, wire_of
-from orchestrator.scenario_file import parse_scenario
-from orchestrator.setting import clock_of
+from orchestrator.runs.host import Heard
+from orchestrator.runs.restart import AT_ONCE
+from orchestrator.runs.robots import Robots, wire_of
+from orchestrator.scenario.file import parse_scenario
+from orchestrator.scenario.numbers import named
+from orchestrator.scenario.setting import clock_of
 from plant_fmu.archives.archive import Archive, find_archive
 from plant_fmu.archives.store import keep, stored
 from plant_fmu.errors import FmuError

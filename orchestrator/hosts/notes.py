@@ -76,7 +76,7 @@ class Refusal(Note):
 
 
 class Told(Note):
-    """What is told to the user of some robots' plants; see `orchestrator.robots.Robots.told`."""
+    """What the user is told of some robots' plants; see `orchestrator.runs.robots.Robots`."""
 
     fmu: str
     name: str
@@ -120,7 +120,7 @@ class Report(Note):
     tick: int
     failed: str | None = None
     place: tuple[int, int, int] = (0, 0, 0)
-    """Where in the tick; see `orchestrator.host.Host`."""
+    """Where in the tick; see `orchestrator.runs.host.Host`."""
     plants: float = 0.0
     bus: float = 0.0
     waiting: float = 0.0

@@ -7,10 +7,10 @@ from argparse import ArgumentParser
 
 import numpy as np
 
-from bus.endpoints import Endpoints
 from bus.errors import CosimError
-from bus.hosting import parse_robots
+from bus.network.endpoints import Endpoints
 from orchestrator.hosts.member import Membership, serve
+from orchestrator.scenario.numbers import parse_robots
 from plant_fmu.isolation.worker import follow
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bus.links import BLOCK, LinkFault, Links
-from bus.outages import Outages
+from bus.links.links import BLOCK, LinkFault, Links
+from bus.links.outages import Outages
 from bus.topology import Topology
 from tests.bus.test_topology import PAPER
 

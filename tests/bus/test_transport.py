@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bus.memory_bus import MemoryBus
-from bus.zenoh_bus import ZenohBus
+from bus.network.zenoh_bus import ZenohBus
 
 
 @pytest.fixture(params=[MemoryBus, lambda: ZenohBus("test-run")], ids=["memory", "zenoh"])

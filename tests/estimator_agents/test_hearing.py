@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from bus.errors import InputError
-from bus.links import LinkFault, Links
+from bus.links.links import LinkFault, Links
 from bus.topology import Topology
 from estimator_agents.agents import Agents
 from estimator_agents.dcea1 import FirstOrder

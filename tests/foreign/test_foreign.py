@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import parse_scenario
 from plant_fmu.bundled.building import write
 from plant_fmu.errors import FmuError
 from recordings.reading import Reader

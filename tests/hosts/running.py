@@ -18,13 +18,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Timer
 
-from bus.certificates import Tls
-from bus.endpoints import Endpoints
+from bus.network.certificates import Tls
+from bus.network.endpoints import Endpoints
+from orchestrator.hosts.manning import Handling, elsewhere
 from orchestrator.hosts.member import Membership, serve
-from orchestrator.manning import Handling, elsewhere
-from orchestrator.running import run
-from orchestrator.scenario_file import ScenarioFile, read_scenario
-from orchestrator.setting import clock_of
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import ScenarioFile, read_scenario
+from orchestrator.scenario.setting import clock_of
 from recordings.reading import Reader
 
 ROOT = Path(__file__).parents[2]

@@ -6,10 +6,10 @@ import signal
 from collections import defaultdict
 from pathlib import Path
 
-from orchestrator.manning import Handling, here
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario
-from orchestrator.setting import clock_of
+from orchestrator.hosts.manning import Handling, here
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import parse_scenario
+from orchestrator.scenario.setting import clock_of
 from recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS
 

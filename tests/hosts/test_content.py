@@ -3,7 +3,7 @@
 import zipfile
 from pathlib import Path
 
-from orchestrator.scenario_file import read_scenario
+from orchestrator.scenario.file import read_scenario
 from plant_fmu.archives.archive import find_archive
 from tests.hosts.running import Run, alone, scenario
 from tests.network.ports import free_port

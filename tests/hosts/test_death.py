@@ -8,10 +8,10 @@ import signal
 
 import pytest
 
-from orchestrator import manning
+from orchestrator.hosts import manning
 from orchestrator.hosts.local import LocalHost
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import parse_scenario
 from recordings.reading import Reader
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten

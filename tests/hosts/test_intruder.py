@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import zenoh
 
-from bus.endpoints import Endpoints
 from bus.errors import BusError, InputError, RunError
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
 from bus.seal import Seal
-from bus.sessions import open_session
 from bus.wire import Tick
 from orchestrator.hosts.notes import Go, Ready, Refusal, Report, Welcome
-from orchestrator.robots import wire_of
-from orchestrator.scenario_file import read_scenario
+from orchestrator.runs.robots import wire_of
+from orchestrator.scenario.file import read_scenario
 from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
 from tests.network.authority import Authority
 from tests.network.ports import free_port

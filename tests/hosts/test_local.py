@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from orchestrator.running import run
+from orchestrator.runs.running import run
 from recordings.reading import Reader
 from recordings.tables import RUN
 from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from bus.errors import BusError, InputError, RunError
-from orchestrator.cli import main
-from orchestrator.scenario_file import read_scenario
+from orchestrator.commands.cli import main
+from orchestrator.scenario.file import read_scenario
 from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.ports import free_port
@@ -38,8 +38,8 @@ ROUTER = (
     "-c",
     """
 import sys
-from bus.endpoints import Endpoints
-from bus.sessions import open_session
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
 session = open_session(Endpoints(listen=(sys.argv[1],)))
 print("open", flush=True)
 sys.stdin.readline()
@@ -72,7 +72,7 @@ def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet
 
 OLDER = """
 import orchestrator.hosts.member as member
-from orchestrator.cli import main
+from orchestrator.commands.cli import main
 member.version = lambda _: "0.0.1"
 main()
 """

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from orchestrator.errors import Interrupted
-from orchestrator.running import past_of, run
+from orchestrator.runs.running import past_of, run
 from recordings.reading import Reader
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
 from tests.plant_fmu.archives import rewritten
@@ -27,13 +27,13 @@ SAYS = ["run", "robots", "plants", "driven", "ticks", "messages", "estimates", "
 DRIVER = """
 import os, signal, sys
 from pathlib import Path
-from orchestrator.alone import alone
-from orchestrator.manning import Handling, here
+from orchestrator.runs.alone import alone
+from orchestrator.hosts.manning import Handling, here
 from orchestrator.errors import Interrupted
-from orchestrator.running import past_of, run
-from orchestrator.alone import alone
-from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import clock_of
+from orchestrator.runs.running import past_of, run
+from orchestrator.runs.alone import alone
+from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.setting import clock_of
 from tests.hosts.runs import hosts_of
 
 scenario, recording, hosts, k, number = sys.argv[1:]

@@ -16,9 +16,9 @@ LEASE = 3.0
 NODE = """
 import json, queue, sys, zenoh
 from pathlib import Path
-from bus.certificates import Tls
-from bus.endpoints import Endpoints
-from bus.sessions import open_session
+from bus.network.certificates import Tls
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
 
 told = json.loads(sys.argv[1])
 if told.get("tls"):

@@ -12,10 +12,10 @@ import pytest
 from cryptography.hazmat.primitives.serialization import PrivateFormat
 
 from bus.errors import InputError
-from bus.vetting import vet
-from orchestrator.doctor import diagnose
-from orchestrator.options import tls_of
-from orchestrator.scenario import TlsTable
+from bus.network.vetting import vet
+from orchestrator.commands.doctor import diagnose
+from orchestrator.commands.options import tls_of
+from orchestrator.scenario.tables import TlsTable
 from tests.network.authority import LONG_AGO, Authority
 
 NRS = Path(sys.executable).with_name("nrs")

@@ -7,17 +7,17 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from bus.errors import InputError
-from bus.links import LinkFault
+from bus.links.links import LinkFault
 from bus.seal import Seal
 from bus.wire import RefusedError
 from estimator_agents import algorithm
 from orchestrator.errors import ScenarioError
-from orchestrator.faults import link_faults
-from orchestrator.robots import wire_of
-from orchestrator.running import run
-from orchestrator.scenario import json_schema
-from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.setting import links_of, missing_of, topology_of
+from orchestrator.runs.robots import wire_of
+from orchestrator.runs.running import run
+from orchestrator.scenario.faults import link_faults
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import links_of, missing_of, topology_of
+from orchestrator.scenario.tables import json_schema
 from recordings.export import export
 from recordings.reading import Reader
 from recordings.tables import samples, states
@@ -295,7 +295,7 @@ def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, mis
 
 def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
     monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(("drop",))])
-    monkeypatch.setattr("orchestrator.scenario_file.algorithm_names", lambda: ("dcea1",))
+    monkeypatch.setattr("orchestrator.scenario.file.algorithm_names", lambda: ("dcea1",))
     with pytest.raises(ScenarioError) as error:
         paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
     assert str(error.value) == (

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from estimator_agents.theory.estimates import Pair
-from orchestrator.bounding import bounded, tracking_conditions
-from orchestrator.checking import check
-from orchestrator.judging import judge
-from orchestrator.promising import designed, promises
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.setting import target_of
-from orchestrator.summary import measure
+from orchestrator.promises.bounding import bounded, tracking_conditions
+from orchestrator.promises.checking import check
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import designed, promises
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import measure
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import target_of
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
 from recordings.tables import states

@@ -7,17 +7,17 @@ from itertools import count
 import numpy as np
 import pytest
 
-from bus.endpoints import Endpoints
 from bus.errors import InputError
+from bus.network.endpoints import Endpoints
+from bus.network.zenoh_bus import ZenohBus
 from bus.transport import Message
-from bus.zenoh_bus import ZenohBus
-from orchestrator.comparing import compare
-from orchestrator.publishing import publish
-from orchestrator.replaying import verify
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.summary import scenario_of
-from orchestrator.what_if import Change, changed, parent, run_again
+from orchestrator.replays.comparing import compare
+from orchestrator.replays.publishing import publish
+from orchestrator.replays.verifying import verify
+from orchestrator.replays.what_if import Change, changed, parent, run_again
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import scenario_of
+from orchestrator.scenario.file import parse_scenario, read_scenario
 from recordings.reading import Reader
 from recordings.writing import Writer
 from tests.network.ports import free_port

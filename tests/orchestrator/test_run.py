@@ -9,15 +9,15 @@ import pytest
 from bus.errors import BusError
 from bus.memory_bus import MemoryBus
 from bus.messages import HEADER, SAMPLE, Codec
-from bus.zenoh_bus import ZenohBus
+from bus.network.zenoh_bus import ZenohBus
 from estimator_agents.estimate import Estimate
-from orchestrator.alone import Alone
-from orchestrator.lockstep import Lockstep, TargetNode
-from orchestrator.robots import Robots
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario, read_scenario
-from orchestrator.setting import clock_of, target_of
-from orchestrator.summary import describe, lines, measure, scenario_of
+from orchestrator.runs.alone import Alone
+from orchestrator.runs.lockstep import Lockstep, TargetNode
+from orchestrator.runs.robots import Robots
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import describe, lines, measure, scenario_of
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import clock_of, target_of
 from plant_fmu.errors import StepError
 from recordings.reading import Reader
 from recordings.recorder import Recorder

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from orchestrator.clock import Clock, nanoseconds
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario import Pattern, Uniform, json_schema
-from orchestrator.scenario_file import read_scenario
-from orchestrator.setting import bodies, draw, gain, initial_estimates, target_of
+from orchestrator.scenario.clock import Clock, nanoseconds
+from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
+from orchestrator.scenario.tables import Pattern, Uniform, json_schema
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -18,10 +18,10 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from orchestrator.plants import Group, open_fleet
-from orchestrator.running import run
-from orchestrator.scenario import Plant
-from orchestrator.scenario_file import parse_scenario
+from orchestrator.runs.plants import Group, open_fleet
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import parse_scenario
+from orchestrator.scenario.tables import Plant
 from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.bundled import building
 from plant_fmu.bundled.building import build
@@ -36,7 +36,7 @@ from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
-NRS = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+NRS = [sys.executable, "-c", "from orchestrator.commands.cli import main; main()"]
 BEFORE_THE_RUN = -1.0
 
 SCENARIO = """

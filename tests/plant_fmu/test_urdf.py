@@ -21,9 +21,9 @@ from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario
-from orchestrator.summary import measure
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import measure
+from orchestrator.scenario.file import parse_scenario
 from plant_fmu.archives.archive import open_archive
 from plant_fmu.bundled.urdf import read_urdf
 from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 
 from bus.errors import InputError
 from bus.messages import SAMPLE, STATE, Codec
-from orchestrator.summary import describe, measure
+from orchestrator.runs.summary import describe, measure
 from recordings import Recording
 from recordings.digest import Message
 from recordings.export import export

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 READ = """
 import sys
 from pathlib import Path
-from orchestrator.summary import describe, measure
+from orchestrator.runs.summary import describe, measure
 from recordings.export import export
 from recordings.reading import Reader
 from recordings.recovering import recover

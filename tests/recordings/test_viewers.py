@@ -9,11 +9,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from orchestrator.alone import alone
-from orchestrator.running import run
-from orchestrator.scenario_file import read_scenario
-from orchestrator.shapes import shapes_of
-from orchestrator.summary import describe, scenario_of
+from orchestrator.reports.shapes import shapes_of
+from orchestrator.runs.alone import alone
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import describe, scenario_of
+from orchestrator.scenario.file import read_scenario
 from recordings import Recording
 from recordings.errors import UncreatableError
 from recordings.reading import Reader

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.reporting import story_of
-from orchestrator.running import run
-from orchestrator.scenario_file import parse_scenario, read_scenario
+from orchestrator.reports.reporting import story_of
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import parse_scenario, read_scenario
 from recordings.reading import Reader
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

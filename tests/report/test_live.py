@@ -13,10 +13,10 @@ from threading import Thread
 import pytest
 from typer.testing import CliRunner
 
-from orchestrator.cli import app
-from orchestrator.pace import RealTime
-from orchestrator.running import run
-from orchestrator.scenario_file import read_scenario
+from orchestrator.commands.cli import app
+from orchestrator.runs.pace import RealTime
+from orchestrator.runs.running import run
+from orchestrator.scenario.file import read_scenario
 from recordings.reading import Reader
 from recordings.report.serving import LiveServer
 from tests.report.conftest import SCENARIOS

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from bus.messages import FAULT, Codec
-from orchestrator.cli import app
-from orchestrator.reporting import arm_of
-from orchestrator.scenario import Plant
+from orchestrator.commands.cli import app
+from orchestrator.reports.reporting import arm_of
+from orchestrator.scenario.tables import Plant
 from recordings.reading import Reader
 from recordings.report import page as pages
 from recordings.report.decimating import BUCKETS, kept

@@ -6,7 +6,7 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 from docs.figures import draw
-from orchestrator.cli import app
+from orchestrator.commands.cli import app
 
 nrs = CliRunner()
 

@@ -1,0 +1,1 @@
+"""What happens to samples on links that have faults."""

@@ -1,0 +1,188 @@
+"""What happens to a sample on its way over a link j → i.
+
+The sample of t_s arrives at t_{s + delay(s)}, as Q(x + noise(s)), where Q rounds to multiples of
+the quantisation. It never arrives when it is lost, when the link is in an outage at t_s, when j or
+i is in one at t_s (a robot in an outage neither sends nor hears), or when i is in one at its
+arrival. All of that is known at t_s. Loss, delay and noise are drawn apart from one another, each
+keyed by (seed, purpose, j, i, s): a draw depends neither on who asks, nor on the order, nor on the
+other links and faults. Only the links that have faults are kept here.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.links.outages import Outages, Spans
+from bus.topology import Topology
+
+BLOCK = 64
+"""Draws are made for so many sampling times of a link at once, and only these are kept."""
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFault:
+    """What is wrong with one link; nothing, unless given."""
+
+    loss: float = 0.0
+    """The probability that a sample is lost."""
+    delay: tuple[int, int] = (0, 0)
+    """Sampling periods, drawn from the least to the most, both included."""
+    outages: Spans = ()
+    """From and to, ns."""
+    noise: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations, of each number of the position and of the velocity."""
+    quantisation: tuple[float, float] = (0.0, 0.0)
+    """What position and velocity are rounded to multiples of; 0 leaves them as they are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fate:
+    """What becomes of one tick's samples on the links that have faults, (F,) each."""
+
+    lost: Mask
+    """By chance."""
+    outage: Mask
+    """Of the link or an end of it, then or at the arrival."""
+    delay: NDArray[np.int64]
+    """Sampling periods."""
+
+    @property
+    def gone(self) -> Mask:
+        """Whether the sample never arrives."""
+        return self.lost | self.outage
+
+
+class Links:
+    """The links into some robots that have faults, sorted by (robot, in-neighbour).
+
+    `faults` is by link, (j, i), and `silences` by robot; what is not named there has none. Vectors
+    have m numbers, and the sampling period is in ns.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        robots: NDArray[np.integer],
+        faults: Mapping[tuple[int, int], LinkFault],
+        silences: Mapping[int, Spans],
+        *,
+        period_ns: int,
+        seed: int,
+        m: int,
+    ) -> None:
+        self.period_ns = period_ns
+        self._nodes = topology.n + 1
+        self._silences = Outages.of(silences, period_ns)
+        sound = LinkFault()
+        mine = np.isin(topology.sink, robots)
+        links = [*zip(topology.source[mine].tolist(), topology.sink[mine].tolist(), strict=True)]
+        faulty = [
+            edge
+            for edge, link in enumerate(links)
+            if faults.get(link, sound) != sound or any(silences.get(end) for end in link)
+        ]
+        self.faulty = np.array(faulty, np.intp)
+        """(F,) which of the robots' in-links have faults."""
+        links = [links[edge] for edge in faulty]
+        self.source, self.sink = np.array(links, np.intp).reshape(-1, 2).T
+        """(F,) each, j and i of each link."""
+        theirs = [faults.get(link, sound) for link in links]
+        self._cuts = Outages.of({f: fault.outages for f, fault in enumerate(theirs)}, period_ns)
+        delays = np.array([fault.delay for fault in theirs], np.int64).reshape(-1, 2)
+        self._least, self.longest = delays.T
+        """(F,) the longest delay on each link, sampling periods."""
+
+        def drawn(rows: NDArray[np.intp], purpose: str, draw: "Draw") -> "Draws":
+            return Draws(seed, purpose, [links[row] for row in rows], rows, draw)
+
+        loss = np.array([fault.loss for fault in theirs])
+        spread = np.array([fault.noise for fault in theirs]).reshape(-1, 2, 1)
+        self._step = np.array([fault.quantisation for fault in theirs]).reshape(-1, 2, 1)
+        self._lossy = np.flatnonzero(loss)
+        self._late = np.flatnonzero(self._least < self.longest)
+        self._noisy = np.flatnonzero(spread.any(axis=(1, 2)))
+        self._coarse = np.flatnonzero(self._step.any(axis=(1, 2)))
+        self._loss = loss[self._lossy]
+        self._spread, self._step = spread[self._noisy], self._step[self._coarse]
+        self._losses = drawn(self._lossy, "link loss", lambda rng, _: rng.random(BLOCK))
+        self._delays = drawn(
+            self._late,
+            "link delay",
+            lambda rng, row: rng.integers(delays[row, 0], delays[row, 1], BLOCK, endpoint=True),
+        )
+        self._noise = drawn(
+            self._noisy, "link noise", lambda rng, _: rng.standard_normal((BLOCK, 2, m))
+        )
+
+    def silent(self, k: int) -> list[int]:
+        """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
+        return [int(robot) for robot in self._silences.at(k)]
+
+    def fate(self, k: int) -> Fate:
+        """Return what becomes of the samples of t_k."""
+        lost = np.zeros(len(self.faulty), bool)
+        lost[self._lossy] = self._losses.at(k) < self._loss
+        delay = self._least.copy()
+        delay[self._late] = self._delays.at(k)
+        silent = self._silences.mask(k, self._nodes)
+        outage = self._cuts.mask(k, len(self.faulty)) | silent[self.source] | silent[self.sink]
+        for periods in np.unique(delay[delay > 0]).tolist():
+            then = self._silences.mask(k + periods, self._nodes)
+            outage |= then[self.sink] & (delay == periods)
+        return Fate(lost, outage, delay)
+
+    def received(self, k: int, sent: Array) -> Array:
+        """Return what arrives of the samples of t_k, where any does: (F, 2, m) as `sent`."""
+        values = sent.copy()
+        if len(self._noisy):
+            values[self._noisy] += self._spread * self._noise.at(k)
+        coarse = values[self._coarse]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            count = coarse / self._step
+            rounded = np.rint(count) * self._step
+        # From 2^52 steps on a double has no digits left that the step could round away.
+        values[self._coarse] = np.where(np.abs(count) < 2.0**52, rounded, coarse)
+        return values
+
+
+Draw = Callable[[np.random.Generator, int], NDArray[Any]]
+
+
+class Draws:
+    """Draws for one purpose on some links: one generator a link and block of sampling times."""
+
+    def __init__(
+        self,
+        seed: int,
+        purpose: str,
+        links: Sequence[tuple[int, int]],
+        rows: NDArray[np.intp],
+        draw: Draw,
+    ) -> None:
+        self._key = [seed, crc32(purpose.encode())]
+        self._links, self._rows, self._draw = links, rows.tolist(), draw
+        self._number = -1
+        self._block: NDArray[Any] = np.empty((BLOCK, 0))
+
+    def at(self, k: int) -> NDArray[Any]:
+        """Return the draws of t_k, (links, …)."""
+        number, offset = divmod(k, BLOCK)
+        if self._links and number != self._number:
+            blocks = [
+                self._draw(self._generator(link, number), row)
+                for link, row in zip(self._links, self._rows, strict=True)
+            ]
+            self._number, self._block = number, np.stack(blocks, axis=1)
+        drawn: NDArray[Any] = self._block[offset]
+        return drawn
+
+    def _generator(self, link: tuple[int, int], number: int) -> np.random.Generator:
+        key = np.random.SeedSequence([*self._key, *link, number])
+        return np.random.Generator(np.random.Philox(key))

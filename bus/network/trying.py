@@ -1,0 +1,29 @@
+"""Zenoh works here when two sessions of this process talk over loopback."""
+
+import queue
+import socket
+
+import zenoh
+
+from bus.errors import BusError
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
+
+_PATIENCE = 10.0
+_KEY = "nrs/doctor/samples/one"
+
+
+def try_loopback() -> None:
+    """Send a message from a client to a router over loopback; `BusError` says what fails."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    endpoint = (f"tcp/127.0.0.1:{port}",)
+    heard: queue.Queue[bytes] = queue.Queue()
+    with open_session(Endpoints(listen=endpoint)) as hub:
+        hub.declare_subscriber(_KEY, lambda sample: heard.put(sample.payload.to_bytes()))
+        with open_session(Endpoints(connect=endpoint)) as client:
+            client.put(_KEY, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
+            try:
+                heard.get(timeout=_PATIENCE)
+            except queue.Empty:
+                raise BusError(f"nothing is heard over loopback in {_PATIENCE:g} s") from None

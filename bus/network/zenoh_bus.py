@@ -1,0 +1,185 @@
+"""The bus over a Zenoh session; by default one that opens no socket: nobody listens or scouts.
+
+A put reaches the session's own subscribers before it returns (session-local delivery), so what
+was put before `take` is in what `take` returns. On the wire `nrs/<run id>/` stands before every
+key; the code sees it only where a message of another run is to be told apart.
+"""
+
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import zenoh
+from zenoh.handlers import Callback
+
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
+from bus.transport import Answer, Item, Message, Presence, Put, Question
+
+ROOT = "nrs"
+NO_SOCKET = Endpoints()
+_NOBODY = 3600.0
+"""s: how long a question waits for its answer; who asks decides how long to look for it."""
+
+
+class ZenohInbox:
+    """A party's inbox; a C callable fills it, and no Python runs in Zenoh's threads."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix
+        self.waiting: SimpleQueue[Any] = SimpleQueue()
+
+    def take(self, seconds: float = 0.0) -> list[Item]:
+        """Return all that arrived, in order; wait for the first at most for so many seconds."""
+        queue = self.waiting
+        try:
+            first = queue.get(timeout=seconds) if seconds else queue.get_nowait()
+        except Empty:
+            return []
+        return [self._item(first), *(self._item(queue.get()) for _ in range(queue.qsize()))]
+
+    def _item(self, raw: Any) -> Item:
+        if isinstance(raw, zenoh.Sample):
+            return Message(self._key(raw.key_expr), raw.payload.to_bytes())
+        if isinstance(raw, zenoh.Query):
+            return _question(raw, self._key(raw.key_expr))
+        kind, told, *replied = raw
+        if kind is Presence:
+            return Presence(self._key(told.key_expr), told.kind == zenoh.SampleKind.PUT)
+        if not replied:
+            return Answer(told, None)
+        answered = replied[0].ok
+        return Answer(told, answered.payload.to_bytes() if answered else b"")
+
+    def _key(self, wire: zenoh.KeyExpr) -> str:
+        """Return a key of the run's own; one of others, or a pattern of many runs, as it is."""
+        return str(wire).removeprefix(self._prefix)
+
+
+def _question(query: zenoh.Query, key: str) -> Question:
+    def answer(payload: bytes) -> None:
+        with suppress(zenoh.ZError):  # who asked is gone
+            query.reply(query.key_expr, payload)
+        query.drop()  # type: ignore[no-untyped-call]
+
+    return Question(key, query.payload.to_bytes() if query.payload else b"", answer)
+
+
+class ZenohBus:
+    """A party's way to a Zenoh session, on the keys of one run."""
+
+    def __init__(self, run_id: str, endpoints: Endpoints = NO_SOCKET) -> None:
+        """Open a session; `InputError` and `BusError` as `open_session`."""
+        self._session = open_session(endpoints)
+        self.run_id = run_id
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._tokens: list[zenoh.LivelinessToken] = []
+
+    @property
+    def _prefix(self) -> str:
+        return f"{ROOT}/{self.run_id}/"
+
+    def publisher(self, key: str) -> Put:
+        """Declare the right to put on a key; reliable, and blocking rather than dropping.
+
+        A client puts only where it was told that somebody listens, and is told so some time after
+        this: let a question and its answer lie between this and the first message.
+        """
+        wire = self._prefix + key
+        if wire not in self._publishers:
+            self._publishers[wire] = self._session.declare_publisher(
+                wire,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.RELIABLE,
+            )
+        return self._publishers[wire].put
+
+    def wait_for_listener(self, key: str, seconds: float) -> bool:
+        """Wait until somebody listens on a key that is put on; return whether that was in time."""
+        heard: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
+        publisher = self._session.declare_publisher(self._prefix + key)
+        publisher.declare_matching_listener(Callback(heard.put, indirect=False))
+        status: Any = publisher.matching_status  # typed as a truth, which it is not
+        if status.matching:
+            return True
+        try:
+            return heard.get(timeout=seconds).matching
+        except Empty:
+            return False
+
+    def listen(self, *patterns: str) -> ZenohInbox:
+        """Hear every key that a pattern matches, from now on, in an inbox of its own."""
+        return self._listen([self._prefix + pattern for pattern in patterns])
+
+    def listen_to_all(self) -> ZenohInbox:
+        """Hear every key of every run that comes by, from now on; those of others in full."""
+        return self._listen([f"{ROOT}/**"])
+
+    def watch(self, pattern: str, inbox: ZenohInbox) -> None:
+        """Let an inbox hear who is present on keys of a pattern, now and from now on."""
+        put = inbox.waiting.put
+
+        def told(sample: zenoh.Sample) -> None:
+            put((Presence, sample))
+
+        self._session.liveliness().declare_subscriber(
+            self._prefix + pattern,
+            Callback(told, indirect=False),
+            history=True,
+        )
+
+    def announce(self, key: str) -> None:
+        """Be present on a key until the session is closed or its process is gone."""
+        self._tokens.append(self._session.liveliness().declare_token(self._prefix + key))
+
+    def serve(self, pattern: str, inbox: ZenohInbox) -> None:
+        """Let questions on keys of a pattern come into an inbox."""
+        self._session.declare_queryable(
+            self._prefix + pattern, Callback(inbox.waiting.put, indirect=False)
+        )
+
+    def ask(self, key: str, payload: bytes, inbox: ZenohInbox) -> None:
+        """Ask all who serve a key; an inbox gets the answers, and `Answer(key, None)` at last.
+
+        Which key an answer itself names is of no matter: anyone may serve, and answer on a pattern.
+        """
+        put = inbox.waiting.put
+
+        def answered(reply: zenoh.Reply) -> None:
+            put((Answer, key, reply))
+
+        self._session.get(
+            self._prefix + key,
+            Callback(answered, lambda: put((Answer, key)), indirect=False),
+            target=zenoh.QueryTarget.ALL,
+            payload=payload,
+            timeout=_NOBODY,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def look_for(self, key: str, inbox: ZenohInbox) -> None:
+        """Look in which runs somebody is present on a key.
+
+        An inbox gets a `Presence` with each full key, and `Answer(key, None)` at last.
+        """
+        put = inbox.waiting.put
+
+        def found(reply: zenoh.Reply) -> None:
+            if reply.ok:
+                put((Presence, reply.ok))
+
+        self._session.liveliness().get(
+            f"{ROOT}/*/{key}",
+            handler=Callback(found, lambda: put((Answer, key)), indirect=False),
+            timeout=_NOBODY,
+        )
+
+    def close(self) -> None:
+        """Close the session and all that was declared on it."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _listen(self, keys: list[str]) -> ZenohInbox:
+        inbox = ZenohInbox(self._prefix)
+        for key in keys:
+            self._session.declare_subscriber(key, Callback(inbox.waiting.put, indirect=False))
+        return inbox

@@ -1,0 +1,228 @@
+"""The command `nrs`: every error is shown here once, and decides the exit status.
+
+0 done; 1 the run failed, with who and when; 2 the input is bad, with the field and the value;
+130 interrupted, with the recording closed and valid.
+"""
+
+from contextlib import ExitStack
+from dataclasses import asdict
+from importlib.metadata import version as installed
+from math import isfinite
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from bus.errors import CosimError, InputError
+from estimator_agents.theory.estimates import Pair
+from orchestrator.commands import replay_cli, run_cli, showing
+from orchestrator.commands.doctor import diagnose
+from orchestrator.commands.fmu_cli import fmu
+from orchestrator.commands.options import (
+    Listen,
+    RecordingPath,
+    ScenarioPath,
+    TlsCa,
+    TlsCertificate,
+    TlsKey,
+    tls_of,
+)
+from orchestrator.commands.report_cli import report
+from orchestrator.promises.checking import check as check_scenario
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import designed, promises
+from orchestrator.runs.plants import group_by_archive, open_fleet
+from orchestrator.runs.summary import describe, lines, measure, scenario_of
+from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.setting import bodies
+from orchestrator.scenario.tables import json_schema
+from orchestrator.terminal import AsJson, out, print_json, say
+from recordings.export import Format
+from recordings.export import export as export_tables
+from recordings.reading import Reader
+from recordings.recovering import recover as recover_recording
+
+FAILED, BAD_INPUT = 1, 2
+
+app = typer.Typer(
+    name="nrs",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(fmu, name="fmu")
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        out.print(f"nrs-cosim {installed('nrs-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def nrs(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Co-simulate networked robots under sampled interaction."""
+
+
+app.command()(run_cli.run)
+app.command()(run_cli.resume)
+app.command()(run_cli.host)
+app.command()(replay_cli.replay)
+app.command()(replay_cli.diff)
+app.command()(report)
+
+
+@app.command()
+def info(recording: RecordingPath, as_json: AsJson = False) -> None:
+    """Say what a recording holds; also of one that was cut or never closed."""
+    with Reader(recording) as reader:
+        told, measured = describe(reader), measure(reader)
+        judged = judge(reader, scenario_of(reader).scenario, measured)
+        if as_json:
+            print_json({**told, "theory": judged.as_json()})
+        else:
+            showing.summary(out, lines(told, measured))
+            showing.judgement(out, judged)
+            for damage in reader.damage:
+                say("yellow", "damage", damage)
+
+
+@app.command()
+def export(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
+    ],
+    form: Annotated[
+        Format, typer.Option("--format", help="Parquet needs the extra `analysis`.")
+    ] = "csv",
+) -> None:
+    """Write a recording's samples, states and faults as tables."""
+    with Reader(recording) as reader:
+        for path in export_tables(reader, output, form):
+            out.print(str(path), markup=False)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+
+
+@app.command()
+def recover(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    with Reader(recording) as reader:
+        recover_recording(reader, output)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    with Reader(output) as reader:
+        showing.summary(out, lines(describe(reader), measure(reader)))
+
+
+@app.command()
+def scene(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
+    ],
+) -> None:
+    """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    try:
+        from orchestrator.reports.shapes import shapes_of, write_scene  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise InputError(
+            "scene: foxglove-schemas-protobuf is missing; pip install 'nrs-cosim[scene]'"
+        ) from error
+    with Reader(recording) as reader:
+        shapes = shapes_of(scenario_of(reader))
+        if not shapes:
+            raise InputError(
+                f"{recording}: no robot is a bundled model, so their looks are unknown"
+            )
+        write_scene(reader, output, shapes)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+
+
+@app.command()
+def check(
+    scenario: ScenarioPath,
+    as_json: AsJson = False,
+    accuracy: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="POSITION VELOCITY",
+            help="Find gains and a period that promise tracking errors of so many rad and rad/s.",
+        ),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(help="Of --accuracy, the part for the robots' own error, between 0 and 1."),
+    ] = 0.5,
+) -> None:
+    """Say what the theory promises for a scenario, and whether its plants can be opened."""
+    if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
+        raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
+    if not 0 < share < 1:
+        raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
+    file = read_scenario(scenario)
+    checked = check_scenario(file.scenario)
+    promised = promises(file.scenario, checked.spectral_radius)
+    with ExitStack() as stack:
+        groups = group_by_archive(file.scenario, file.folder)
+        open_fleet(stack, groups, bodies(file.scenario))
+    wanted = Pair(*accuracy) if accuracy else None
+    found = designed(file.scenario, wanted, share) if wanted else None
+    if as_json:
+        design = {"design": asdict(found) if found else None} if wanted else {}
+        print_json({**checked.as_json(), **promised.as_json(), **design})
+        return
+    showing.check(out, checked, promised)
+    if wanted:
+        showing.design(out, found, wanted)
+
+
+@app.command()
+def doctor(
+    listen: Listen = None,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    as_json: AsJson = False,
+) -> None:
+    """Try all that a run needs of this machine, and say what to do where something fails."""
+    made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
+    if as_json:
+        print_json(made.as_json())
+    else:
+        showing.diagnosis(out, made)
+    raise typer.Exit(0 if made.fit else FAILED)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    print_json(json_schema())
+
+
+def main() -> None:
+    """Run the command line and exit with its status."""
+    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
+    try:
+        app()
+    except OSError as error:
+        say("red", "error", str(error))
+        raise SystemExit(FAILED) from None
+    except CosimError as error:
+        say("red", "error", str(error))
+        raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None

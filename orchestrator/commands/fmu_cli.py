@@ -1,0 +1,113 @@
+"""`nrs fmu`: the robots' dynamics as FMUs, listed, looked into, checked and written."""
+
+from math import isfinite, nan
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.errors import InputError
+from orchestrator.commands import showing
+from orchestrator.runs.plants import Group
+from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.setting import bodies
+from orchestrator.scenario.tables import Scenario
+from orchestrator.terminal import AsJson, out, print_json, say
+from plant_fmu.archives.archive import Archive, find_archive
+from plant_fmu.bundled.building import write as write_fmu
+from plant_fmu.bundled.declaration import bundled_models, declaration
+from plant_fmu.bundled.urdf import read_urdf
+from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
+from plant_fmu.checking.apart import check as check_fmu
+from plant_fmu.checking.findings import Task
+
+fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
+
+
+@fmu.command("list")
+def fmu_list() -> None:
+    """List the bundled models."""
+    for name in bundled_models():
+        out.print(f"{name:<16}{declaration(name).description}", markup=False)
+
+
+@fmu.command("info")
+def fmu_info(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Say what an FMU offers."""
+    told = find_archive(name, Path()).told()
+    if as_json:
+        print_json(told)
+    else:
+        showing.archive(out, told)
+
+
+@fmu.command("check")
+def fmu_check(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
+    scenario: Annotated[
+        Path | None,
+        typer.Option(metavar="SCENARIO", help="Whose robot 1 has the FMU, as the scenario says."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
+    archive = find_archive(name, Path())
+    task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario).scenario)
+    checked = check_fmu(task)
+    if as_json:
+        print_json(checked.as_json())
+    else:
+        showing.fmu_check(out, checked)
+    raise typer.Exit(0 if checked.passes else 1)
+
+
+@fmu.command("build")
+def fmu_build(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+) -> None:
+    """Write a bundled model as an FMU."""
+    write_fmu(name, fmi, output)
+    out.print(str(output), markup=False)
+
+
+@fmu.command("from-urdf")
+def fmu_from_urdf(
+    urdf: Annotated[Path, typer.Argument(metavar="URDF", help="A robot with a fixed base.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+    gravity: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="In m/s2, in the frame of the base link.")
+    ] = ",".join(map("{:g}".format, GRAVITY)),
+) -> None:
+    """Write the rigid-body dynamics of a URDF's joints as an FMU."""
+    robot = read_urdf(urdf)
+    for warning in robot.warnings():
+        say("yellow", "warning", f"{urdf}: {warning}")
+    write_urdf(robot, fmi, _three_numbers("--gravity", gravity), output)
+    out.print(str(output), markup=False)
+
+
+def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        x = y = z = nan
+    if not isfinite(x + y + z):
+        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {text!r}")
+    return x, y, z
+
+
+def _task(archive: Archive, scenario: Scenario) -> Task:
+    """Return the check of an FMU in the place of robot 1's."""
+    own = [robot.plant for robot in scenario.robots if robot.id == 1 and robot.plant]
+    group = Group("plant", (own or [scenario.plant])[0], archive, [0])
+    return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)

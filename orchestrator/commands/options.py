@@ -1,0 +1,140 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bus.errors import InputError
+from bus.network.certificates import Tls
+from orchestrator.scenario.tables import TlsTable
+
+ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
+RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+
+_PANEL = "Beyond this machine"
+
+Listen = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        rich_help_panel=_PANEL,
+        help="Where hosts meet, such as tls/0.0.0.0:7447; may be given again.",
+    ),
+]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        rich_help_panel=_PANEL,
+        help="Where to meet, such as tls/lab.example:7447; may be given again.",
+    ),
+]
+InsecureTcp = Annotated[
+    bool,
+    typer.Option(
+        "--insecure-tcp",
+        rich_help_panel=_PANEL,
+        help="Allow plain TCP beyond this machine, where anyone may listen and speak.",
+    ),
+]
+TlsCa = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-ca",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Certificate of the authority that all hosts of a run share.",
+    ),
+]
+TlsCertificate = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-certificate",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Own certificate; its common name is the host's name.",
+    ),
+]
+TlsKey = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-key",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Private key of the certificate, without a passphrase.",
+    ),
+]
+
+
+def tls_of(
+    ca: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    table: TlsTable | None = None,
+    folder: Path = Path(),
+) -> Tls | None:
+    """Return the certificates that were given; an option goes before the scenario's table.
+
+    Paths of the table are relative to `folder`. None without any; `InputError` when only some of
+    the three are given.
+    """
+    given = {"ca": ca, "certificate": certificate, "key": key}
+    if table is not None:
+        for name, path in given.items():
+            given[name] = folder / getattr(table, name) if path is None else path
+    missing = [f"--tls-{name}" for name, path in given.items() if path is None]
+    if len(missing) == len(given):
+        return None
+    if missing:
+        raise InputError(
+            f"{' and '.join(missing)}: missing; certificate, key and authority go together"
+        )
+    return Tls(**{name: path for name, path in given.items() if path is not None})
+
+
+Hosts = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N|auto",
+        help="Spread the robots over N processes of this machine; auto: as many as are worth it.",
+    ),
+]
+Expect = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        rich_help_panel=_PANEL,
+        help="How many hosts share the robots, when they do not say which they want.",
+    ),
+]
+Wait = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        rich_help_panel=_PANEL,
+        help="How long to wait for one another, at the start or after a link was lost.",
+    ),
+]
+Deadline = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="End the run after so long a silence; bus.deadline of the scenario unless given.",
+    ),
+]
+NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a host is gone.")]
+ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
+Realtime = Annotated[
+    float | None,
+    typer.Option(metavar="X", help="Let simulated time pass at most X times as fast as wall time."),
+]
+ShowLive = Annotated[
+    bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
+]
+Port = Annotated[
+    int | None, typer.Option(min=0, max=65535, help="Of --live; any free one unless given.")
+]
+Stay = Annotated[
+    bool, typer.Option("--stay", help="Of --live: serve the page until Ctrl-C after the run.")
+]

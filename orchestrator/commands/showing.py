@@ -1,0 +1,327 @@
+"""What a person sees in a terminal: the progress of a run, its summary, the theory's verdict."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+from math import inf, isnan, prod
+from statistics import fmean
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from estimator_agents.theory.design import Design
+from estimator_agents.theory.estimates import Pair
+from estimator_agents.theory.network import Network
+from orchestrator.commands.doctor import Diagnosis
+from orchestrator.promises.bounding import Bounded
+from orchestrator.promises.checking import Check
+from orchestrator.promises.judging import Judgement
+from orchestrator.promises.promising import Promises, bounds
+from orchestrator.replays.comparing import Comparison
+from orchestrator.runs.running import Profile
+from orchestrator.scenario.clock import Clock, seconds
+from plant_fmu.checking.findings import FmuCheck
+
+_VERDICTS = {
+    "holds": "[green]holds[/]",
+    "fails": "[red]does not hold[/]",
+    "unknown": "[yellow]unknown[/]",
+    "note": "",
+    "ok": "[green]ok[/]",
+    "warning": "[yellow]warning[/]",
+}
+
+
+_KEPT = {
+    "within": "[green]within[/]",
+    "exceeds": "[red]beyond what is proven, at k = {}[/]",
+    "unknown": "",
+}
+SETTLED = 1e-3
+"""The part of an error that the beginning may have without being told of."""
+
+
+class _SimulatedTime(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        speed = f"{task.speed:.3g} x real time" if task.speed else ""
+        return Text(f"t = {task.completed:g} of {task.total:g} s  {speed}")
+
+
+@contextmanager
+def progress(console: Console, clock: Clock) -> Iterator[Callable[[float], None]]:
+    """Show simulated time, speed and time left while a run goes on, on a terminal only."""
+    left = (TimeRemainingColumn(compact=True), TextColumn("left"))
+    columns = (BarColumn(), _SimulatedTime(), *left)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("run", total=seconds(clock.t(clock.ticks)))
+        yield lambda t: bar.update(task, completed=t)
+
+
+def summary(console: Console, lines: Mapping[str, str]) -> None:
+    """Show short lines by name."""
+    for name, line in lines.items():
+        console.print(f"[bold]{name:<10}[/] {escape(line)}")
+
+
+def check(console: Console, checked: Check, promised: Promises) -> None:
+    """Show the theory's verdict on a scenario."""
+    summary(console, _verdict(checked) | _grounds(promised))
+    table = Table(box=None, pad_edge=False)
+    for title in ("condition", "value", "bound", "margin", "", "source"):
+        table.add_column(
+            title, justify="right" if title in {"value", "bound", "margin"} else "left"
+        )
+    for c in checked.conditions:
+        mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
+        numbers = (f"{c.left:g}", f"{c.right:.6f}", f"{c.margin:+.6f}")
+        table.add_row(c.name, *numbers, mark, c.source)
+    console.print()
+    console.print(table)
+    table = Table(box=None, pad_edge=False)
+    table.add_column("in the long run")
+    for title in ("this target", "any target", "paper"):
+        table.add_column(title, justify="right")
+    for row in bounds(promised):
+        table.add_row(row.name, *map(_number, (row.exact, row.sharp, row.paper)))
+    console.print()
+    console.print(table)
+
+
+def judgement(console: Console, judged: Judgement) -> None:
+    """Show a run's measurements beside the theory's promises, and whether they are kept."""
+    if judged.why_not:
+        summary(console, {"theory": f"says nothing of this run: {judged.why_not}"})
+        return
+    table = Table(box=None, pad_edge=False)
+    table.add_column("last fifth")
+    for title in ("measured", "this target", "any target", "paper"):
+        table.add_column(title, justify="right")
+    table.add_column("")
+    for row in judged.quantities:
+        b = row.bound
+        numbers = map(_number, (row.measured, b.exact, b.sharp, b.paper))
+        table.add_row(b.name, *numbers, _KEPT[row.verdict].format(row.tick))
+    if judged.measured_factor is not None and judged.factor is not None:
+        factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
+        table.add_row("factor", *factors, "", "", "each tick")
+    console.print(table)
+    rest = max(row.rest for row in judged.quantities)
+    if rest > SETTLED * max(row.measured for row in judged.quantities):
+        summary(console, {"settling": f"up to {rest:.4g} is left of the beginning"})
+
+
+def design(console: Console, found: Design | None, wanted: Pair) -> None:
+    """Show what gains and period promise an accuracy."""
+    if found is None:
+        told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
+    else:
+        period = "no period is" if found.period is None else f"h <= {found.period:.4g} s is"
+        sharper = "none" if found.sharp_period is None else f"h <= {found.sharp_period:.4g} s"
+        told = {
+            "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
+            f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
+            "gains": f"kp >= {found.kp:.6g}, kd >= {found.kd:.6g} (equations 6.1, 6.2)",
+            "period": f"{period} enough by the paper's bounds; {sharper} by sharp ones",
+        }
+    console.print()
+    summary(console, told)
+
+
+def _verdict(checked: Check) -> dict[str, str]:
+    """Return lines of what the network and the algorithm are."""
+    network, radius = checked.network, checked.spectral_radius
+    if isnan(radius):
+        factor = "none: the algorithm does not jump linearly"
+    else:
+        settles = radius < 1
+        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
+        factor = f"{radius:.6f} on the error per sampling time: {verdict}"
+    told = {
+        "algorithm": checked.algorithm,
+        "network": f"a path of at most {network.depth} links leads from the target to every robot "
+        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it",
+        "parts": _parts(network),
+        "spectrum": f"{_spectrum(checked)} (of D, the normalised adjacency)",
+        "factor": factor,
+    }
+    if 0 < checked.rate < inf:
+        told["rate"] = (
+            f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
+        )
+    return told
+
+
+def _parts(network: Network) -> str:
+    """Say which robots depend on one another."""
+    loops = [part for part in network.components if len(part) > 1]
+    if not loops:
+        return "no robots hear one another in a loop"
+    shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
+    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
+
+
+def _robots(robots: Sequence[int]) -> str:
+    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
+    return f"robot{'s' * (len(robots) > 1)} {numbers}"
+
+
+def _spectrum(checked: Check) -> str:
+    if len(checked.spectrum) <= 24:
+        return ", ".join(_complex(*s) for s in checked.spectrum)
+    real = [s[0] for s in checked.spectrum]
+    imaginary = max(abs(s[1]) for s in checked.spectrum)
+    which = "" if checked.whole_spectrum else "outermost "
+    return (
+        f"{len(real)} {which}eigenvalues, {min(real):.6g} to {max(real):.6g}, "
+        f"imaginary parts up to {imaginary:.6g}"
+    )
+
+
+def _grounds(promised: Promises) -> dict[str, str]:
+    """Return lines of what bounds are made of."""
+    told = {
+        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
+        "(gamma_1, gamma_2 of assumption A1)"
+    }
+    if promised.why_not:
+        told["bounds"] = f"none: {promised.why_not}"
+    elif promised.paper is None:
+        told["norm"] = "no small-value norm is found"
+    else:
+        norm = promised.paper.norm
+        told["norm"] = (
+            f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
+            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
+        )
+    for part in promised.robots:
+        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+        told[name] = _mechanics(part)
+    return told
+
+
+def _mechanics(part: Bounded) -> str:
+    p3, of = part.bounds, part.constants
+    if p3 is None or of is None:
+        return part.why
+    return (
+        f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
+        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({p3.source}); "
+        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def archive(console: Console, told: Mapping[str, Any]) -> None:
+    """Show what an FMU offers; the scalars of a family such as `q[1]`, `q[2]` are one line."""
+    summary(
+        console,
+        {
+            "name": told["name"],
+            "about": told["description"],
+            "FMI": f"{told['fmi_version']}, {' and '.join(told['kinds'])}",
+            "sha256": told["sha256"],
+        },
+    )
+    title = f"{'variable':<24}{'causality':<13}{'numbers':>7}  {'unit':<10}"
+    console.print(f"\n[bold]{title}[/] about")
+    for stem, family in groupby(told["variables"], lambda v: v["name"].partition("[")[0]):
+        first, *rest = family
+        size = prod(first["shape"]) + sum(prod(v["shape"]) for v in rest)
+        line = f"{stem:<24}{first['causality']:<13}{size:>7}  {first['unit']:<10} "
+        console.print(escape(line + first["description"]))
+
+
+def fmu_check(console: Console, checked: FmuCheck) -> None:
+    """Show what was found of an FMU, by topic."""
+    for topic, found in groupby(checked.findings, lambda finding: finding.topic):
+        console.print(f"[bold]{topic}[/]")
+        for finding in found:
+            mark = _VERDICTS[finding.verdict]
+            gap = " " * (15 - len(Text.from_markup(mark)))
+            console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
+
+
+def diagnosis(console: Console, made: Diagnosis) -> None:
+    """Show what a machine is fit for, by topic, and what is to be done where it is not."""
+    for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
+        console.print(f"[bold]{topic}[/]")
+        for symptom in symptoms:
+            mark = "[red]fails[/]" if symptom.verdict == "fails" else _VERDICTS[symptom.verdict]
+            gap = " " * (9 - len(Text.from_markup(mark)))
+            console.print(f"  {escape(f'{symptom.name:<20}')}{mark}{gap}{escape(symptom.text)}")
+
+
+def _complex(real: float, imaginary: float) -> str:
+    return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
+
+
+def comparison(console: Console, found: Comparison) -> None:
+    """Show what is not the same in two recordings."""
+    if found.is_same:
+        console.print("the same run: scenario, samples and states, to the last bit")
+        return
+    for name, (a, b) in found.fields.items():
+        console.print(f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
+    if found.first is None:
+        console.print("the same samples and states, to the last bit")
+        return
+    console.print(f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
+    table = Table(box=None, pad_edge=False)
+    for title in ("robot", "quantity", "largest |A - B|", "at t, s", "rms"):
+        table.add_column(title, justify="left" if title == "quantity" else "right")
+    for apart in found.distances:
+        if apart.largest:
+            numbers = (f"{apart.largest:.4g}", f"{apart.at:g}", f"{apart.rms:.4g}")
+            table.add_row(str(apart.robot), apart.quantity, *numbers)
+    console.print()
+    console.print(table)
+
+
+def _short(value: Any, most: int = 60) -> str:
+    text = str(value)
+    return text if len(text) <= most else f"{text[:most]} …"
+
+
+def shares(told: Profile, wall: float) -> str:
+    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder.
+
+    Hosts that were stopped did not say.
+    """
+    names = ("plants", "bus", "waiting") if told.hosts else ()
+    mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
+    parts = dict(zip(names, mean, strict=True))
+    if told.in_one_thread:
+        parts["bus"] += told.orchestrator.bus
+    shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    whose = " of a host's on average;" if len(told.hosts) > 1 else ","
+    recording = f"{100 * told.recording / wall:.0f} % recording"
+    return f"{shares}{whose} {recording}" if shares else recording
+
+
+def profile(console: Console, told: Profile, wall: float) -> None:
+    """Show where the wall time, s, of each process of a run went."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("s of wall time")
+    for title in ("plants", "bus", "recording", "waiting", "other"):
+        table.add_column(title, justify="right")
+    mine = told.orchestrator
+    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.hosts.items()}
+    if told.in_one_thread:
+        (name, (plants, bus, _, _)) = rows.popitem()
+        rows[name] = plants, bus + mine.bus, told.recording, mine.waiting
+    else:
+        rows["orchestrator"] = mine.plants, mine.bus, told.recording, mine.waiting
+    for name, parts in rows.items():
+        numbers = (f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0)))
+        table.add_row(name, *numbers)
+    console.print()
+    console.print(table)

@@ -1,0 +1,103 @@
+"""How a run gets hosts that are processes of their own, started here or coming from elsewhere."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from uuid import uuid4
+
+from bus.keys import RECORDS, REPORT, SAMPLES, wire_key
+from bus.network.endpoints import Endpoints
+from bus.network.zenoh_bus import ZenohBus
+from bus.transport import Bus
+from orchestrator.hosts.crew import Crew, Fmu, Terms
+from orchestrator.hosts.local import LocalHost
+from orchestrator.runs.host import Watch
+from orchestrator.runs.lockstep import Hosts, Manning
+from orchestrator.runs.plants import group_by_archive
+from orchestrator.scenario.clock import Clock
+from orchestrator.scenario.file import ScenarioFile
+
+_ROBOTS_A_HOST = 50
+"""From so many robots on, a process more is worth what it costs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Handling:
+    """What is done about hosts that come and go."""
+
+    restart: bool
+    """Whether the run goes on without one that is gone."""
+    wait: float
+    """s: how long a robot may be without a host."""
+    show: Callable[[str], None]
+    """Is told in words who comes and goes."""
+    expected: int = 1
+    """How many hosts share the robots, when they do not say which they want."""
+
+
+def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
+    """The robots in several processes of this machine, which meet at a socket of the user's own."""
+
+    def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
+        endpoint = f"unixsock-stream/{folder}/bus"
+        start = partial(LocalHost, endpoint=endpoint, folder=folder)
+        n = file.scenario.n
+        robots = range(1, n + 1)
+        homes = {
+            f"local-{i + 1}": robots[i * n // hosts : (i + 1) * n // hosts] for i in range(hosts)
+        }
+        return _crew(stack, file, Endpoints(listen=(endpoint,)), homes, handling, start)
+
+    return man
+
+
+def elsewhere(
+    file: ScenarioFile,
+    endpoints: Endpoints,
+    homes: Mapping[str, Sequence[int]],
+    handling: Handling,
+) -> Manning:
+    """The robots on hosts that join by themselves; `homes` are those whose names are known."""
+
+    def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
+        return _crew(stack, file, endpoints, homes, handling, None)
+
+    return man
+
+
+def _crew(
+    stack: ExitStack,
+    file: ScenarioFile,
+    endpoints: Endpoints,
+    homes: Mapping[str, Sequence[int]],
+    handling: Handling,
+    start: Callable[[str, Sequence[int]], LocalHost] | None,
+) -> tuple[Bus, Hosts]:
+    fmus = _fmus(file)
+    bus = ZenohBus(uuid4().hex, endpoints)
+    stack.callback(bus.close)
+    batches = [wire_key(kind, "*") for kind in (SAMPLES, RECORDS, REPORT)]
+    inbox = bus.listen_to_all() if endpoints.listen else bus.listen(*batches)
+    terms = Terms(handling.expected, start, handling.restart, handling.wait, handling.show)
+    crew = Crew(bus, inbox, file, fmus, homes, terms)
+    stack.callback(crew.close)
+    crew.gather()
+    return bus, crew
+
+
+def hosts_worth_it(n: int) -> int:
+    """Return into how many processes n robots are best spread on this machine."""
+    return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_HOST))
+
+
+def _fmus(file: ScenarioFile) -> Mapping[str, Fmu]:
+    """Return the FMUs of a scenario, which are found but not loaded."""
+    return {
+        group.plant.fmu: Fmu(group.archive.sha256, group.archive.path.read_bytes)
+        for group in group_by_archive(file.scenario, file.folder)
+    }

@@ -1,0 +1,1 @@
+"""What theory promises of a scenario, and whether a run kept to it."""

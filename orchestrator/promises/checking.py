@@ -1,0 +1,143 @@
+"""Before a run: whether the theory lets its estimates settle (paper, Theorems 1 and 3)."""
+
+from dataclasses import asdict, dataclass
+from math import inf, isfinite, log
+from typing import Any
+
+import numpy as np
+
+from estimator_agents.algorithm import demands, load_algorithm
+from estimator_agents.condition import Condition
+from estimator_agents.theory.network import Network, network_of
+from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.tracking import TRACKING
+from orchestrator.promises.bounding import tracking_conditions
+from orchestrator.scenario.setting import gain, target_of, topology_of
+from orchestrator.scenario.tables import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """The theory's verdict on a scenario."""
+
+    algorithm: str
+    spectrum: list[tuple[float, float]]
+    """Eigenvalues of D, (real, imaginary), by real then imaginary part."""
+    spectral_radius: float
+    """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+    alpha_beta_bound: float
+    """min θ_i, in s⁰: what Theorem 1 bounds α and β by, and Theorem 3 β."""
+    h_bound: float | None
+    """What Theorem 3 bounds the sampling period by, s; None for an algorithm that has no such."""
+    spanning_tree: bool
+    """Assumption A2: a directed path leads from the target to every robot."""
+    conditions: tuple[Condition, ...]
+    network: Network
+    period: float
+    """h, s"""
+
+    @property
+    def whole_spectrum(self) -> bool:
+        """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
+        return len(self.spectrum) == sum(map(len, self.network.components))
+
+    @property
+    def rate(self) -> float:
+        """−ln ρ / h, per s: in the long run an error falls as e^(−rate t)."""
+        radius = self.spectral_radius
+        return -log(radius) / self.period if radius > 0 else inf if radius == 0 else radius
+
+    @property
+    def settling(self) -> float:
+        """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
+        return log(1e6) / self.rate if self.rate > 0 else inf
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict for JSON, with each condition's margin and whether it holds."""
+        conditions = [
+            {
+                "name": condition.name,
+                "source": condition.source,
+                "left": finite(condition.left),
+                "right": finite(condition.right),
+                "margin": finite(condition.margin),
+                "holds": condition.holds,
+            }
+            for condition in self.conditions
+        ]
+        return {
+            **asdict(self),
+            "spectral_radius": finite(self.spectral_radius),
+            "alpha_beta_bound": finite(self.alpha_beta_bound),
+            "h_bound": finite(self.h_bound),
+            "conditions": conditions,
+            "whole_spectrum": self.whole_spectrum,
+            "rate": finite(self.rate),
+            "settling": finite(self.settling),
+        }
+
+    def warnings(self) -> list[str]:
+        """Return one line for each condition that does not hold, and one if the error grows."""
+        unmet = [
+            _warning(condition)
+            for condition in self.conditions
+            if not condition.holds and condition.source != TRACKING
+        ]
+        if self.spectral_radius >= 1:
+            unmet.append(
+                f"the estimates diverge: their error grows by a factor of "
+                f"{self.spectral_radius:.6f} at each sampling time"
+            )
+        return unmet
+
+
+def check(scenario: Scenario) -> Check:
+    """Return what the theory says of a scenario."""
+    topology = topology_of(scenario)
+    choice, h = scenario.algorithm, scenario.run.sampling_period
+    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    spectrum, target = spectrum_of(topology), target_of(scenario)
+    conditions = (
+        *algorithm.conditions(spectrum, h),
+        *demands(algorithm, h, target.gamma_1, target.gamma_2),
+        *_gain_conditions(scenario),
+        *tracking_conditions(scenario),
+    )
+    network = network_of(topology)
+    periods = [c.right for c in conditions if c.name == "sampling_period"]
+    return Check(
+        algorithm=choice.name,
+        spectrum=[(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)],
+        spectral_radius=spectral_radius(algorithm.modes(spectrum, h)),
+        alpha_beta_bound=smallest_theta(spectrum),
+        h_bound=min(periods, default=None),
+        spanning_tree=network.spanning_tree,
+        conditions=conditions,
+        network=network,
+        period=h,
+    )
+
+
+def finite(number: float | None) -> float | None:
+    """JSON has no infinity: a bound that no number reaches is null."""
+    return number if number is not None and isfinite(number) else None
+
+
+def _gain_conditions(scenario: Scenario) -> list[Condition]:
+    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
+    controllers = [scenario.controller, *(r.controller for r in scenario.robots if r.controller)]
+    conditions = []
+    for name in ("kp", "kd"):
+        gains = [gain(getattr(controller, name), scenario.m) for controller in controllers]
+        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
+        conditions.append(Condition(name, "positive definite", 0.0, smallest))
+    return conditions
+
+
+def _warning(condition: Condition) -> str:
+    if condition.source == "positive definite":
+        return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
+    return (
+        f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "
+        f"the bound of {condition.source}"
+    )

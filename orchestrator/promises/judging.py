@@ -1,0 +1,159 @@
+"""After a run: what was measured beside what was promised, quantity by quantity.
+
+The promises are of t → ∞. At t_k there is also what is left of the beginning: A^(k−1) z(t_1), where
+z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is proven when it is
+more than the bound for this target and the largest such rest of the last fifth together. z also has
+the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over the second half of the
+ticks until it is lost in rounding.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import chain, islice
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.errors import InputError
+from orchestrator.promises.checking import finite
+from orchestrator.promises.promising import Bound, Promises, bounds, promises
+from orchestrator.scenario.setting import clock_of, target_of
+from orchestrator.scenario.tables import Scenario
+from recordings.measuring import SteadyState, errors_by_tick
+from recordings.reading import Reader
+
+Array = NDArray[np.float64]
+Verdict = Literal["within", "exceeds", "unknown"]
+
+SLACK = 1e-6
+"""Relative: how far a measurement may be above a bound by rounding."""
+LOST = 1e-9
+"""Of the first error: what is below may be rounding."""
+LONGEST = 200_000
+"""Ticks for which the rest of the beginning is followed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One quantity of a run."""
+
+    bound: Bound
+    measured: float
+    tick: int
+    """The last sampling time up to when it was reached, k."""
+    rest: float
+    """What is left of the beginning, at most, in the last fifth; 0 where that is not known."""
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A run beside the theory."""
+
+    why_not: str
+    """Why the theory says nothing of the estimates; empty where it does."""
+    quantities: tuple[Judged, ...]
+    factor: float | None
+    """ρ"""
+    measured_factor: float | None
+    """What it was in the run; None where too little was recorded."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the judgement for JSON."""
+        rows = [
+            {
+                **asdict(row.bound),
+                "measured": finite(row.measured),
+                "tick": row.tick,
+                "rest": finite(row.rest),
+                "verdict": row.verdict,
+            }
+            for row in self.quantities
+        ]
+        return {**asdict(self), "quantities": rows}
+
+
+def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgement:
+    """Return a recording's measurements beside the promises of its scenario."""
+    try:
+        promised = promises(scenario)
+    except InputError as error:  # its algorithm is not installed here
+        return Judgement(str(error), (), None, None)
+    rest, factor = _beginning(reader, scenario, promised)
+    period = clock_of(scenario).period_ns
+    found = (
+        measured.position_estimate,
+        measured.velocity_estimate,
+        measured.position_tracking,
+        measured.velocity_tracking,
+    )
+    rows = zip(bounds(promised), found, measured.times_ns, rest, strict=True)
+    quantities = tuple(
+        Judged(bound, value, at // period, left or 0.0, _verdict(bound, value, left))
+        for bound, value, at, left in rows
+    )
+    return Judgement(promised.why_not, quantities, finite(promised.radius), factor)
+
+
+def _verdict(bound: Bound, measured: float, rest: float | None) -> Verdict:
+    proven = bound.exact if bound.exact is not None else bound.sharp
+    if proven is None or rest is None:
+        return "unknown"
+    return "within" if measured <= (proven + rest) * (1 + SLACK) + LOST else "exceeds"
+
+
+def _beginning(
+    reader: Reader, scenario: Scenario, promised: Promises
+) -> tuple[tuple[float | None, ...], float | None]:
+    """Return the rest of the beginning for each quantity, and the measured factor.
+
+    Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
+    """
+    motion, recursion = promised.motion, promised.recursion
+    if motion is None or recursion is None or not np.all(np.isfinite(motion.phasor)):
+        return (None,) * 4, None
+    target = target_of(scenario)
+
+    def at(seconds: Array) -> tuple[Array, Array]:
+        there = target.at(seconds)
+        return there.position, there.velocity
+
+    story = errors_by_tick(reader, at)
+    first = next(story, None)
+    if first is None or first[0] != 1:
+        return (None,) * 4, None
+    aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
+    z = first[1] - motion.at(1)
+    end = reader.ticks
+    left = _left(recursion.matrix, z, end - end // 5, end)
+    return (*left, 0.0, 0.0), _factor(aside)
+
+
+def _left(A: Any, z: Array, since: int, end: int) -> tuple[float | None, float | None]:
+    """Return max ‖A^(k−1) z‖∞ of positions and of velocities over the ticks since … end."""
+    if end > LONGEST:
+        return None, None
+    shape, most = z.shape, np.zeros(2)
+    x = z.reshape(-1, shape[2])
+    least = LOST**2 * np.abs(x).max()
+    for k in range(1, end + 1):
+        if k >= since:
+            most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
+        if np.abs(x).max() <= least:
+            break
+        x = A @ x
+    return float(most[0]), float(most[1])
+
+
+def _factor(aside: Iterator[tuple[int, Array]]) -> float | None:
+    """Return the mean factor of ‖z(t_k)‖∞ over the second half of what is not lost in rounding."""
+    sizes: list[float] = []
+    for _, z in islice(aside, LONGEST):
+        sizes.append(float(np.abs(z).max()))
+        if sizes[-1] <= LOST * max(sizes):
+            break
+    half = len(sizes) // 2
+    if half < 2 or not sizes[half] > 0 or not sizes[-1] > 0:
+        return None
+    return float((sizes[-1] / sizes[half]) ** (1 / (len(sizes) - 1 - half)))

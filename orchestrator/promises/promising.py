@@ -1,0 +1,218 @@
+"""Before a run: how near its estimates and its robots come to the target, as the theory has it."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from estimator_agents.algorithm import load_algorithm
+from estimator_agents.theory.design import Design, design
+from estimator_agents.theory.estimates import (
+    Pair,
+    Promise,
+    SteadyMotion,
+    promise,
+    sharp,
+    sharp_always,
+    steady_motion,
+)
+from estimator_agents.theory.recursion import Recursion, recursion_of
+from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from estimator_agents.theory.tracking import balls, proven, worst
+from orchestrator.promises.bounding import Bounded, bounded
+from orchestrator.promises.checking import finite
+from orchestrator.scenario.setting import links_of, target_of, topology_of
+from orchestrator.scenario.tables import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Bounds on lim ‖e_i‖₂ and lim ‖ė_i‖₂ over all robots; None where there is none."""
+
+    paper: Pair | None
+    """δ3 and δ4, or δ5 and δ6, of the paper's bounds on the estimates."""
+    sharp: Pair | None
+    """The same of sharp bounds on the estimates."""
+    proven: Pair | None
+    """What the proof holds of sharp bounds, where the paper's own step from V̇ does not follow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Promises:
+    """What is promised of a run."""
+
+    gamma_1: float
+    """sup ‖υ_0‖∞ (A1)"""
+    gamma_2: float
+    """sup ‖a_0‖∞ (A1)"""
+    why_not: str
+    """Why nothing is promised of the estimates; empty where something is."""
+    recursion: Recursion | None
+    radius: float
+    """ρ"""
+    motion: SteadyMotion | None
+    sharp: Pair | None
+    paper: Promise | None
+    robots: list[Bounded]
+    tracking: Tracking
+
+    @property
+    def exact(self) -> Pair | None:
+        """The largest that the estimates' errors come to, for this target."""
+        return self.motion.bound if self.motion else None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the promises for JSON."""
+        return {
+            "gamma_1": self.gamma_1,
+            "gamma_2": self.gamma_2,
+            "why_not": self.why_not,
+            "norms": _norms(self.paper) if self.paper else [],
+            "estimates": {
+                "exact": pair_json(self.exact),
+                "sharp": pair_json(self.sharp),
+                "paper": pair_json(self.paper.bound if self.paper else None),
+            },
+            "plants": [_plant(part) for part in self.robots],
+            "tracking": {name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """What is promised of one quantity in the long run; None where nothing is."""
+
+    name: str
+    exact: float | None
+    """For the scenario's target."""
+    sharp: float | None
+    """For any target within γ1 and γ2; of tracking, what is proven of sharp estimates."""
+    paper: float | None
+
+
+def bounds(promised: Promises) -> list[Bound]:
+    """Return the promises by quantity: errors of estimates, then of tracking."""
+    paper = promised.paper.bound if promised.paper else None
+    ways = (
+        ((promised.exact, promised.sharp, paper), ("|eps - eps_0|inf", "|ups - ups_0|inf")),
+        (
+            (None, promised.tracking.proven, promised.tracking.paper),
+            ("|q - eps_0|2", "|qd - ups_0|2"),
+        ),
+    )
+    return [
+        Bound(name, *(getattr(pair, part) if pair else None for pair in pairs))
+        for pairs, names in ways
+        for name, part in zip(names, ("position", "velocity"), strict=True)
+    ]
+
+
+TRACKED = ("paper", "sharp", "proven")
+
+
+def promises(scenario: Scenario, radius: float | None = None) -> Promises:
+    """Return what is promised of a run of a scenario; ρ is found again unless it is given."""
+    topology, target = topology_of(scenario), target_of(scenario)
+    choice, h = scenario.algorithm, scenario.run.sampling_period
+    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    recursion = recursion_of(algorithm, topology, h)
+    if radius is None:
+        radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
+    robots = bounded(scenario)
+    whole = (target.gamma_1, target.gamma_2)
+    why_not = _why_not(scenario, recursion, radius)
+    motion, sharpest, always, paper = None, None, None, None
+    if recursion is not None and not why_not:
+        motion = steady_motion(recursion, target, radius)
+        sharpest = sharp(recursion, *whole, radius)
+        always = sharp_always(recursion, *whole, radius)
+        paper = promise(recursion, *whole)
+    tracking = Tracking(
+        *(
+            worst([_ball(way, part, estimates) for part in robots])
+            for way, estimates in (
+                (balls, paper.bound if paper else None),
+                (balls, always),
+                (proven, always),
+            )
+        )
+    )
+    return Promises(*whole, why_not, recursion, radius, motion, sharpest, paper, robots, tracking)
+
+
+def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
+    """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
+    topology, target = topology_of(scenario), target_of(scenario)
+    choice = scenario.algorithm
+    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    spectrum = spectrum_of(topology)
+    parts = bounded(scenario)
+    known = [part.constants for part in parts if part.constants]
+    if len(known) < len(parts):
+        return None
+
+    def paper_of(h: float) -> Pair | None:
+        recursion = recursion_of(algorithm, topology, h)
+        found = promise(recursion, target.gamma_1, target.gamma_2) if recursion else None
+        return found.bound if found else None
+
+    def sharp_of(h: float) -> Pair | None:
+        recursion = recursion_of(algorithm, topology, h)
+        if recursion is None:
+            return None
+        radius = spectral_radius(algorithm.modes(spectrum, h))
+        return sharp(recursion, target.gamma_1, target.gamma_2, radius)
+
+    return design(known, wanted, epsilon, paper_of, sharp_of)
+
+
+def _why_not(scenario: Scenario, recursion: Recursion | None, radius: float) -> str:
+    if links_of(scenario, np.arange(1, scenario.n + 1)) is not None:
+        return "links have faults, and the theory is of links without"
+    if recursion is None:
+        return "the algorithm does not jump linearly"
+    if recursion.drag[:, 0].any():
+        return "the algorithm pulls the estimates to the origin"
+    return "" if radius < 1 else "the estimates diverge"
+
+
+def _ball(way: Any, part: Bounded, estimates: Pair | None) -> Pair | None:
+    if part.constants is None or estimates is None:
+        return None
+    found: Pair | None = way(part.constants, part.drive, estimates)
+    return found
+
+
+def pair_json(pair: Pair | None) -> dict[str, float | None] | None:
+    """Return a pair of bounds for JSON."""
+    if pair is None:
+        return None
+    return {"position": finite(pair.position), "velocity": finite(pair.velocity)}
+
+
+def _norms(paper: Promise) -> list[dict[str, Any]]:
+    found = [("A", paper.norm, paper.kappa), ("P", paper.velocity_norm, paper.velocity_kappa)]
+    return [
+        {
+            "matrix": name,
+            "family": norm.family,
+            "value": finite(norm.value),
+            "b": finite(norm.b),
+            "c": finite(norm.c),
+            "kappa": finite(kappa),
+        }
+        for name, norm, kappa in found
+        if norm is not None
+    ]
+
+
+def _plant(part: Bounded) -> dict[str, Any]:
+    return {
+        "robots": list(part.robots),
+        "fmu": part.plant,
+        "lambda_d": finite(part.lambda_d),
+        "bounds": asdict(part.bounds) if part.bounds else None,
+        "constants": asdict(part.constants) if part.constants else None,
+        "gains": asdict(part.drive),
+        "why_not": part.why,
+    }

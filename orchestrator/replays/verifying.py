@@ -1,0 +1,226 @@
+"""A recording is run again on what it holds, and must come to the same bits.
+
+Every agent starts from the scenario's estimates, hears the recorded samples and jumps; every plant
+starts from the scenario's states and follows the references of its agent. What they say at each
+tick is compared with what was recorded, message by message in total order. Without the plants, the
+agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import zip_longest
+from os import PathLike
+from typing import Any, Never
+
+import numpy as np
+
+from bus.keys import EVERYONE, RECORDS, SAMPLES, wire_key
+from bus.memory_bus import MemoryBus, MemoryInbox
+from bus.messages import FAULT, SAMPLE, STATE, Codec
+from bus.seal import Seal
+from bus.transport import Item, Message
+from bus.wire import Records
+from orchestrator.runs.host import Heard
+from orchestrator.runs.lockstep import TargetNode
+from orchestrator.runs.robots import Robots, wire_of
+from orchestrator.runs.running import past_of
+from orchestrator.scenario.clock import seconds
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.setting import clock_of, target_of
+from plant_fmu.plants import Array
+from recordings.digest import Message as Recorded
+from recordings.reading import Reader
+from recordings.recorder import Recorder, channels
+
+HERE = "here"
+ABSENT, PRESENT = "absent", "present"
+_KINDS = {"sample": SAMPLE, "state": STATE, "fault": FAULT}
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first message that is not what it was."""
+
+    k: int
+    t: float
+    """s"""
+    topic: str
+    robot: int
+    field: str
+    recorded: Any
+    replayed: Any
+
+    def between(self, one: str, other: str) -> str:
+        """Return it as a sentence on two recordings."""
+        return (
+            f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
+            f"is {self.recorded!r} in {one}, {self.replayed!r} in {other}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a replay came to."""
+
+    ticks: int
+    messages: int
+    """How many are the same to the last bit, from the first on."""
+    difference: Difference | None
+
+
+class RecordedPlants:
+    """Plants that do what they did, one output time after the other; see `DrivenPlants`."""
+
+    exact = False
+    kind, drive, why = "Recording", "as recorded", "the recording has what they did"
+
+    def __init__(self, robots: Sequence[int], m: int, ticks: Iterator[Records]) -> None:
+        """Be some robots' plants, ascending; `ticks` are the states of all robots, by tick."""
+        self.q, self.qd, self.tau = np.zeros((3, len(robots), m))
+        self._robots = np.asarray(robots)
+        self._ticks = ticks
+        self._next_tick()
+        self.advance(0.0, 0.0)
+
+    def hold(self, position: Array, velocity: Array) -> None:  # noqa: ARG002
+        """Pass over a reference: the next tick comes."""
+        self._next_tick()
+
+    def advance(self, start: float, step: float) -> None:  # noqa: ARG002
+        """Go to the next output time."""
+        states = next(self._coming)
+        self.q[:], self.qd[:], self.tau[:] = states["q"], states["qd"], states["tau"]
+
+    def save(self) -> Never:
+        """Refuse: they are not exact."""
+        raise NotImplementedError
+
+    def restore(self, data: Sequence[bytes]) -> Never:
+        """Refuse: they are not exact."""
+        raise NotImplementedError
+
+    def _next_tick(self) -> None:
+        states = next(self._ticks)
+        mine = np.sort(states[np.isin(states["robot"], self._robots)], order=["time_ns", "robot"])
+        self._coming = iter(mine.reshape(-1, len(self._robots)))
+
+
+class _Samples:
+    """What the host hears: the recorded samples."""
+
+    patience = 0.0
+
+    def __init__(self) -> None:
+        self.now: Records
+
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:  # noqa: ARG002
+        """Return the recorded samples of tick k."""
+        return [(k, self.now, EVERYONE)]
+
+    def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
+        """Pass over all else."""
+        return ()
+
+
+class _Kept:
+    """A recording in memory, of one tick."""
+
+    path: str | PathLike[str] = ""
+
+    def __init__(self) -> None:
+        self.tick: list[Recorded] = []
+
+    def flush(self) -> None:
+        """Do nothing: nothing is written."""
+
+    def write(self, tick: list[Recorded]) -> None:
+        """Take a tick, and forget the one before."""
+        self.tick = sorted(tick)
+
+
+def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
+    """Run a recording again, with its plants or by the agents alone, up to the first difference."""
+    scenario = file.scenario
+    clock, n, m = clock_of(scenario), scenario.n, scenario.m
+    numbers = range(1, n + 1)
+    with ExitStack() as stack, np.errstate(all="ignore"):
+        robots = (
+            Robots.opened(stack, file, numbers)
+            if plants
+            else Robots.driven_by(
+                scenario, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
+            )
+        )
+        bus = MemoryBus()
+        ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
+        wire = wire_of(scenario, {HERE: numbers}, Seal())
+        target = TargetNode(bus, clock, wire, target_of(scenario))
+        kept, heard = _Kept(), _Samples()
+        recorder = Recorder(kept, wire, n, 0, _topics(n))
+        host = robots.hosted(HERE, bus, MemoryInbox(), wire, clock)
+        ticks = host.run(-1, lambda _time: None, heard)
+        same = 0
+        for k, all_of_it in enumerate(past_of(reader)):
+            recorded = _said(all_of_it)
+            heard.now = _records(wire.samples, "sample", recorded)
+            target.publish_until(k)
+            next(ticks)
+            for item in ear.take():
+                if isinstance(item, Message):
+                    recorder.take(item)
+            recorder.close(k)
+            for was, now in zip_longest(recorded, _said(kept.tick)):
+                if was != now:
+                    return Verdict(k, same, difference_in(m, m, was, now))
+                same += 1
+    return Verdict(reader.ticks, same, None)
+
+
+def states_of(reader: Reader, m: int) -> Iterator[Records]:
+    """Yield a recording's states by tick, from 0 on."""
+    codec = Codec(STATE, m)
+    return (_records(codec, "state", tick) for tick in past_of(reader))
+
+
+def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
+    return codec.decode([message[3] for message in tick if _kind(message) == kind])
+
+
+def _topics(n: int) -> list[str]:
+    return [channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True)]
+
+
+def _said(tick: list[Recorded]) -> list[Recorded]:
+    """Return what a tick says of the run; checkpoints are the plants' own affair."""
+    return [message for message in tick if _kind(message) in _KINDS]
+
+
+def _kind(message: Recorded) -> str:
+    return message[1].partition("/")[0]
+
+
+def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | None) -> Difference:
+    """Return what is not the same of a message, which one of the two may lack.
+
+    The two hold vectors of `m_was` and `m_now` numbers.
+    """
+    if was is None or now is None or was[:2] != now[:2]:
+        missing = was is None or (now is not None and now < was)
+        there = now if missing else was
+        assert there is not None
+        told = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
+        return Difference(*_about(there), "message", *told)
+    old, new = (
+        Codec(_KINDS[_kind(message)], m).decode([message[3]])[0]
+        for message, m in ((was, m_was), (now, m_now))
+    )
+    for name in old.dtype.names:
+        if old[name].tobytes() != new[name].tobytes():
+            return Difference(*_about(was), name, old[name].tolist(), new[name].tolist())
+    return Difference(*_about(was), "k", was[2], now[2])
+
+
+def _about(message: Recorded) -> tuple[int, float, str, int]:
+    time_ns, topic, k, _ = message
+    return k, seconds(time_ns), topic, int(topic.rpartition("/")[2])

@@ -1,0 +1,1 @@
+"""What is told of a run to people who look at it."""

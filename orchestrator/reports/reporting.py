@@ -1,0 +1,67 @@
+"""What a report must know of a scenario: target, network, theory, and how robots look."""
+
+from typing import Any
+
+import numpy as np
+
+from orchestrator.promises.checking import Check, check
+from orchestrator.runs.summary import scenario_of
+from orchestrator.scenario.setting import target_of, topology_of
+from orchestrator.scenario.tables import Plant, Scenario
+from plant_fmu.bundled.declaration import bundled_models, declaration
+from recordings.measuring import Array
+from recordings.reading import Reader
+from recordings.report.story import Story, read_story
+from recordings.report.subject import Arm, Subject, Verdict
+
+
+def story_of(reader: Reader) -> Story:
+    """Read what a report draws of a recording."""
+    return read_story(reader, subject_of(scenario_of(reader).scenario))
+
+
+def subject_of(scenario: Scenario) -> Subject:
+    """Return what a report must know of a scenario."""
+    target, checked, choice = target_of(scenario), check(scenario), scenario.algorithm
+
+    def at(seconds: Array) -> tuple[Array, Array]:
+        motion = target.at(seconds)
+        return motion.position, motion.velocity
+
+    own = {robot.id: robot.plant for robot in scenario.robots if robot.plant}
+    robots = range(1, scenario.n + 1)
+    return Subject(
+        estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
+        target_at=at,
+        topology=topology_of(scenario),
+        arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
+        unit=_unit(scenario.plant),
+        verdicts=_verdicts(checked),
+        factor=checked.spectral_radius,
+        bounds={},
+    )
+
+
+def arm_of(plant: Plant, m: int) -> Arm:
+    """Return how a robot of m joints is drawn: with its own lengths, where its plant tells them.
+
+    A bundled model's are `r1`, `r2`, or the array `r`; one that has neither is a point.
+    """
+    if plant.fmu not in bundled_models():
+        return Arm((1.0,) * m, known=False)
+    model = declaration(plant.fmu)
+    told: dict[str, Any] = {v.name: v.start for v in model.of_kind("parameter")} | plant.parameters
+    if "r" in told:
+        return Arm(tuple(np.broadcast_to(np.asarray(told["r"], float), m).tolist()))
+    links = [f"r{link}" for link in range(1, m + 1)]
+    return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
+
+
+def _unit(plant: Plant) -> str:
+    """Return a joint's unit, as the bundled model declares it; rad of any other FMU."""
+    known = plant.fmu in bundled_models()
+    return (declaration(plant.fmu).variable("q").unit or "rad") if known else "rad"
+
+
+def _verdicts(checked: Check) -> list[Verdict]:
+    return [Verdict(c.name, c.left, c.right, c.holds, c.source) for c in checked.conditions]

@@ -1,0 +1,32 @@
+"""What robots look like: known of the bundled models alone, from the parameters of the scenario."""
+
+import numpy as np
+
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.tables import Plant
+from plant_fmu.bundled.declaration import declaration
+from recordings.scene import Shape, write_scene
+
+__all__ = ["shapes_of", "write_scene"]
+
+
+def shapes_of(file: ScenarioFile) -> dict[int, Shape]:
+    """Return the shapes of those robots whose plants are bundled models, by number, from 1."""
+    scenario = file.scenario
+    own = {robot.id: robot.plant for robot in scenario.robots if robot.plant}
+    found = {i: _shape(own.get(i, scenario.plant), scenario.m) for i in range(1, scenario.n + 1)}
+    return {i: shape for i, shape in found.items() if shape is not None}
+
+
+def _shape(plant: Plant, m: int) -> Shape | None:
+    if plant.fmu == "planar_robot":
+        return Shape()
+    names = {"two_link_arm": ["r1", "r2"], "n_link_arm": ["r"]}.get(plant.fmu)
+    if names is None:
+        return None
+    declared = declaration(plant.fmu)
+    lengths: list[float] = []
+    for name in names:
+        given = plant.parameters.get(name, declared.variable(name).start)
+        lengths += np.atleast_1d(np.array(given, float)).tolist()
+    return Shape(tuple(lengths if len(lengths) == m else lengths * m))

@@ -1,0 +1,111 @@
+"""A run whose robots are all in the orchestrator's own process and thread, with no socket open."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, Never
+from uuid import uuid4
+
+from bus.errors import BusError
+from bus.keys import RECORDS, SAMPLES, wire_key
+from bus.network.zenoh_bus import ZenohBus
+from bus.seal import Seal
+from bus.transport import Bus, Item
+from bus.wire import Wire
+from orchestrator.runs.host import Heard, Host, Spent, Watch
+from orchestrator.runs.lockstep import Hosts, Manning
+from orchestrator.runs.restart import AT_ONCE, point_of
+from orchestrator.runs.robots import Robots, wire_of
+from orchestrator.scenario.clock import Clock
+from orchestrator.scenario.file import ScenarioFile
+from recordings.recorder import Recorder
+
+NAME = "here"
+
+
+class Alone:
+    """The only host of a run; see `orchestrator.runs.lockstep.Hosts`."""
+
+    def __init__(self, bus: Bus, clock: Clock, robots: Robots, watch: Watch) -> None:
+        self.homes = {NAME: robots.numbers}
+        self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
+        self.refused: Counter[str] = Counter()
+        self.restarts = 0
+        self._wire = wire_of(robots.scenario, self.homes, Seal())
+        heard = bus.listen(wire_key(SAMPLES, "*"))
+        self._host: Host = robots.hosted(NAME, bus, heard, self._wire, clock)
+        self._robots, self._watch = robots, watch
+        self._ticks: Iterator[int] = iter(())
+
+    def wire(self) -> Wire:
+        """Return the wire between the host and the recorder."""
+        return self._wire
+
+    def told(self) -> Sequence[Mapping[str, Any]]:
+        """Return what the user is told of the plants, by group."""
+        return self._robots.told
+
+    def spent(self) -> dict[str, Spent]:
+        """Return where the time of the host went."""
+        return {NAME: self._host.spent}
+
+    def begin(self, recorder: Recorder) -> None:
+        """Begin where a recording ends: at the checkpoint, and then through what it has."""
+        point = point_of(self._robots.numbers, recorder.checkpoints, recorder.closed)
+        if point.start:
+            self._host.restore(point.start, point.checkpoints)
+        self._ticks = self._host.run(point.recorded, self._watch, _Alone(recorder))
+        if point.recorded >= 0:
+            while next(self._ticks) < point.recorded:
+                pass
+
+    def advance(self, k: int) -> None:  # noqa: ARG002
+        """Do the next tick."""
+        next(self._ticks)
+
+    def handle(self, item: Item) -> Never:
+        """Refuse what nobody can have put."""
+        raise BusError(f"a message that nobody put: {item}")
+
+    def look_after(self, k: int) -> bool:  # noqa: ARG002
+        """Return that the host is there."""
+        return True
+
+    def end(self) -> None:
+        """Do nothing: the host ends with the run."""
+
+
+class _Alone:
+    """In one thread nothing comes while the host waits: the recording has it, or nobody."""
+
+    patience = 0.0
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:
+        """Return the samples that the recording has; `BusError` when it has none of tick k."""
+        if k > self._recorder.closed:
+            raise BusError(f"tick {k}: no samples came from {', '.join(missing)}")
+        return self._recorder.samples(k, k + AT_ONCE - 1)
+
+    def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
+        """Pass over what no host of the run put; the recorder counts it."""
+        return ()
+
+
+def alone(file: ScenarioFile) -> Manning:
+    """Return how a run gets all its robots into this thread."""
+
+    def man(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
+        robots = Robots.opened(stack, file, range(1, file.scenario.n + 1))
+        return on_a_session(stack, clock, robots, watch)
+
+    return man
+
+
+def on_a_session(stack: ExitStack, clock: Clock, robots: Robots, watch: Watch) -> tuple[Bus, Hosts]:
+    """Return robots in this thread on a session of their own; the stack ends it."""
+    bus = ZenohBus(uuid4().hex)
+    stack.callback(bus.close)
+    return bus, Alone(bus, clock, robots, watch)

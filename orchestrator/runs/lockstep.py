@@ -1,0 +1,198 @@
+"""Simulated time advances by data alone: a tick closes when all that it consists of was heard.
+
+There is no barrier. A host goes on as soon as it has the samples that its robots need; the target
+puts its own a window of ticks ahead of the last closed tick, and since every host waits for those,
+none runs further ahead of the recorder. When nothing that was missing comes for as long as the
+deadline, the run ends, and says who is silent and what they wait for.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
+from time import monotonic, perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from bus.errors import BusError
+from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from bus.transport import Bus, Inbox, Item, Message
+from bus.wire import Wire
+from estimator_agents.target import Harmonic
+from orchestrator.runs.host import Spent, Watch
+from orchestrator.runs.pace import NO_PACE, Pace
+from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.numbers import named
+from recordings.recorder import Recorder
+
+WINDOW_BYTES = 16 * 2**20
+MOST_WINDOW, LEAST_WINDOW = 64, 4
+_BATCHES = (wire_key(SAMPLES, ""), wire_key(RECORDS, ""))
+_PATIENCE = 0.25
+"""s: how long nothing may come before it is looked whether the hosts are well."""
+
+
+def window(tick_bytes: int) -> int:
+    """Return how many ticks hosts may be ahead of the recorder, from the bytes of one."""
+    return max(LEAST_WINDOW, min(MOST_WINDOW, WINDOW_BYTES // max(tick_bytes, 1)))
+
+
+class TargetNode:
+    """Node 0: it publishes the target's position and velocity at the sampling times."""
+
+    def __init__(self, bus: Bus, clock: Clock, wire: Wire, target: Harmonic) -> None:
+        self._clock, self._wire, self._target = clock, wire, target
+        self._record = wire.samples.blank(np.array([0]))
+        self._put = bus.publisher(wire_key(SAMPLES, TARGET))
+        self._said = 0
+
+    def skip_to(self, k: int) -> None:
+        """Take the samples up to t_k as published."""
+        self._said = max(k, 0)
+
+    def publish_until(self, k: int) -> None:
+        """Publish ε_0, υ_0 of all sampling times up to t_k that are not published yet."""
+        for now in range(self._said + 1, min(k, self._clock.ticks) + 1):
+            t = self._clock.t(now)
+            at = self._target.at(seconds(t))
+            record = self._record
+            record["k"], record["time_ns"] = now, t
+            record["position"], record["velocity"] = at.position, at.velocity
+            self._put(self._wire.pack_samples(TARGET, now, record))
+            self._said = now
+
+
+class Hosts(Protocol):
+    """The hosts of a run as the orchestrator sees them."""
+
+    @property
+    def inbox(self) -> Inbox:
+        """Where all comes that they say."""
+
+    @property
+    def refused(self) -> Counter[str]:
+        """What came and was not believed, by reason."""
+
+    @property
+    def restarts(self) -> int:
+        """How often a host was gone, and the run went on."""
+
+    @property
+    def homes(self) -> Mapping[str, Sequence[int]]:
+        """Which robots each host has."""
+
+    def wire(self) -> Wire:
+        """Return the wire between them."""
+
+    def told(self) -> Sequence[Mapping[str, Any]]:
+        """Return what the user is told of the plants, by group."""
+
+    def begin(self, recorder: Recorder) -> None:
+        """Let all hosts begin where a recording ends."""
+
+    def advance(self, k: int) -> None:
+        """Let the hosts that run in this thread do tick k."""
+
+    def handle(self, item: Item) -> None:
+        """Take what came and is neither samples nor records."""
+
+    def look_after(self, k: int) -> bool:
+        """Look whether the hosts are well; return whether all are there.
+
+        Raises what a host failed with at tick k or before.
+        """
+
+    def end(self) -> None:
+        """Let all hosts end, and hear how it was."""
+
+    def spent(self) -> Mapping[str, Spent]:
+        """Return where the time of each host went, as far as it said so."""
+
+
+Manning = Callable[[ExitStack, Clock, Watch], tuple[Bus, Hosts]]
+"""Gets a run its hosts, ready to begin; the stack ends them."""
+
+
+class Lockstep:
+    """Closes tick after tick of a run."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        target: TargetNode,
+        hosts: Hosts,
+        recorder: Recorder,
+        needs: Mapping[str, Collection[str]],
+        ahead: int,
+        deadline: float,
+        watch: Watch,
+        pace: Pace = NO_PACE,
+    ) -> None:
+        """Let hosts run some ticks ahead; a silence may last as long as the deadline, s.
+
+        `needs` are the hosts whose samples each host needs.
+        """
+        self.spent = Spent()
+        self.recording = 0.0
+        """s of wall time."""
+        self._clock, self._target, self._hosts, self._recorder = clock, target, hosts, recorder
+        self._needs = needs
+        self._ahead, self._deadline, self._watch = ahead, deadline, watch
+        self._pace = pace
+
+    def run(self) -> Iterator[int]:
+        """Close the ticks after the last that is recorded; yield each number."""
+        first = self._recorder.closed + 1
+        self._target.skip_to(first - 1)
+        self._target.publish_until(first - 1 + self._ahead)
+        self._pace.start(self._clock.t(max(first - 1, 0)))
+        for k in range(first, self._clock.ticks + 1):
+            self._hosts.advance(k)
+            self._gather(k)
+            self._pace.wait(self._clock.t(k), partial(self._watch, self._clock.t(max(k - 1, 0))))
+            began = perf_counter()
+            self._recorder.close(k)
+            self.recording += perf_counter() - began
+            self._target.publish_until(k + self._ahead)
+            self._watch(self._clock.t(k))
+            yield k
+
+    def _gather(self, k: int) -> None:
+        hosts, recorder = self._hosts, self._recorder
+        began, waited = perf_counter(), 0.0
+        taken, since = recorder.taken, monotonic()
+        while not recorder.is_whole(k):
+            asked = perf_counter()
+            items = hosts.inbox.take() or hosts.inbox.take(_PATIENCE)
+            waited += perf_counter() - asked
+            for item in items:
+                if isinstance(item, Message) and item.key.startswith(_BATCHES):
+                    recorder.take(item)
+                else:
+                    hosts.handle(item)
+            if recorder.is_whole(k):
+                break
+            self._watch(self._clock.t(max(k - 1, 0)))
+            here = hosts.look_after(k)
+            if recorder.taken != taken or not here:
+                taken, since = recorder.taken, monotonic()
+            elif monotonic() - since >= self._deadline:
+                raise BusError(self._silence(k))
+        self.spent.waiting += waited
+        self.spent.bus += perf_counter() - began - waited
+
+    def _silence(self, k: int) -> str:
+        """Say who is silent at tick k, and what each of them waits for."""
+        lacks = self._recorder.missing(k)
+        told = [self._waits(host) for host in sorted(lacks)]
+        return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(told)}"
+
+    def _waits(self, host: str) -> str:
+        last = self._recorder.last_heard(host)
+        lacks = self._recorder.missing(last)
+        others = sorted(h for h in self._needs.get(host, ()) if SAMPLES in lacks.get(h, ()))
+        who = "the target" if host == TARGET else f"{named(self._hosts.homes[host])} on host {host}"
+        if others:
+            return f"{who} sent samples up to tick {last} and lack those of {', '.join(others)}"
+        return f"{who} sent samples up to tick {last} and lack nobody's: computing, or stopped"

@@ -1,0 +1,152 @@
+"""The robots' bodies become plants: each FMU is loaded once, for all robots that have it."""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from orchestrator.scenario.tables import Pattern, Plant, Scenario
+from plant_fmu.archives.archive import Archive, find_archive
+from plant_fmu.archives.naming import Pattern as NamePattern
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.opening import open_plants
+from plant_fmu.drives.probing import ROBOTS
+from plant_fmu.errors import FmuError
+from plant_fmu.fleet import Fleet
+from plant_fmu.isolation.isolated import IsolatedPlants
+from plant_fmu.plants import Body, DrivenPlants
+
+Find = Callable[[str], Archive]
+"""Returns the FMU that a scenario names; `FmuError` where there is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """The robots whose plants differ in their parameters at most."""
+
+    field: str
+    """Where the scenario gives the plant."""
+    plant: Plant
+    archive: Archive
+    rows: list[int]
+    """The robots' positions, ascending, among those that are opened."""
+    alike: Sequence[int] = ()
+    """The first robots of the group, whether they are opened or not."""
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the plants run in processes of their own: an FMU of others, if it may."""
+        return self.plant.isolate and not self.archive.ours
+
+    @property
+    def names(self) -> dict[str, Spec]:
+        """What the scenario gives for quantities of ours."""
+        return {
+            ours: NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+            for ours, name in self.plant.variables.items()
+        }
+
+    @property
+    def driving(self) -> Driving:
+        """How the scenario wants the plant to be driven."""
+        return Driving(**{key.name: getattr(self.plant, key.name) for key in fields(Driving)})
+
+
+def group_by_archive(
+    scenario: Scenario,
+    folder: Path,
+    robots: Sequence[int] | None = None,
+    find: Find | None = None,
+) -> list[Group]:
+    """Read each FMU once; `FmuError` names the field and what is wrong.
+
+    Rows are positions within the robots that are asked for, ascending; without them, of all. An
+    FMU is looked for relative to a folder, or as `find` does.
+    """
+    find = find or partial(find_archive, folder=folder)
+    own = {
+        robot.id: (f"robots[{i}].plant", robot.plant)
+        for i, robot in enumerate(scenario.robots)
+        if robot.plant
+    }
+    common = _alike(scenario.plant)
+    every = range(1, scenario.n + 1)
+    row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
+    members: defaultdict[str, list[int]] = defaultdict(list)
+    first: defaultdict[str, list[int]] = defaultdict(list)
+    given: dict[str, tuple[str, Plant]] = {}
+    for robot in every:
+        field, plant = own.get(robot, ("plant", scenario.plant))
+        alike = common if plant is scenario.plant else _alike(plant)
+        if len(first[alike]) < ROBOTS:
+            first[alike].append(robot)
+        if robot in row_of:
+            given.setdefault(alike, (field, plant))
+            members[alike].append(row_of[robot])
+    groups = []
+    for alike, (field, plant) in given.items():
+        with _named(field):
+            archive = find(plant.fmu)
+        groups.append(Group(field, plant, archive, members[alike], first[alike]))
+    return groups
+
+
+def open_fleet(
+    stack: ExitStack,
+    groups: Sequence[Group],
+    bodies: Sequence[Body],
+    alike: Sequence[Sequence[Body]] | None = None,
+) -> Fleet:
+    """Load, instantiate and initialise all plants at t_0; the stack ends them.
+
+    `alike` are, for each group, bodies as `open_plants` has them.
+    """
+    _expect_once(groups)
+    opened = []
+    for group, others in zip(groups, alike or [()] * len(groups), strict=True):
+        with _named(group.field):
+            opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
+    rows = [np.array(group.rows) for group in groups]
+    return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
+
+
+def _alike(plant: Plant) -> str:
+    """Return what plants of one group have in common."""
+    return plant.model_dump_json(exclude={"parameters"})
+
+
+def _open(
+    stack: ExitStack, group: Group, bodies: Sequence[Body], alike: Sequence[Body]
+) -> DrivenPlants:
+    archive, names, driving = group.archive, group.names, group.driving
+    if group.is_apart:
+        return IsolatedPlants(stack, archive, bodies, names, driving, group.plant.deadline, alike)
+    return open_plants(stack, archive, bodies, names, driving, alike=alike)
+
+
+def _expect_once(groups: Sequence[Group]) -> None:
+    """Raise `FmuError` for more instances in this process than an FMU allows."""
+    here = Counter[str]()
+    for group in groups:
+        if group.is_apart or not group.archive.once_per_process:
+            continue
+        here[group.archive.sha256] += len(group.rows)
+        if here[group.archive.sha256] > 1:
+            raise FmuError(
+                f"{group.field}: {group.archive.label}: can be instantiated only once per process, "
+                f"but {here[group.archive.sha256]} robots have it and plant.isolate is false"
+            )
+
+
+@contextmanager
+def _named(field: str) -> Iterator[None]:
+    """Put the field that gives a plant before what is wrong with it."""
+    try:
+        yield
+    except FmuError as error:
+        raise FmuError(f"{field}: {error}") from None

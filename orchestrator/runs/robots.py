@@ -1,0 +1,119 @@
+"""Some robots of a scenario as a host has them: their plants opened, their agents ready."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bus.keys import TARGET
+from bus.seal import Seal
+from bus.transport import Bus, Inbox
+from bus.wire import Nodes, Wire
+from estimator_agents.agents import Agents
+from orchestrator.runs.host import Host, HostPlants
+from orchestrator.runs.plants import group_by_archive, open_fleet
+from orchestrator.scenario.clock import Clock
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.setting import (
+    algorithm_of,
+    bodies,
+    clock_of,
+    initial_estimates,
+    links_of,
+    missing_of,
+    silent_of,
+    topology_of,
+)
+from orchestrator.scenario.tables import Scenario
+from plant_fmu.archives.archive import Archive
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robots:
+    """Robots, ascending, with what they are made of."""
+
+    numbers: Sequence[int]
+    scenario: Scenario
+    agents: Agents
+    plants: HostPlants
+    told: Sequence[Mapping[str, Any]]
+    """What the user is told of the plants, by group."""
+
+    @classmethod
+    def opened(
+        cls,
+        stack: ExitStack,
+        file: ScenarioFile,
+        numbers: Sequence[int],
+        find: Callable[[str], Archive] | None = None,
+    ) -> "Robots":
+        """Open some robots' plants at t_0; the stack ends them. `FmuError` as `open_fleet`.
+
+        `find` finds an FMU by what the scenario calls it; by default relative to its file.
+        """
+        scenario = file.scenario
+        groups = group_by_archive(scenario, file.folder, numbers, find)
+        alike = [bodies(scenario, group.alike) for group in groups]
+        fleet = open_fleet(stack, groups, bodies(scenario, numbers), alike)
+        told = [
+            {
+                "fmu": group.plant.fmu,
+                "name": group.archive.name,
+                "fmi_version": group.archive.fmi_version,
+                "kind": plants.kind,
+                "drive": plants.drive,
+                "why": plants.why,
+                "sha256": group.archive.sha256,
+                "robots": [numbers[row] for row in group.rows],
+            }
+            for group, plants in zip(groups, fleet.plants, strict=True)
+        ]
+        return cls(numbers, scenario, agents_of(scenario, numbers), fleet, told)
+
+    @classmethod
+    def driven_by(
+        cls,
+        scenario: Scenario,
+        numbers: Sequence[int],
+        plants: HostPlants,
+        told: Sequence[Mapping[str, Any]],
+    ) -> "Robots":
+        """Return some robots whose plants are there already."""
+        return cls(numbers, scenario, agents_of(scenario, numbers), plants, told)
+
+    def hosted(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Host:
+        """Return the host that runs them."""
+        run = self.scenario.run
+        return Host(
+            name,
+            bus,
+            inbox,
+            wire,
+            clock,
+            self.agents,
+            self.plants,
+            run.divergence_limit,
+            run.checkpoint_every,
+        )
+
+
+def agents_of(scenario: Scenario, numbers: Sequence[int]) -> Agents:
+    """Return some robots' agents at t_0."""
+    robots = np.array(numbers)
+    return Agents(
+        robots,
+        topology_of(scenario),
+        algorithm_of(scenario),
+        initial_estimates(scenario, numbers),
+        links_of(scenario, robots),
+        missing_of(scenario),
+    )
+
+
+def wire_of(scenario: Scenario, homes: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+    """Return the wire of a run whose robots are at home on some hosts."""
+    nodes: dict[str, Nodes] = {host: np.array(robots) for host, robots in homes.items()}
+    nodes[TARGET] = np.array([0])
+    return Wire(scenario.m, clock_of(scenario), nodes, seal, silent_of(scenario))

@@ -1,0 +1,208 @@
+"""A run: a scenario in, a closed recording out, whatever happens in between."""
+
+import json
+import platform
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import groupby
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from bus.errors import RunError
+from bus.topology import Topology
+from orchestrator.errors import Interrupted
+from orchestrator.runs.alone import Alone, alone
+from orchestrator.runs.host import Spent, Watch, needed
+from orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
+from orchestrator.runs.pace import NO_PACE, Pace
+from orchestrator.runs.restart import AT_ONCE
+from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topology_of
+from recordings.container import Closing, Compression
+from recordings.digest import Message
+from recordings.reading import Reader
+from recordings.recorder import Recorder, channels, schemas
+from recordings.tables import RUN, SCENARIO
+from recordings.writing import Writer
+
+_PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Where the wall time of a run went, s."""
+
+    hosts: Mapping[str, Spent]
+    orchestrator: Spent
+    recording: float
+    in_one_thread: bool
+    """Whether the only host is in the orchestrator's own thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended, and where its recording is."""
+
+    status: Closing
+    reason: str
+    path: Path
+    ticks: int
+    messages: int
+    wall_seconds: float
+    """From the states at t_0 to the last tick; set-up and closing are apart."""
+    profile: Profile
+    refused: Mapping[str, int]
+    """How many batches were not believed, by reason."""
+    restarts: int
+    """How often a host was gone, and the run went on."""
+    repeated: int
+    """How many batches were said again, and kept once."""
+    copied: int
+    """How many ticks an earlier recording had."""
+
+
+def run(
+    file: ScenarioFile,
+    output: Path,
+    man: Manning | None = None,
+    *,
+    compression: Compression = "zstd",
+    watch: Watch = lambda _time_ns: None,
+    deadline: float | None = None,
+    past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+    pace: Pace = NO_PACE,
+) -> Outcome:
+    """Run a scenario into a recording.
+
+    `man` gets its hosts; by default its robots are in this thread. `watch` is told each output
+    time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
+    t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
+    scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
+    run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
+    `pace` is the fastest at which ticks close.
+    """
+    scenario = file.scenario
+    clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
+    with ExitStack() as stack, np.errstate(all="ignore"):
+        bus, hosts = (man or alone(file))(stack, clock, watch)
+        wire = hosts.wire()
+        target = TargetNode(bus, clock, wire, target_of(scenario))
+        every = scenario.run.checkpoint_every
+        topics = channels(n, faulty_of(scenario), checkpoints=0 < every <= clock.ticks)
+        writer = stack.enter_context(
+            Writer(
+                output,
+                version=version("nrs-cosim"),
+                channels=topics,
+                schemas=schemas(topics),
+                metadata={
+                    RUN: _about_run(file, clock, hosts.told()),
+                    "nrs.versions": _versions(),
+                    **(metadata or {}),
+                },
+                attachments={SCENARIO: ("application/toml", file.text.encode())},
+                compression=compression,
+            )
+        )
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, [topic.topic for topic in topics])
+        ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
+        lockstep = Lockstep(
+            clock,
+            target,
+            hosts,
+            recorder,
+            _needs(topology, hosts.homes),
+            ahead,
+            deadline or scenario.bus.deadline,
+            watch,
+            pace,
+        )
+        status: Closing = "completed"
+        reason = ""
+        copied = 0
+        started = perf_counter()
+        try:
+            for k, tick in enumerate(past or ()):
+                recorder.copy(k, tick)
+            copied = max(recorder.closed, 0)
+            hosts.begin(recorder)
+            for _ in lockstep.run():
+                pass
+        except Interrupted:
+            at = seconds(clock.t(max(recorder.closed, 0)))
+            status, reason = "interrupted", f"stopped by the user after t = {at:g} s"
+        except RunError as error:
+            status, reason = "failed", str(error)
+        wall_seconds = perf_counter() - started
+        hosts.end()
+        recorder.end()
+        writer.finish(status, reason)
+    refused = Counter(recorder.refused) + Counter(hosts.refused)
+    profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, isinstance(hosts, Alone))
+    done = max(recorder.closed, 0)
+    return Outcome(
+        status,
+        reason,
+        output,
+        done,
+        recorder.messages,
+        wall_seconds,
+        profile,
+        refused,
+        hosts.restarts,
+        recorder.repeated,
+        copied,
+    )
+
+
+def past_of(reader: Reader) -> Iterator[list[Message]]:
+    """Yield the messages of a recording's ticks from 0 on, up to the first that is missing."""
+    k = 0
+    for batch in reader.batches():
+        for sequence, tick in groupby(batch, lambda message: message[2]):
+            if sequence != k:
+                return
+            yield list(tick)
+            k += 1
+
+
+def _needs(topology: Topology, homes: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
+    """Return the hosts whose samples each host needs."""
+    nodes = {host: np.array(robots) for host, robots in homes.items()}
+    return {
+        host: needed(np.unique(topology.source[np.isin(topology.sink, robots)]), nodes)
+        for host, robots in nodes.items()
+    }
+
+
+def _about_run(
+    file: ScenarioFile, clock: Clock, plants: Sequence[Mapping[str, Any]]
+) -> dict[str, str]:
+    """Return the run's metadata record; its numbers are decimal, its times in ns."""
+    return {
+        "name": file.name,
+        "folder": str(file.folder.absolute()),
+        "seed": str(file.scenario.run.seed),
+        "robots": str(file.scenario.n),
+        "joints": str(file.scenario.m),
+        "ticks": str(clock.ticks),
+        "sampling_period_ns": str(clock.period_ns),
+        "output_step_ns": str(clock.output_ns),
+        "plants": json.dumps(plants),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        **{part: version(part) for part in _PARTS},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }

@@ -1,0 +1,83 @@
+"""What a recording says of its run, in few words and as JSON."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from estimator_agents.target import Harmonic
+from orchestrator.scenario.clock import NS_PER_S
+from orchestrator.scenario.file import ScenarioFile, parse_scenario
+from orchestrator.scenario.setting import target_of
+from recordings.measuring import Array, SteadyState, steady_state
+from recordings.reading import Reader
+from recordings.tables import SCENARIO
+from recordings.tables import about as about_run
+
+
+def describe(reader: Reader) -> dict[str, Any]:
+    """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
+    about = about_run(reader)
+    return {
+        "file": str(reader.path),
+        "name": about["name"],
+        "status": reader.status,
+        "reason": reader.reason,
+        "digest": reader.digest,
+        "ticks": reader.ticks,
+        "ticks_planned": int(about["ticks"]),
+        "robots": int(about["robots"]),
+        "joints": int(about["joints"]),
+        "messages": reader.message_count,
+        "duration": reader.ticks * int(about["sampling_period_ns"]) / NS_PER_S,
+        "seed": int(about["seed"]),
+        "plants": json.loads(about["plants"]),
+        "versions": reader.metadata["nrs.versions"],
+        "damage": reader.damage,
+        "scenario": scenario_text(reader),
+    }
+
+
+def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
+    """Return a run's summary as short lines by name."""
+    plants = (
+        f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['drive']}, "
+        f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
+        for plant in told["plants"]
+    )
+    return {
+        "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
+        "robots": f"{told['robots']}, {told['joints']} joints each",
+        "plants": "; ".join(plants),
+        "driven": "; ".join(dict.fromkeys(plant["why"] for plant in told["plants"])),
+        "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
+        "messages": f"{told['messages']}",
+        "estimates": f"sup |eps - eps_0|inf = {measured.position_estimate:.4g}, "
+        f"sup |ups - ups_0|inf = {measured.velocity_estimate:.4g}, in the last fifth",
+        "tracking": f"sup |q - eps_0|2 = {measured.position_tracking:.4g}, "
+        f"sup |qd - ups_0|2 = {measured.velocity_tracking:.4g}, in the last fifth",
+        "digest": told["digest"],
+        "recording": told["file"],
+    }
+
+
+def scenario_text(reader: Reader) -> str:
+    """Return the text of the scenario that a recording came from."""
+    return reader.attachments[SCENARIO][1].decode()
+
+
+def scenario_of(reader: Reader) -> ScenarioFile:
+    """Return the scenario that a recording came from; its paths are relative to where it was."""
+    about = about_run(reader)
+    return parse_scenario(scenario_text(reader), about["name"], Path(about["folder"]), SCENARIO)
+
+
+def measure(reader: Reader) -> SteadyState:
+    """Return the steady-state errors of a recording, against its scenario's target."""
+    target: Harmonic = target_of(scenario_of(reader).scenario)
+
+    def at(seconds: Array) -> tuple[Array, Array]:
+        motion = target.at(seconds)
+        return motion.position, motion.velocity
+
+    return steady_state(reader, at)

@@ -1,0 +1,1 @@
+"""A scenario: its file, its tables, and what they come to as numbers."""

@@ -1,0 +1,316 @@
+"""A scenario file is read once; every error names the field, the value and what was expected."""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from bus.errors import InputError
+from bus.network.access import expect_host_name
+from bus.topology import Topology
+from estimator_agents.algorithm import algorithm_names, policies_of
+from orchestrator.errors import ScenarioError
+from orchestrator.scenario.clock import nanoseconds
+from orchestrator.scenario.faults import wrong_faults
+from orchestrator.scenario.numbers import parse_robots
+from orchestrator.scenario.tables import (
+    FORMS,
+    Disturbance,
+    Faults,
+    Plant,
+    Scenario,
+    TlsTable,
+    Uniform,
+)
+from plant_fmu.archives.variables import UNITS
+
+LONGEST_NS, MOST_TICKS = 2**63, 2**32
+SHORTEST = 1e-6
+AXES = "numbers, one for each of target.axes"
+ELSEWHERE = {
+    "kp": "controller.kp",
+    "kd": "controller.kd",
+    "q": "initial.q",
+    "qd": "initial.qd",
+    "position_ref": "initial.position",
+    "velocity_ref": "initial.velocity",
+    **{
+        f"disturbance_{part}": "disturbance.axes"
+        for part in ("offset", "rate", "amplitude", "frequency", "phase")
+    },
+}
+"""Parameters of a plant that a scenario gives in tables of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioFile:
+    """A scenario, the text it was read from, and the folder that its paths are relative to."""
+
+    scenario: Scenario
+    text: str
+    name: str
+    folder: Path
+
+
+def read_scenario(path: Path) -> ScenarioFile:
+    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong."""
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{path}: cannot be read: it is no text in UTF-8") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    return parse_scenario(text, path.stem, path.parent, str(path))
+
+
+def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
+    """Parse a scenario's text; errors begin with its origin."""
+    try:
+        scenario = Scenario.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
+    except ValidationError as error:
+        faults = [_describe(fault) for fault in error.errors()]
+        raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
+    except ValueError as error:  # a number of more digits than Python reads
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
+    faults = list(_faults(scenario))
+    if faults:
+        raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
+    return ScenarioFile(scenario, text, name, folder)
+
+
+def _describe(fault: Any) -> str:
+    """Turn one of pydantic's errors into `field: expected …, got …`."""
+    path = [part for part in fault["loc"] if part not in FORMS]
+    field, value, kind = _dotted(path), fault["input"], fault["type"]
+    if kind == "extra_forbidden":
+        return f"{field}: unknown key{_nearest(str(path[-1]), _keys_at(path[:-1]))}"
+    if kind == "missing":
+        return f"{field}: missing, it has no default"
+    if kind == "model_type":
+        return f"{field}: expected a table, got {value!r}"
+    if kind == "union_tag_invalid":
+        return f"{field}: expected {_forms(fault)}, got {value!r}"
+    if kind == "tuple_type":
+        return f"{field}: expected a list, got {value!r}"
+    expected = fault["msg"].replace("Input should be", "expected")
+    expected = expected.replace("Tuple should have", "expected").replace(
+        "Value error, ", "expected "
+    )
+    return f"{field}: {expected}, got {value!r}"
+
+
+def _forms(fault: Any) -> str:
+    """Name the forms that a value may have."""
+    return " or ".join(tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
+
+
+def _dotted(path: Sequence[int | str]) -> str:
+    """Return `robots[2].initial.q` of ("robots", 2, "initial", "q")."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    return "".join(parts).removeprefix(".")
+
+
+def _keys_at(path: Sequence[int | str]) -> list[str]:
+    """Return the keys that the table at a path may have."""
+    annotation: Any = Scenario
+    for part in path:
+        if isinstance(part, str) and get_origin(annotation) is not dict:
+            annotation = next(_tables(annotation)).model_fields[part].annotation
+    fields = next(_tables(annotation)).model_fields
+    return [field.alias or name for name, field in fields.items()]
+
+
+def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the tables within a type such as `tuple[Robot, ...]` or `Plant | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables(part)
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    """Suggest the nearest known name, or list them all."""
+    close = get_close_matches(name, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
+
+
+def _faults(scenario: Scenario) -> Iterator[str]:
+    """Yield what is wrong in shape or in the relation of one field to another."""
+    n, m = scenario.n, scenario.m
+    yield from _algorithm_faults(scenario)
+    yield from _time_faults(scenario)
+    yield from _plant_faults("plant", scenario.plant)
+    yield from _network_faults(scenario)
+    yield from _gain_faults("controller", scenario.controller, m)
+    yield from _axes_faults("disturbance", scenario.disturbance, m)
+    for name, value in scenario.initial:
+        yield from _draw_faults(f"initial.{name}", value)
+        if not isinstance(value, Uniform):
+            yield from _length_fault(f"initial.{name}", value, n, "rows, one for each robot")
+            for i, row in enumerate(value):
+                yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
+    yield from _link_faults(scenario)
+    seen: set[int] = set()
+    for i, robot in enumerate(scenario.robots):
+        here = f"robots[{i}]"
+        if robot.id > n:
+            yield f"{here}.id: expected 1 to {n}, got {robot.id}"
+        if robot.id in seen:
+            yield f"{here}.id: robot {robot.id} has been given before"
+        seen.add(robot.id)
+        if robot.plant:
+            yield from _plant_faults(f"{here}.plant", robot.plant)
+        if robot.controller:
+            yield from _gain_faults(f"{here}.controller", robot.controller, m)
+        if robot.disturbance:
+            yield from _axes_faults(f"{here}.disturbance", robot.disturbance, m)
+        for name, value in robot.initial:
+            yield from _draw_faults(f"{here}.initial.{name}", value)
+            if isinstance(value, tuple):
+                yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
+    yield from _hosts_faults(scenario.bus.tls, n)
+
+
+def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
+    """Yield what is wrong with the hosts' names and robots; a robot has one host."""
+    taken: dict[int, str] = {}
+    for host, text in (tls.hosts if tls else {}).items():
+        here = f"bus.tls.hosts.{host}"
+        try:
+            expect_host_name(host, "bus.tls.hosts")
+            robots = parse_robots(text, here, n)
+        except InputError as error:
+            yield str(error)
+            continue
+        for robot in robots:
+            if robot in taken:
+                yield f"{here}: robot {robot} is already {taken[robot]!r}'s"
+                break
+            taken[robot] = host
+
+
+def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
+    if scenario.algorithm.name not in algorithm_names():
+        yield (
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
+            f"got {scenario.algorithm.name!r}"
+        )
+    elif scenario.algorithm.missing:
+        known = policies_of(scenario.algorithm.name)
+        if scenario.algorithm.missing not in known:
+            yield (
+                f"algorithm.missing: expected one of {', '.join(known)}, which "
+                f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
+            )
+
+
+def _link_faults(scenario: Scenario) -> Iterator[str]:
+    if scenario.faults != Faults():
+        network = scenario.network
+        shaped = not any(_network_faults(scenario))
+        topology = Topology.of(network.adjacency, network.pinning) if shaped else None
+        yield from wrong_faults(scenario, topology)
+
+
+def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+    for name in plant.variables:
+        if name not in UNITS:
+            yield f"{where}.variables.{name}: no quantity of ours{_nearest(name, list(UNITS))}"
+    for name in ("step", "control_step"):
+        given = getattr(plant, name)
+        if given is not None and given < SHORTEST:
+            yield f"{where}.{name}: expected at least {SHORTEST:g} s, got {given:g} s"
+    for name in plant.parameters:
+        if name in ELSEWHERE:
+            yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"
+
+
+def _time_faults(scenario: Scenario) -> Iterator[str]:
+    run = scenario.run
+    times: dict[str, int] = {}
+    for name in ("duration", "sampling_period", "output_step"):
+        value = getattr(run, name)
+        if value is None:
+            continue
+        try:
+            times[name] = nanoseconds(value)
+        except ValueError as error:
+            yield f"run.{name}: expected a whole number of nanoseconds, but {error}"
+    for name, ns in times.items():
+        if ns >= LONGEST_NS:
+            given = getattr(run, name)
+            yield f"run.{name}: expected less than 2^63 ns (292 years), got {given!r} s"
+    period = times.get("sampling_period")
+    if period and times.get("duration", 0) // period >= MOST_TICKS:
+        yield f"run.duration: expected fewer than 2^32 sampling periods, got {run.duration!r} s"
+    if period and "duration" in times and times["duration"] % period:
+        yield (
+            f"run.duration: expected a whole number of sampling periods of "
+            f"{run.sampling_period!r} s, got {run.duration!r} s"
+        )
+    if period and "output_step" in times and period % times["output_step"]:
+        yield (
+            f"run.output_step: expected a step that divides the sampling period of "
+            f"{run.sampling_period!r} s, got {run.output_step!r} s"
+        )
+
+
+def _network_faults(scenario: Scenario) -> Iterator[str]:
+    n, network = scenario.n, scenario.network
+    shape = list(_length_fault("network.pinning", network.pinning, n, "weights"))
+    for i, row in enumerate(network.adjacency):
+        shape += _length_fault(f"network.adjacency[{i}]", row, n, "weights")
+    yield from shape
+    if shape:
+        return
+    for i, (pin, row) in enumerate(zip(network.pinning, network.adjacency, strict=True)):
+        if not isfinite(sum(row, pin)):
+            yield f"network.adjacency[{i}]: expected weights whose sum is a finite number"
+        if row[i]:
+            yield f"network.adjacency[{i}][{i}]: expected 0, robot {i + 1} cannot hear itself"
+    unreached = Topology.of(network.adjacency, network.pinning).unreached()
+    if unreached:
+        yield (
+            f"network: expected a spanning tree rooted at the target (assumption A2), but no path "
+            f"leads from the target to robot {', '.join(map(str, unreached))}; let one of them "
+            f"hear the target (pinning) or a robot that does"
+        )
+
+
+def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
+    for name, value in controller:
+        if isinstance(value, tuple):
+            yield from _length_fault(
+                f"{where}.{name}", value, m, "entries, one for each of target.axes"
+            )
+            for i, row in enumerate(value):
+                if isinstance(row, tuple):
+                    yield from _length_fault(f"{where}.{name}[{i}]", row, m, AXES)
+
+
+def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
+    if disturbance.axes:
+        yield from _length_fault(
+            f"{where}.axes", disturbance.axes, m, "axes, one for each of target.axes"
+        )
+
+
+def _draw_faults(where: str, value: Any) -> Iterator[str]:
+    if isinstance(value, Uniform) and value.uniform[0] > value.uniform[1]:
+        yield f"{where}.uniform: expected [low, high] with low <= high, got {list(value.uniform)}"
+
+
+def _length_fault(where: str, value: Sequence[Any], length: int, of: str) -> Iterator[str]:
+    if len(value) != length:
+        yield f"{where}: expected {length} {of}, got {len(value)}"

@@ -1,0 +1,47 @@
+"""Robots' numbers as people write them, like pages: `1-3,7` are the robots 1, 2, 3 and 7."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from bus.errors import InputError
+
+_PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
+
+
+def parse_robots(text: str, where: str, most: int | None = None) -> tuple[int, ...]:
+    """Return the robots that a text names, in increasing order.
+
+    `where` is the option or field that gave it, and `most` the number of robots where that is
+    known; `InputError` names both, and the part that is wrong.
+    """
+    named: set[int] = set()
+    for part in (part.strip() for part in text.split(",")):
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise InputError(f"{where}: expected robots like 1-3,7, got {part!r} in {text!r}")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if not 1 <= first <= last:
+            why = "robots count from 1" if first < 1 else f"{first} is more than {last}"
+            raise InputError(f"{where}: expected robots like 1-3,7, got {part!r}: {why}")
+        if last > (most or 1_000_000):
+            there = f"there are robots 1 to {most}" if most else "at most robot 1000000"
+            raise InputError(f"{where}: got {part!r} in {text!r}, but {there}")
+        again = named.intersection(range(first, last + 1))
+        if again:
+            raise InputError(f"{where}: robot {min(again)} is named twice in {text!r}")
+        named.update(range(first, last + 1))
+    return tuple(sorted(named))
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Return ascending numbers as `1-3, 7`."""
+    array = np.asarray(numbers)
+    runs = np.split(array, np.flatnonzero(np.diff(array) != 1) + 1)
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
+def named(numbers: Sequence[int]) -> str:
+    """Return `robot 7` or `robots 1-3, 7`."""
+    return f"robot{'s' * (len(numbers) > 1)} {spans(numbers)}"

@@ -1,0 +1,161 @@
+"""A scenario's numbers as arrays, a row a robot: what was drawn, and who has what of its own.
+
+A draw is keyed by (seed, what is drawn, robot): it depends neither on the order in which robots
+are built nor on where they run.
+"""
+
+from collections.abc import Callable, Sequence
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.links.links import LinkFault, Links
+from bus.links.outages import Outages
+from bus.topology import Topology
+from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
+from estimator_agents.estimate import Estimate
+from estimator_agents.hearing import Missing
+from estimator_agents.target import Harmonic
+from orchestrator.scenario.clock import Clock, nanoseconds
+from orchestrator.scenario.faults import link_faults, silences
+from orchestrator.scenario.tables import Axis, Robot, Scenario, Uniform
+from plant_fmu.plants import Body, Disturbance
+
+Array = NDArray[np.float64]
+
+
+def clock_of(scenario: Scenario) -> Clock:
+    """Return the sampling times and the output grid of a scenario."""
+    run = scenario.run
+    period = nanoseconds(run.sampling_period)
+    output = nanoseconds(run.output_step) if run.output_step else period
+    return Clock(period, output, nanoseconds(run.duration) // period)
+
+
+def topology_of(scenario: Scenario) -> Topology:
+    """Return who hears whom."""
+    return Topology.of(scenario.network.adjacency, scenario.network.pinning)
+
+
+def target_of(scenario: Scenario) -> Harmonic:
+    """Return the target's motion."""
+    return Harmonic(*_terms(scenario.target.axes))
+
+
+def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
+    """Return the faults on the links into some robots; None if the scenario has none at all."""
+    topology = topology_of(scenario)
+    faults, quiet = link_faults(scenario, topology), silences(scenario)
+    if not quiet and all(fault == LinkFault() for fault in faults.values()):
+        return None
+    period = nanoseconds(scenario.run.sampling_period)
+    return Links(
+        topology, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
+    )
+
+
+def silent_of(scenario: Scenario) -> Callable[[int], NDArray[np.intp]]:
+    """Return which robots send nothing, ascending, by the tick."""
+    return Outages.of(silences(scenario), nanoseconds(scenario.run.sampling_period)).at
+
+
+def faulty_of(scenario: Scenario) -> list[int]:
+    """Return the robots that may meet faults on the links into them, ascending."""
+    links = links_of(scenario, np.arange(1, scenario.n + 1))
+    return np.unique(links.sink).tolist() if links else []
+
+
+def algorithm_of(scenario: Scenario) -> Algorithm:
+    """Return the estimator with its gains."""
+    choice = scenario.algorithm
+    return load_algorithm(choice.name, choice.alpha, choice.beta)
+
+
+def missing_of(scenario: Scenario) -> Missing:
+    """Return what an agent does without a neighbour's sample."""
+    return scenario.algorithm.missing or policies_of(scenario.algorithm.name)[0]
+
+
+def initial_estimates(scenario: Scenario, robots: Sequence[int] | None = None) -> Estimate:
+    """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""
+    position, velocity = (_initial(scenario, name, robots) for name in ("position", "velocity"))
+    return Estimate(position, velocity)
+
+
+def bodies(scenario: Scenario, robots: Sequence[int] | None = None) -> list[Body]:
+    """Return what each of some robots starts with, or of all."""
+    own = {robot.id: robot for robot in scenario.robots}
+    names = ("q", "qd", "position", "velocity")
+    start = {name: _initial(scenario, name, robots) for name in names}
+    return [
+        _body(
+            scenario,
+            own.get(robot, Robot(id=robot)),
+            {name: rows[row] for name, rows in start.items()},
+        )
+        for row, robot in enumerate(_those(scenario, robots))
+    ]
+
+
+def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
+    controller = own.controller or scenario.controller
+    disturbance = own.disturbance or scenario.disturbance
+    return Body(
+        robot=own.id,
+        parameters=(own.plant or scenario.plant).parameters,
+        kp=gain(controller.kp, scenario.m),
+        kd=gain(controller.kd, scenario.m),
+        disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
+        **start,
+    )
+
+
+def gain(value: float | tuple[float, ...] | tuple[tuple[float, ...], ...], m: int) -> Array:
+    """Return a gain given as a number, m numbers, or m × m, as a matrix (m, m)."""
+    given = np.asarray(value, float)
+    return given if given.ndim == 2 else np.diag(np.broadcast_to(given, m))
+
+
+def _terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+    """Return offset and rate (m,); amplitude, frequency and phase (m, p).
+
+    A cosine is a sine a quarter turn ahead.
+    """
+    terms = [
+        [(w.amplitude, w.frequency, w.phase) for w in axis.sines]
+        + [(w.amplitude, w.frequency, w.phase + np.pi / 2) for w in axis.cosines]
+        for axis in axes
+    ]
+    waves = np.zeros((3, len(axes), max(map(len, terms))))
+    for i, axis_terms in enumerate(terms):
+        if axis_terms:
+            waves[:, i, : len(axis_terms)] = np.transpose(axis_terms)
+    return np.array([a.offset for a in axes]), np.array([a.rate for a in axes]), *waves
+
+
+def _those(scenario: Scenario, robots: Sequence[int] | None) -> Sequence[int]:
+    return range(1, scenario.n + 1) if robots is None else robots
+
+
+def _initial(scenario: Scenario, name: str, robots: Sequence[int] | None) -> Array:
+    """Return one of the four initial quantities, (rows, m), of some robots or of all."""
+    those = _those(scenario, robots)
+    given = getattr(scenario.initial, name)
+    own = {robot.id: getattr(robot.initial, name) for robot in scenario.robots}
+    rows = np.empty((len(those), scenario.m))
+    for row, robot in enumerate(those):
+        source = own.get(robot)
+        if source is None:
+            source = given if isinstance(given, Uniform) else given[robot - 1]
+        if isinstance(source, Uniform):
+            source = draw(scenario.run.seed, name, robot, source, scenario.m)
+        rows[row] = source
+    return rows
+
+
+def draw(seed: int, purpose: str, robot: int, uniform: Uniform, m: int) -> Array:
+    """Draw m numbers, uniform in [low, high), for one purpose and robot."""
+    key = np.random.SeedSequence([seed, crc32(purpose.encode()), robot])
+    low, high = uniform.uniform
+    return low + (high - low) * np.random.Generator(np.random.Philox(key)).random(m)
