@@ -26,6 +26,7 @@ from orchestrator.runs.alone import on_a_session
 from orchestrator.runs.host import Watch
 from orchestrator.runs.lockstep import Hosts, Manning
 from orchestrator.runs.robots import Robots
+from orchestrator.runs.summary import PARENT
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from orchestrator.scenario.numbers import parse_robots
@@ -35,8 +36,6 @@ from recordings.tables import RUN
 
 _NEXT = re.compile(r",(?=[A-Za-z_][\w.]*=)")
 _ROBOTS_OWN = ("plant", "controller", "disturbance", "initial")
-PARENT = "nrs.parent"
-"""The metadata record of a recording that came from another by a change."""
 
 
 @dataclass(frozen=True, slots=True)

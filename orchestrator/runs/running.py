@@ -5,7 +5,7 @@ import platform
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bus.errors import RunError
+from bus.keys import ORCHESTRATOR
 from bus.topology import Topology
 from orchestrator.errors import Interrupted
 from orchestrator.runs.alone import Alone, alone
@@ -32,6 +33,9 @@ from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import RUN, SCENARIO
 from recordings.writing import Writer
 
+SPENT, REFUSED = "spent", "refused"
+"""What the recording says at its end of where wall time went, and of what was not believed."""
+
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 
 
@@ -44,6 +48,12 @@ class Profile:
     recording: float
     in_one_thread: bool
     """Whether the only host is in the orchestrator's own thread."""
+
+    def told(self) -> dict[str, dict[str, float]]:
+        """Return it for JSON, s by process and by what it was spent on."""
+        hosts = {name: asdict(spent) for name, spent in self.hosts.items()}
+        mine = {**asdict(self.orchestrator), "recording": self.recording}
+        return {**hosts, ORCHESTRATOR: mine}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +154,11 @@ def run(
         wall_seconds = perf_counter() - started
         hosts.end()
         recorder.end()
-        writer.finish(status, reason)
-    refused = Counter(recorder.refused) + Counter(hosts.refused)
-    profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, isinstance(hosts, Alone))
+        refused = Counter(recorder.refused) + Counter(hosts.refused)
+        in_one_thread = isinstance(hosts, Alone)
+        profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, in_one_thread)
+        told = {SPENT: json.dumps(profile.told()), REFUSED: json.dumps(refused)}
+        writer.finish(status, reason, told)
     done = max(recorder.closed, 0)
     return Outcome(
         status,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator_agents.target import Harmonic
+from orchestrator.runs.running import REFUSED, SPENT
 from orchestrator.scenario.clock import NS_PER_S
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from orchestrator.scenario.setting import target_of
@@ -13,6 +14,9 @@ from recordings.measuring import Array, SteadyState, steady_state
 from recordings.reading import Reader
 from recordings.tables import SCENARIO
 from recordings.tables import about as about_run
+
+PARENT = "nrs.parent"
+"""The metadata record of a recording that came from another by a change."""
 
 
 def describe(reader: Reader) -> dict[str, Any]:
@@ -34,6 +38,9 @@ def describe(reader: Reader) -> dict[str, Any]:
         "plants": json.loads(about["plants"]),
         "versions": reader.metadata["nrs.versions"],
         "damage": reader.damage,
+        "parent": reader.metadata.get(PARENT),
+        "spent": json.loads(reader.end.get(SPENT, "null")),
+        "refused": json.loads(reader.end.get(REFUSED, "{}")),
         "scenario": scenario_text(reader),
     }
 
@@ -45,6 +52,8 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
         for plant in told["plants"]
     )
+    parent = told["parent"]
+    of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
     return {
         "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
         "robots": f"{told['robots']}, {told['joints']} joints each",
@@ -56,6 +65,7 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         f"sup |ups - ups_0|inf = {measured.velocity_estimate:.4g}, in the last fifth",
         "tracking": f"sup |q - eps_0|2 = {measured.position_tracking:.4g}, "
         f"sup |qd - ups_0|2 = {measured.velocity_tracking:.4g}, in the last fifth",
+        **of,
         "digest": told["digest"],
         "recording": told["file"],
     }
