@@ -1,15 +1,17 @@
 """What a report must know of a scenario: target, network, theory, and how robots look."""
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from orchestrator.promises.checking import Check, check
+from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.setting import target_of, topology_of
 from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.bundled.declaration import bundled_models, declaration
-from recordings.measuring import Array
+from recordings.measuring import Array, SteadyState
 from recordings.reading import Reader
 from recordings.report.story import Story, read_story
 from recordings.report.subject import Arm, Subject, Verdict
@@ -38,7 +40,7 @@ def subject_of(scenario: Scenario) -> Subject:
         unit=_unit(scenario.plant),
         verdicts=_verdicts(checked),
         factor=checked.spectral_radius,
-        bounds={},
+        bounds=_bounds(scenario, checked),
     )
 
 
@@ -61,6 +63,20 @@ def _unit(plant: Plant) -> str:
     """Return a joint's unit, as the bundled model declares it; rad of any other FMU."""
     known = plant.fmu in bundled_models()
     return (declaration(plant.fmu).variable("q").unit or "rad") if known else "rad"
+
+
+def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:
+    """Return the theory's bounds on each steady-state error, by their names."""
+    found = bounds(promises(scenario, checked.spectral_radius))
+    names = [field.name for field in fields(SteadyState)]
+    told = {
+        name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}
+        for name, bound in zip(names, found, strict=False)
+    }
+    return {
+        name: {law: value for law, value in by_law.items() if value is not None}
+        for name, by_law in told.items()
+    }
 
 
 def _verdicts(checked: Check) -> list[Verdict]:

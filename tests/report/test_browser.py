@@ -29,8 +29,8 @@ def test_every_figure_is_there_with_its_lines(look):
         "ei, joint 1 (rad)", "ei, joint 2 (rad)", "ėi, joint 1 (rad/s)", "ėi, joint 2 (rad/s)",
         "estimates at tk (rad, rad/s)", "robots (rad, rad/s)",
     ]  # fmt: skip
-    assert [lines for *_, lines in drawn] == [7] * 4 + [6] * 4 + [3, 2]
-    assert [points for _, points, _ in drawn] == [7 * 1501] * 4 + [6 * 1501] * 4 + [602, 3002]
+    assert [lines for *_, lines in drawn] == [7] * 4 + [6] * 4 + [9, 6]
+    assert [points for _, points, _ in drawn] == [7 * 1501] * 4 + [6 * 1501] * 4 + [614, 3010]
     assert look.ask("document.querySelectorAll('#network .node').length") == 7
     assert look.ask("document.querySelectorAll('#network .link').length") == 10
     assert "paper_first_order" in look.ask("document.title")
