@@ -121,7 +121,9 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     counted = {name: told for name, told in run["counted"].items() if "spent" not in name}
     assert counted == {"samples": "2,100", "states": "9,006"}
     assert run["counted"].keys() - counted.keys() >= {"spent, here, plants", "spent, here, bus"}
-    assert [v["name"] for v in run["verdicts"]] == ["alpha", "beta", "kp", "kd"]
+    assert [v["name"] for v in run["verdicts"]] == [
+        *("alpha", "beta", "kp", "kd", "kp_tracking", "kd_tracking"),
+    ]
     assert all(v["holds"] for v in run["verdicts"])
     assert run["factor"] == pytest.approx(0.877817, abs=1e-6)
     assert run["network"].count('data-robot="') == 7
