@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from docs.figures import STYLE
 from orchestrator.promises.checking import Check, check
 from orchestrator.promises.judging import Judgement, judge
 from orchestrator.runs.running import run
@@ -21,6 +20,7 @@ from orchestrator.scenario.file import read_scenario
 from orchestrator.scenario.setting import target_of
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
+from recordings.report.printing import STYLE
 from recordings.tables import states
 
 mpl.use("agg")

@@ -25,7 +25,7 @@ INKS = (
 _INK = "#1b1f24"
 _SYMBOL = re.compile(r"(?<![A-Za-z0-9_])([ευeėqt]\u0307?)_([ik\d])(?!\w)")
 """The paper's symbols, with an index; as in the page."""
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#9aa2ab",
     "axes.grid": True,
@@ -59,7 +59,7 @@ def write_figures(stories: Sequence[Story], path: Path, form: Literal["png", "pd
     if form == "png":
         write_png(drawn, path, legend)
         return
-    with mpl.rc_context(_STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
+    with mpl.rc_context(STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
         for figure in drawn:
             pages.savefig(_sheet([figure], legend))
 
@@ -71,7 +71,7 @@ def write_png(
     until: float | None = None,
 ) -> None:
     """Write some figures one under another, up to a time in s or whole."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         _sheet(drawn, legend, until).savefig(path, format="png", metadata={"Software": ""})
 
 

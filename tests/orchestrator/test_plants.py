@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from orchestrator.runs.plants import group_by_archive, open_fleet
-from orchestrator.scenario.setting import bodies, initial_estimates
 from orchestrator.scenario import setting
+from orchestrator.scenario.setting import bodies, initial_estimates
 from plant_fmu.archives.archive import Archive, open_archive
 from plant_fmu.archives.store import keep, stored
 from plant_fmu.bundled.building import build
