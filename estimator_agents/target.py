@@ -1,11 +1,27 @@
-"""The target moves as ε_0(t) = offset + rate t + Σ A sin(ω t + φ) on each axis; υ_0 = ε̇_0."""
+"""The target moves by ε_0(t), twice differentiable: υ_0 = ε̇_0 and a_0 = υ̇_0 are bounded (A1).
+
+Harmonic: ε_0(t) = offset + rate t + Σ A sin(ω t + φ) on each axis. Sampled: the cubic spline, C²,
+through positions at given times.
+"""
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
 from estimator_agents.estimate import Estimate
+
+
+class Target(Protocol):
+    """How a target moves on m axes."""
+
+    def at(self, seconds: ArrayLike) -> Estimate:
+        """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m)."""
+
+    def bounds(self) -> tuple[float, float]:
+        """Return γ1 ≥ sup ‖υ_0‖∞ and γ2 ≥ sup ‖a_0‖∞ (A1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,17 +50,11 @@ class Harmonic:
             self.rate + speed.sum(axis=-1),
         )
 
-    @property
-    def gamma_1(self) -> float:
-        """The largest |υ_0| of any axis (A1): as if its sines met, which they do in the end."""
-        return float(
-            (np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)).max()
-        )
-
-    @property
-    def gamma_2(self) -> float:
-        """The largest |a_0| of any axis (A1), in the same way."""
-        return float(np.abs(self.amplitude * self.frequency**2).sum(axis=1).max())
+    def bounds(self) -> tuple[float, float]:
+        """Return γ1 and γ2 (A1): as if an axis' sines met, which they do in the end."""
+        speed = np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)
+        acceleration = np.abs(self.amplitude * self.frequency**2).sum(axis=1)
+        return float(speed.max()), float(acceleration.max())
 
     def phasors(self) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return ω ≥ 0, (w,), all different, and Â, (w, m), where ε_0 sways by Σ Im Â e^{jωt}."""
@@ -55,3 +65,40 @@ class Harmonic:
         axis = np.broadcast_to(np.arange(len(self.rate))[:, None], self.frequency.shape)
         np.add.at(total, (index.reshape(self.frequency.shape), axis), wave)
         return omega, total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sampled:
+    """Positions at given times and what is between them: a cubic on each interval, C² throughout.
+
+    At the first and at the last inner time the third derivative is continuous too (not-a-knot).
+    """
+
+    spline: Any
+    """scipy's CubicSpline"""
+
+    @classmethod
+    def of(cls, times: ArrayLike, positions: ArrayLike) -> "Sampled":
+        """Return the motion through positions (s, m) at s ≥ 2 increasing times, s.
+
+        Two samples make a line, three a parabola.
+        """
+        return cls(CubicSpline(times, positions, extrapolate=False))
+
+    def at(self, seconds: ArrayLike) -> Estimate:
+        """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m); NaN beyond the samples."""
+        return Estimate(self.spline(seconds), self.spline(seconds, 1))
+
+    def bounds(self) -> tuple[float, float]:
+        """Return the suprema of |υ_0| and |a_0| of any axis over all that was sampled (A1).
+
+        On an interval a_0 is linear and greatest at an end; υ_0 is so too, or where a_0 = 0.
+        """
+        times = self.spline.x
+        a, b, c, _ = self.spline.c
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = -b / (3 * a)
+            inside = (turn > 0) & (turn < np.diff(times)[:, None])
+            turned = np.where(inside, (3 * a * turn + 2 * b) * turn + c, 0)
+        speed = max(np.abs(self.spline(times, 1)).max(), np.abs(turned).max())
+        return float(speed), float(np.abs(self.spline(times, 2)).max())

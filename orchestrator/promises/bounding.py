@@ -43,7 +43,8 @@ def bounded(scenario: Scenario) -> list[Bounded]:
         key = robot.model_dump_json(exclude={"id", "initial"})
         alike[key].append(number)
         common.setdefault(key, robot)
-    return [_bounded(scenario, common[key], robots) for key, robots in alike.items()]
+    whole = target_of(scenario).bounds()
+    return [_bounded(scenario, common[key], robots, whole) for key, robots in alike.items()]
 
 
 def tracking_conditions(scenario: Scenario) -> list[Condition]:
@@ -58,7 +59,10 @@ def tracking_conditions(scenario: Scenario) -> list[Condition]:
     return [min(same, key=lambda c: c.margin) for same in zip(*known, strict=True)]
 
 
-def _bounded(scenario: Scenario, robot: Robot, robots: list[int]) -> Bounded:
+def _bounded(
+    scenario: Scenario, robot: Robot, robots: list[int], whole: tuple[float, float]
+) -> Bounded:
+    """Return what bounds some robots; `whole` are γ1 and γ2."""
     plant = robot.plant or scenario.plant
     controller = robot.controller or scenario.controller
     disturbance = robot.disturbance or scenario.disturbance
@@ -66,10 +70,9 @@ def _bounded(scenario: Scenario, robot: Robot, robots: list[int]) -> Bounded:
     lambda_d = _largest(disturbance.axes)
     p3 = bounds_of(plant.fmu, _parameters(plant), scenario.m)
     why = _unknown(plant, p3, kp, kd, lambda_d)
-    target = target_of(scenario)
     found = None
     if p3 is not None and not why:
-        found = constants(p3, scenario.m, lambda_d, target.gamma_1, target.gamma_2)
+        found = constants(p3, scenario.m, lambda_d, *whole)
     return Bounded(tuple(robots), plant.fmu, Drive.of(kp, kd), lambda_d, p3, found, why)
 
 

@@ -99,7 +99,7 @@ def check(scenario: Scenario) -> Check:
     spectrum, target = spectrum_of(topology), target_of(scenario)
     conditions = (
         *algorithm.conditions(spectrum, h),
-        *demands(algorithm, h, target.gamma_1, target.gamma_2),
+        *demands(algorithm, h, *target.bounds()),
         *_gain_conditions(scenario),
         *tracking_conditions(scenario),
     )

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimator_agents.algorithm import load_algorithm
+from estimator_agents.target import Harmonic
 from estimator_agents.theory.design import Design, design
 from estimator_agents.theory.estimates import (
     Pair,
@@ -51,6 +52,7 @@ class Promises:
     radius: float
     """ρ"""
     motion: SteadyMotion | None
+    """What the errors settle to; None of a target that goes on neither in sines nor straight."""
     sharp: Pair | None
     paper: Promise | None
     robots: list[Bounded]
@@ -119,11 +121,12 @@ def promises(scenario: Scenario, radius: float | None = None) -> Promises:
     if radius is None:
         radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
     robots = bounded(scenario)
-    whole = (target.gamma_1, target.gamma_2)
+    whole = target.bounds()
     why_not = _why_not(scenario, recursion, radius)
     motion, sharpest, always, paper = None, None, None, None
     if recursion is not None and not why_not:
-        motion = steady_motion(recursion, target, radius)
+        if isinstance(target, Harmonic):
+            motion = steady_motion(recursion, target, radius)
         sharpest = sharp(recursion, *whole, radius)
         always = sharp_always(recursion, *whole, radius)
         paper = promise(recursion, *whole)
@@ -142,7 +145,7 @@ def promises(scenario: Scenario, radius: float | None = None) -> Promises:
 
 def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
     """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
-    topology, target = topology_of(scenario), target_of(scenario)
+    topology, whole = topology_of(scenario), target_of(scenario).bounds()
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum = spectrum_of(topology)
@@ -153,7 +156,7 @@ def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
 
     def paper_of(h: float) -> Pair | None:
         recursion = recursion_of(algorithm, topology, h)
-        found = promise(recursion, target.gamma_1, target.gamma_2) if recursion else None
+        found = promise(recursion, *whole) if recursion else None
         return found.bound if found else None
 
     def sharp_of(h: float) -> Pair | None:
@@ -161,7 +164,7 @@ def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
         if recursion is None:
             return None
         radius = spectral_radius(algorithm.modes(spectrum, h))
-        return sharp(recursion, target.gamma_1, target.gamma_2, radius)
+        return sharp(recursion, *whole, radius)
 
     return design(known, wanted, epsilon, paper_of, sharp_of)
 

@@ -19,7 +19,7 @@ from bus.errors import BusError
 from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from bus.transport import Bus, Inbox, Item, Message
 from bus.wire import Wire
-from estimator_agents.target import Harmonic
+from estimator_agents.target import Target
 from orchestrator.runs.host import Spent, Watch
 from orchestrator.runs.pace import NO_PACE, Pace
 from orchestrator.scenario.clock import Clock, seconds
@@ -41,7 +41,7 @@ def window(tick_bytes: int) -> int:
 class TargetNode:
     """Node 0: it publishes the target's position and velocity at the sampling times."""
 
-    def __init__(self, bus: Bus, clock: Clock, wire: Wire, target: Harmonic) -> None:
+    def __init__(self, bus: Bus, clock: Clock, wire: Wire, target: Target) -> None:
         self._clock, self._wire, self._target = clock, wire, target
         self._record = wire.samples.blank(np.array([0]))
         self._put = bus.publisher(wire_key(SAMPLES, TARGET))

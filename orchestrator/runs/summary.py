@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from estimator_agents.target import Harmonic
 from orchestrator.runs.running import REFUSED, SPENT
 from orchestrator.scenario.clock import NS_PER_S
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
@@ -84,7 +83,7 @@ def scenario_of(reader: Reader) -> ScenarioFile:
 
 def measure(reader: Reader) -> SteadyState:
     """Return the steady-state errors of a recording, against its scenario's target."""
-    target: Harmonic = target_of(scenario_of(reader).scenario)
+    target = target_of(scenario_of(reader).scenario)
 
     def at(seconds: Array) -> tuple[Array, Array]:
         motion = target.at(seconds)

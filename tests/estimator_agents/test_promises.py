@@ -70,7 +70,7 @@ def test_steady_states_of_the_example_to_the_printed_digits(algorithm, h, positi
 
 
 def test_the_target_of_the_example_is_bounded_as_the_text_says():
-    assert (HARMONIC.gamma_1, HARMONIC.gamma_2) == (3.0, 1.0)
+    assert HARMONIC.bounds() == (3.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -281,8 +281,8 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
     target = Harmonic(rng.normal(size=2), rng.normal(size=2), *rng.normal(size=(3, 2, 2)))
     recursion = recursion_of(algorithm, topology, h)
     motion = steady_motion(recursion, target, rho)
-    sharpest = sharp(recursion, target.gamma_1, target.gamma_2, rho)
-    paper = promise(recursion, target.gamma_1, target.gamma_2).bound
+    sharpest = sharp(recursion, *target.bounds(), rho)
+    paper = promise(recursion, *target.bounds()).bound
     x, n = np.zeros((2, topology.n, 2)), topology.n
     steady, measured = [], np.zeros(2)
     for k in range(1, 701):
