@@ -17,9 +17,11 @@ from estimator_agents.algorithm import algorithm_names, policies_of
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import nanoseconds
 from orchestrator.scenario.faults import wrong_faults
+from orchestrator.scenario.inlining import inline_target
 from orchestrator.scenario.numbers import parse_robots
 from orchestrator.scenario.tables import (
     FORMS,
+    TARGETS,
     Disturbance,
     Faults,
     Plant,
@@ -27,11 +29,12 @@ from orchestrator.scenario.tables import (
     TlsTable,
     Uniform,
 )
+from orchestrator.scenario.targets import wrong_target
 from plant_fmu.archives.variables import UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 SHORTEST = 1e-6
-AXES = "numbers, one for each of target.axes"
+AXES = "numbers, one for each of the target's axes"
 ELSEWHERE = {
     "kp": "controller.kp",
     "kd": "controller.kd",
@@ -58,7 +61,10 @@ class ScenarioFile:
 
 
 def read_scenario(path: Path) -> ScenarioFile:
-    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong."""
+    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong.
+
+    What it names for its target's samples is read too, and takes the name's place in the text.
+    """
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError:
@@ -67,6 +73,7 @@ def read_scenario(path: Path) -> ScenarioFile:
         raise ScenarioError(f"{path}: cannot be read: it is no text in UTF-8") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    text = inline_target(text, path.parent, str(path))
     return parse_scenario(text, path.stem, path.parent, str(path))
 
 
@@ -83,7 +90,7 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
-    faults = list(_faults(scenario))
+    faults = list(wrong_target(scenario)) or list(_faults(scenario))
     if faults:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
     return ScenarioFile(scenario, text, name, folder)
@@ -94,7 +101,7 @@ def _describe(fault: Any) -> str:
     path = [part for part in fault["loc"] if part not in FORMS]
     field, value, kind = _dotted(path), fault["input"], fault["type"]
     if kind == "extra_forbidden":
-        return f"{field}: unknown key{_nearest(str(path[-1]), _keys_at(path[:-1]))}"
+        return f"{field}: unknown key{_nearest(str(path[-1]), _keys_at(fault['loc'][:-1]))}"
     if kind == "missing":
         return f"{field}: missing, it has no default"
     if kind == "model_type":
@@ -125,7 +132,9 @@ def _keys_at(path: Sequence[int | str]) -> list[str]:
     """Return the keys that the table at a path may have."""
     annotation: Any = Scenario
     for part in path:
-        if isinstance(part, str) and get_origin(annotation) is not dict:
+        if part in FORMS:
+            annotation = TARGETS.get(part, annotation)
+        elif isinstance(part, str) and get_origin(annotation) is not dict:
             annotation = next(_tables(annotation)).model_fields[part].annotation
     fields = next(_tables(annotation)).model_fields
     return [field.alias or name for name, field in fields.items()]
@@ -292,7 +301,7 @@ def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
     for name, value in controller:
         if isinstance(value, tuple):
             yield from _length_fault(
-                f"{where}.{name}", value, m, "entries, one for each of target.axes"
+                f"{where}.{name}", value, m, "entries, one for each of the target's axes"
             )
             for i, row in enumerate(value):
                 if isinstance(row, tuple):
@@ -302,7 +311,7 @@ def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
 def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
     if disturbance.axes:
         yield from _length_fault(
-            f"{where}.axes", disturbance.axes, m, "axes, one for each of target.axes"
+            f"{where}.axes", disturbance.axes, m, "axes, one for each of the target's axes"
         )
 
 

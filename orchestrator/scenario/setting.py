@@ -16,10 +16,10 @@ from bus.topology import Topology
 from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from estimator_agents.estimate import Estimate
 from estimator_agents.hearing import Missing
-from estimator_agents.target import Harmonic
+from estimator_agents.target import Harmonic, Sampled, Target
 from orchestrator.scenario.clock import Clock, nanoseconds
 from orchestrator.scenario.faults import link_faults, silences
-from orchestrator.scenario.tables import Axis, Robot, Scenario, Uniform
+from orchestrator.scenario.tables import Axis, Robot, SampledTarget, Scenario, Uniform
 from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
@@ -38,9 +38,12 @@ def topology_of(scenario: Scenario) -> Topology:
     return Topology.of(scenario.network.adjacency, scenario.network.pinning)
 
 
-def target_of(scenario: Scenario) -> Harmonic:
+def target_of(scenario: Scenario) -> Target:
     """Return the target's motion."""
-    return Harmonic(*_terms(scenario.target.axes))
+    given = scenario.target
+    if isinstance(given, SampledTarget):
+        return Sampled.of(given.times, given.positions)
+    return Harmonic(*_terms(given.axes))
 
 
 def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -38,8 +39,10 @@ VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
 VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
 PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
+HARMONIC, SAMPLED = "a harmonic target", "a sampled target"
 FORMS = frozenset(
     {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
+    | {HARMONIC, SAMPLED}
 )
 
 
@@ -193,11 +196,58 @@ class Axis(Table):
     cosines: tuple[Wave, ...] = ()
 
 
-class TargetMotion(Table):
-    """How the target moves."""
+def _target_kind(kind: Any) -> Any:
+    if kind != "harmonic":  # a sampled target has a table of its own
+        raise ValueError("'harmonic' or 'sampled'")
+    return kind
 
-    kind: Literal["harmonic"] = "harmonic"
+
+def _target_form(value: Any) -> str:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return SAMPLED if kind == "sampled" else HARMONIC
+
+
+class HarmonicTarget(Table):
+    """The target moves by a formula on each axis."""
+
+    kind: Annotated[Literal["harmonic"], BeforeValidator(_target_kind)] = "harmonic"
     axes: tuple[Axis, ...] = Field(min_length=1, description="one for each of the m joints")
+
+    @property
+    def m(self) -> int:
+        """The number of axes."""
+        return len(self.axes)
+
+
+class SampledTarget(Table):
+    """The target moves along the cubic spline through what was sampled: in `file`, or given here.
+
+    A file is read once, and `times` and `positions` of the scenario's text take its place.
+    """
+
+    kind: Literal["sampled"]
+    file: str | None = Field(
+        None,
+        description="path relative to this file, .csv or .parquet: columns t (s) and position_1 … "
+        "position_m; velocity_1 … velocity_m, where given, are checked against the spline's",
+    )
+    times: Vector = Field((), description="s; increasing, from 0 or before to the run's end")
+    positions: tuple[Annotated[Vector, Field(min_length=1)], ...] = Field(
+        (), description="one row of m numbers for each time"
+    )
+
+    @property
+    def m(self) -> int:
+        """The number of axes; 0 before a file is read."""
+        return len(self.positions[0]) if self.positions else 0
+
+
+TargetMotion = Annotated[
+    Annotated[HarmonicTarget, Tag(HARMONIC)] | Annotated[SampledTarget, Tag(SAMPLED)],
+    Discriminator(_target_form),
+]
+TARGETS: dict[Any, type[Table]] = {HARMONIC: HarmonicTarget, SAMPLED: SampledTarget}
+"""The target's tables by form."""
 
 
 class Plant(Table):
@@ -383,7 +433,7 @@ class Scenario(Table):
     @property
     def m(self) -> int:
         """The number of joints of each robot: the target's axes."""
-        return len(self.target.axes)
+        return self.target.m
 
 
 def json_schema() -> dict[str, Any]:

@@ -86,15 +86,15 @@ BAD = {
     ),
     "gains for three joints": (
         ("kp = 200.0", "kp = [1, 2, 3]"),
-        "controller.kp: expected 2 entries, one for each of target.axes, got 3",
+        "controller.kp: expected 2 entries, one for each of the target's axes, got 3",
     ),
     "ragged gain": (
         ("kp = 200.0", "kp = [[1, 2], [3]]"),
-        "controller.kp[1]: expected 2 numbers, one for each of target.axes, got 1",
+        "controller.kp[1]: expected 2 numbers, one for each of the target's axes, got 1",
     ),
     "disturbance on one axis": (
         ("  { sines = [{ amplitude = 2.0, frequency = 1.0 }] }, ", "# "),
-        "disturbance.axes: expected 2 axes, one for each of target.axes, got 1",
+        "disturbance.axes: expected 2 axes, one for each of the target's axes, got 1",
     ),
     "initial rows": (
         ("q = { uniform = [-25.0, 25.0] }", "q = [[1, 2]]"),
@@ -118,7 +118,7 @@ BAD = {
     ),
     "one robot's initial state": (
         ("# [[robots]]", "[[robots]]\nid = 3\ninitial.q = [1, 2, 3]\n#"),
-        "robots[0].initial.q: expected 2 numbers, one for each of target.axes, got 3",
+        "robots[0].initial.q: expected 2 numbers, one for each of the target's axes, got 3",
     ),
     "weights beyond all numbers": (
         ("[0, 1, 1, 0, 0, 0]", "[0, 1e308, 1e308, 0, 0, 0]"),

@@ -1,0 +1,122 @@
+"""A scenario's text holds all that decides a run: what it named as a file stands in it, as numbers.
+
+Hosts elsewhere, resumed runs and replays are given the text alone. A number in it is the shortest
+that reads as the same float, so nothing is rounded on the way.
+"""
+
+import re
+import tomllib
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from bus.errors import InputError
+from estimator_agents.target import Sampled
+from orchestrator.errors import ScenarioError
+from recordings.foreign import read_columns
+
+Array = NDArray[np.float64]
+
+APART = 0.05
+"""How far a sampled velocity may be from the spline's, as a part of the largest sampled."""
+_VECTOR = r"(position|velocity)_[0-9]+"
+
+
+def inline_target(text: str, folder: Path, origin: str) -> str:
+    """Return a scenario's text with its target's samples in place of the name of their file.
+
+    Any other text is returned as it is, with all that may be wrong in it. Errors begin with
+    `origin`.
+    """
+    name = _file_of(text)
+    if name is None:
+        return text
+    try:
+        times, positions = _samples(folder / name)
+    except InputError as error:
+        raise ScenarioError(f"{origin}: target.file: {error}") from None
+    document = tomlkit.parse(text)
+    target: Any = document["target"]
+    given = [key for key in ("times", "positions") if key in target]
+    if given:
+        raise ScenarioError(
+            f"{origin}: target.file: got {name!r} and target.{given[0]} too; give one of them"
+        )
+    del target["file"]
+    target["times"] = tomlkit.value(_written(times.tolist()))
+    target["positions"] = tomlkit.value(_written(positions.tolist()))
+    return tomlkit.dumps(document)
+
+
+def _file_of(text: str) -> str | None:
+    """Return the name of the file of a sampled target."""
+    try:
+        target = tomllib.loads(text).get("target")
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(target, dict) or target.get("kind") != "sampled":
+        return None
+    name = target.get("file")
+    return name if isinstance(name, str) else None
+
+
+def _written(rows: list[Any]) -> str:
+    return "\n".join(["[", *(f"  {row!r}," for row in rows), "]"])
+
+
+def _samples(path: Path) -> tuple[Array, Array]:
+    """Return times (s,) and positions (s, m) of a file, whose velocities agree with them."""
+    found = read_columns(path)
+    for name in ("t", "position_1"):
+        if name not in found:
+            raise InputError(
+                f"{path}: expected columns t and position_1 … position_m, got "
+                f"{', '.join(found) or 'none'}, without {name}"
+            )
+    kinds = [name.partition("_")[0] for name in found if re.fullmatch(_VECTOR, name)]
+    m = kinds.count("position")
+    wanted = {kind: [f"{kind}_{i}" for i in range(1, m + 1)] for kind in sorted({*kinds})}
+    for kind, names in wanted.items():
+        lacking = [name for name in names if name not in found]
+        if lacking or kinds.count(kind) > m:
+            raise InputError(
+                f"{path}: expected {names[0]} … {names[-1]}, as many velocities as positions if "
+                f"any, got {kinds.count(kind)}" + f", without {lacking[0]}" * bool(lacking)
+            )
+    for name in ["t", *chain(*wanted.values())]:
+        bad = np.flatnonzero(~np.isfinite(found[name]))
+        if len(bad):
+            raise InputError(
+                f"{path}: {name} of sample {bad[0]}: expected a finite number, "
+                f"got {found[name][bad[0]]}"
+            )
+    times = found["t"]
+    vectors = {
+        kind: np.stack([found[name] for name in names], axis=1) for kind, names in wanted.items()
+    }
+    if "velocity" in vectors and len(times) > 1 and np.all(np.diff(times) > 0):
+        _agree(path, times, vectors["position"], vectors["velocity"])
+    return times, vectors["position"]
+
+
+def _agree(path: Path, times: Array, positions: Array, velocities: Array) -> None:
+    """Raise unless velocities are those of the motion through the positions.
+
+    The positions alone decide it: a cubic through both would have jumps in its acceleration.
+    """
+    with np.errstate(all="ignore"):
+        moved = Sampled.of(times, positions).at(times).velocity
+        apart = np.abs(moved - velocities)
+    rounding = 1e-12 * np.abs(positions).max() / np.diff(times).min()
+    most = APART * np.abs(velocities).max() + rounding
+    if not np.all(apart <= most):
+        row, axis = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
+        raise InputError(
+            f"{path}: velocity_{axis + 1} of sample {row}: expected {moved[row, axis]:g} as the "
+            f"positions have it, within {most:g}, got {velocities[row, axis]:g}; sample more "
+            f"often, or leave the velocities out"
+        )

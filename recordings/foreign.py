@@ -1,0 +1,73 @@
+"""A table of numbers that others made, by column: CSV with a header, or Parquet."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.errors import InputError
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+def read_columns(path: Path) -> Columns:
+    """Return the columns of a .csv or .parquet file by name, each (rows,); `InputError` if bad.
+
+    What is missing from a Parquet file's column is NaN there.
+    """
+    if path.suffix.lower() not in {".csv", ".parquet"}:
+        raise InputError(f"{path}: expected a file named .csv or .parquet")
+    try:
+        return _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read: it is no text in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _csv(path: Path) -> Columns:
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        lines = csv.reader(file)
+        try:
+            names = [name.strip() for name in next(lines, [])]
+            rows = [(lines.line_num, row) for row in lines if row]
+        except csv.Error as error:
+            raise InputError(f"{path}, line {lines.line_num}: {error}") from None
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: expected columns of different names, got {', '.join(names)}")
+    found = np.empty((len(rows), len(names)))
+    for i, (line, row) in enumerate(rows):
+        if len(row) != len(names):
+            raise InputError(
+                f"{path}, line {line}: expected {len(names)} values, as in the header, "
+                f"got {len(row)}"
+            )
+        for j, value in enumerate(row):
+            try:
+                found[i, j] = float(value)
+            except ValueError:
+                raise InputError(
+                    f"{path}, line {line}: {names[j]}: expected a number, got {value!r}"
+                ) from None
+    return {name: found[:, j] for j, name in enumerate(names)}
+
+
+def _parquet(path: Path) -> Columns:
+    try:
+        import pyarrow as pa  # noqa: PLC0415 (an extra)
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            f"{path}: pyarrow is missing; pip install 'nrs-cosim[analysis]', or give a .csv file"
+        ) from error
+    try:
+        table = parquet.read_table(path)
+        return {
+            name: table.column(name).cast(pa.float64()).to_numpy().astype(float)
+            for name in table.column_names
+        }
+    except (pa.ArrowException, ValueError) as error:
+        raise InputError(f"{path}: no table of numbers: {error}") from None
