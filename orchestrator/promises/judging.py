@@ -4,7 +4,8 @@ The promises are of t → ∞. At t_k there is also what is left of the beginnin
 z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is proven when it is
 more than the bound for this target and the largest such rest of the last fifth together. z also has
 the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over the second half of the
-ticks until it is lost in rounding.
+ticks until it is lost in rounding. Where it is not known what x settles to, z = x: at any t_k the
+rest of x(t_k) is within the bound for any target. There is no factor then.
 """
 
 from collections.abc import Iterator
@@ -111,7 +112,9 @@ def _beginning(
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
     motion, recursion = promised.motion, promised.recursion
-    if motion is None or recursion is None or not np.all(np.isfinite(motion.phasor)):
+    if recursion is None or (motion is None and promised.sharp is None):
+        return (None,) * 4, None
+    if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, None
     target = target_of(scenario)
 
@@ -123,10 +126,12 @@ def _beginning(
     first = next(story, None)
     if first is None or first[0] != 1:
         return (None,) * 4, None
-    aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
-    z = first[1] - motion.at(1)
+    z = first[1] if motion is None else first[1] - motion.at(1)
     end = reader.ticks
     left = _left(recursion.matrix, z, end - end // 5, end)
+    if motion is None:
+        return (*left, 0.0, 0.0), None
+    aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
     return (*left, 0.0, 0.0), _factor(aside)
 
 

@@ -80,12 +80,13 @@ def _samples(path: Path) -> tuple[Array, Array]:
     kinds = [name.partition("_")[0] for name in found if re.fullmatch(_VECTOR, name)]
     m = kinds.count("position")
     wanted = {kind: [f"{kind}_{i}" for i in range(1, m + 1)] for kind in sorted({*kinds})}
-    for kind, names in wanted.items():
-        lacking = [name for name in names if name not in found]
+    for kind, those in wanted.items():
+        lacking = [name for name in those if name not in found]
         if lacking or kinds.count(kind) > m:
+            without = f", without {lacking[0]}" if lacking else ""
             raise InputError(
-                f"{path}: expected {names[0]} … {names[-1]}, as many velocities as positions if "
-                f"any, got {kinds.count(kind)}" + f", without {lacking[0]}" * bool(lacking)
+                f"{path}: expected {those[0]} … {those[-1]}, as many velocities as positions if "
+                f"any, got {kinds.count(kind)}{without}"
             )
     for name in ["t", *chain(*wanted.values())]:
         bad = np.flatnonzero(~np.isfinite(found[name]))

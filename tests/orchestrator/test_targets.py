@@ -1,0 +1,274 @@
+"""A target may be sampled: its file is read once, and its scenario's text then says it all."""
+
+import json
+import sys
+import tomllib
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from bus.errors import InputError
+from orchestrator.errors import ScenarioError
+from orchestrator.promises.checking import check
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import bounds, promises
+from orchestrator.reports.reporting import story_of
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import measure, scenario_of, scenario_text
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import target_of
+from orchestrator.scenario.tables import json_schema
+from recordings.foreign import read_columns
+from recordings.reading import Reader
+from tests.orchestrator.arms import target
+from tests.orchestrator.conftest import SCENARIOS
+
+TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+START, END = TEXT.index("[target]"), TEXT.index("[plant]")
+TIMES = np.arange(0, 30.04, 0.05)
+SAMPLES = np.array([np.concatenate(target(t)) for t in TIMES])
+NAMES = ["position_1", "position_2", "velocity_1", "velocity_2"]
+INLINE = "kind = 'sampled'\ntimes = {}\npositions = {}\n"
+
+
+def scenario(table: str, *replacements: tuple[str, str]) -> str:
+    """Return the paper's example with another target."""
+    text = TEXT[:START] + table + "\n" + TEXT[END:]
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def inline(times, positions, *replacements):
+    table = "[target]\n" + INLINE.format(list(times), [list(row) for row in positions])
+    return parse_scenario(scenario(table, *replacements), "inline", SCENARIOS, "inline.toml")
+
+
+def csv_of(columns: dict) -> str:
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+
+def table(times=TIMES, names=NAMES, samples=SAMPLES) -> dict:
+    return {"t": times.tolist()} | {name: samples[:, i].tolist() for i, name in enumerate(names)}
+
+
+def read(folder, text=None, name="track.csv", columns=None):
+    """Write a scenario and the file of its target, and read them."""
+    if columns is not None:
+        (folder / name).write_text(csv_of(columns), "utf-8")
+    text = text or scenario(f"[target]\nkind = 'sampled'\nfile = '{name}'\n")
+    (folder / "sampled.toml").write_text(text, "utf-8")
+    return read_scenario(folder / "sampled.toml")
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "[target]\nkind = 'sampled'  # measured\nfile = 'track.csv'\n",
+        "[target]\nfile = 'track.csv'\nkind = 'sampled'",
+        "target = {kind = 'sampled', file = 'track.csv'}",
+        "target.kind = 'sampled'\ntarget.file = 'track.csv'",
+    ],
+)
+def test_the_text_says_what_the_file_said(tmp_path, form):
+    text = scenario(form) if form[0] == "[" else f"{form}\n" + TEXT[:START] + TEXT[END:]
+    file = read(tmp_path, text, columns=table())
+    (tmp_path / "track.csv").unlink()
+    again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again")
+    assert again.scenario == file.scenario
+    assert again.scenario.target.times == tuple(TIMES)
+    np.testing.assert_array_equal(again.scenario.target.positions, SAMPLES[:, :2])
+    ours, theirs = tomllib.loads(file.text), tomllib.loads(text)
+    assert {**ours, "target": 0} == {**theirs, "target": 0}
+    assert ours["target"].keys() == {"kind", "times", "positions"}
+
+
+def test_parquet_is_read_as_csv_is(tmp_path):
+    pyarrow.parquet.write_table(pyarrow.table(table()), tmp_path / "track.parquet")
+    other = read(tmp_path, columns=table())
+    assert read(tmp_path, name="track.parquet").scenario == other.scenario
+
+
+def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ScenarioError, match=r"target.file: .*pyarrow is missing; pip install"):
+        read(tmp_path, name="track.parquet")
+
+
+def test_a_scenario_without_a_file_is_left_as_it_is():
+    assert read_scenario(SCENARIOS / "paper_first_order.toml").text == TEXT
+
+
+BAD_FILES = {
+    "no file": (None, "track.csv: no such file"),
+    "no header": ("", "got none, without t"),
+    "no time": ("time,position_1\n0,1\n", "got time, position_1, without t"),
+    "gap": ("t,position_1,position_3\n0,1,2\n", "got 2, without position_2"),
+    "few velocities": ("t,position_1,position_2,velocity_1\n0,1,2,3\n", "without velocity_2"),
+    "many velocities": ("t,position_1,velocity_1,velocity_2\n0,1,2,3\n", "got 2"),
+    "text": ("t,position_1\n0,1\n1,x\n", "line 3: position_1: expected a number, got 'x'"),
+    "short row": ("t,position_1\n0,1\n1\n", "line 3: expected 2 values, as in the header, got 1"),
+    "infinite": ("t,position_1\n0,1\n1,inf\n", "position_1 of sample 1: expected a finite number"),
+    "twice": ("t,t,position_1\n0,0,1\n", "expected columns of different names"),
+    "no text": (b"\xff\xfe", "it is no text in UTF-8"),
+    "wrong velocity": (
+        "t,position_1,velocity_1\n0,0,1\n20,20,1\n40,40,2\n",
+        "velocity_1 of sample 2: expected 1 as the positions have it, within 0.1, got 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_errors_of_files_name_the_field_and_what_is_wrong(tmp_path, case):
+    content, message = BAD_FILES[case]
+    if content is not None:
+        raw = content if isinstance(content, bytes) else content.encode()
+        (tmp_path / "track.csv").write_bytes(raw)
+    with pytest.raises(ScenarioError) as error:
+        read(tmp_path)
+    assert "sampled.toml: target.file: " in str(error.value)
+    assert message in str(error.value)
+
+
+def test_a_file_of_another_kind_or_of_no_table(tmp_path):
+    with pytest.raises(InputError, match=r"expected a file named .csv or .parquet"):
+        read_columns(tmp_path / "track.mat")
+    (tmp_path / "track.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match="no table of numbers"):
+        read_columns(tmp_path / "track.parquet")
+
+
+def test_velocities_decide_nothing_and_a_target_at_rest_has_some(tmp_path):
+    with_them = read(tmp_path, columns=table()).scenario
+    assert with_them == read(tmp_path, columns=table(names=NAMES[:2])).scenario
+    rest = np.tile([0.1, 0.7, 0.0, 0.0], (len(TIMES), 1))
+    assert read(tmp_path, columns=table(samples=rest)).scenario.m == 2
+
+
+def test_a_file_beside_times(tmp_path):
+    text = scenario("[target]\nkind = 'sampled'\nfile = 'track.csv'\ntimes = [0, 1]\n")
+    with pytest.raises(ScenarioError, match=r"target.file: got 'track.csv' and target.times too"):
+        read(tmp_path, text, columns=table())
+
+
+BAD_TABLES = {
+    "kind": ("kind = 'spline'", "target.kind: expected 'harmonic' or 'sampled', got 'spline'"),
+    "key of the other kind": (
+        "kind = 'sampled'\naxes = []",
+        "target.axes: unknown key; there are kind, file, times, positions",
+    ),
+    "misspelt": ("kind = 'sampled'\ntime = []", "target.time: unknown key; did you mean 'times'?"),
+    "nothing": ("kind = 'sampled'", "target.times: expected two times at least, got 0; give"),
+    "unread file": ("kind = 'sampled'\nfile = 'a.csv'", "target.file: 'a.csv' was not read"),
+    "rows": (INLINE.format("[0, 40]", "[[1]]"), "target.positions: expected 2 rows"),
+    "row": (
+        INLINE.format("[0, 40]", "[[1, 2], [1]]"),
+        "target.positions[1]: expected 2 numbers, as in the first row, got 1",
+    ),
+    "no axes": (INLINE.format("[0, 40]", "[[], []]"), "target.positions[0]: expected"),
+    "equal times": (
+        INLINE.format("[0, 1, 1.0, 40]", "[[1], [1], [1], [1]]"),
+        "target.times[2]: expected times that increase, got 1.0 after 1.0",
+    ),
+    "no number": (INLINE.format("[0, nan]", "[[1], [2]]"), "target.times[1]: expected a finite"),
+    "late": (
+        INLINE.format("[0.5, 40]", "[[1], [2]]"),
+        "target.times: expected times that cover 0 to 30.0 s (run.duration), got 0.5 to 40.0 s",
+    ),
+    "early": (
+        INLINE.format("[0, 29]", "[[1], [2]]"),
+        "target.times: expected times that cover 0 to 30.0 s",
+    ),
+    "beyond floats": (
+        INLINE.format("[0, 1e-9, 40]", "[[-1e308], [1e308], [0]]"),
+        "target.positions: expected a motion of finite velocity",
+    ),
+    "too near": (
+        INLINE.format("[0, 5e-324, 1e-323, 40]", "[[1], [2], [3], [4]]"),
+        "target.positions: expected a motion of finite velocity",
+    ),
+    "axes of others": (
+        INLINE.format("[0, 40]", "[[1, 2, 3], [1, 2, 3]]"),
+        "disturbance.axes: expected 3 axes, one for each of the target's axes, got 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TABLES)
+def test_errors_of_tables_name_the_field_and_the_value(case):
+    given, message = BAD_TABLES[case]
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(scenario(f"[target]\n{given}\n"), "bad", SCENARIOS, "bad.toml")
+    assert f"bad.toml: {message}" in str(error.value)
+
+
+def test_schema_has_both_kinds():
+    kinds = json.loads(json.dumps(json_schema()))["$defs"]
+    assert kinds["SampledTarget"]["properties"].keys() == {"kind", "file", "times", "positions"}
+    assert kinds["HarmonicTarget"]["properties"].keys() == {"kind", "axes"}
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """The paper's run, and the same with its target sampled densely: recordings."""
+    folder = tmp_path_factory.mktemp("targets")
+    run(read_scenario(SCENARIOS / "paper_first_order.toml"), folder / "harmonic.mcap")
+    run(read(folder, columns=table()), folder / "sampled.mcap")
+    with Reader(folder / "harmonic.mcap") as one, Reader(folder / "sampled.mcap") as other:
+        yield one, other
+
+
+def test_the_papers_run_is_what_it_was(ran):
+    digest = "72cc87d4f5a96c823b32ee6a10a52ff8d286cb56abe0395a308ba91e41789f71"
+    if sys.platform == "linux":
+        assert ran[0].digest == digest
+
+
+def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
+    harmonic, sampled = (measure(reader) for reader in ran)
+    for name in ("position_estimate", "velocity_estimate", "position_tracking"):
+        assert getattr(sampled, name) == pytest.approx(getattr(harmonic, name), rel=1e-3)
+    one, other = (story_of(reader) for reader in ran)
+    np.testing.assert_allclose(other.target["position"], one.target["position"], atol=1e-4)
+
+
+def test_the_recording_alone_repeats_the_run(ran, tmp_path):
+    file = scenario_of(ran[1])
+    assert "track.csv" not in scenario_text(ran[1])
+    run(file, tmp_path / "again.mcap")
+    with Reader(tmp_path / "again.mcap") as again:
+        assert again.digest == ran[1].digest
+
+
+def test_promises_are_of_any_target_and_are_kept(ran):
+    file = scenario_of(ran[1])
+    told = promises(file.scenario)
+    harmonic = promises(scenario_of(ran[0]).scenario)
+    assert told.exact is None
+    assert told.as_json()["estimates"]["exact"] is None
+    for row, other in zip(bounds(told), bounds(harmonic), strict=True):
+        assert row.exact is None
+        assert row.sharp == pytest.approx(other.sharp, rel=1e-2)
+        assert row.paper == pytest.approx(other.paper, rel=1e-2)
+    judged = judge(ran[1], file.scenario, measure(ran[1]))
+    assert [row.verdict for row in judged.quantities] == ["within"] * 4
+    assert judged.measured_factor is None
+    assert judged.factor == judge(ran[0], file.scenario, measure(ran[0])).factor
+    assert [c.holds for c in check(file.scenario).conditions] == [True] * 6
+
+
+def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
+    """The same run judged by a target that stood still: what it did was not allowed."""
+    still = inline([0, 40], [[0, 0], [0, 0]]).scenario
+    assert target_of(still).bounds() == (0, 0)
+    judged = judge(ran[1], still, measure(ran[1]))
+    assert judged.quantities[0].verdict == "exceeds"
+
+
+def test_duration_may_end_with_the_samples():
+    short = ("duration = 30.0", "duration = 0.3")
+    assert inline([0.0, 0.1, 0.2, 0.3], [[0, 0]] * 4, short).scenario.m == 2
