@@ -3,6 +3,7 @@
 import json
 import sys
 import tomllib
+from itertools import islice
 
 import numpy as np
 import pyarrow
@@ -14,8 +15,10 @@ from orchestrator.errors import ScenarioError
 from orchestrator.promises.checking import check
 from orchestrator.promises.judging import judge
 from orchestrator.promises.promising import bounds, promises
+from orchestrator.replays.verifying import verify
+from orchestrator.replays.what_if import Change, changed
 from orchestrator.reports.reporting import story_of
-from orchestrator.runs.running import run
+from orchestrator.runs.running import past_of, run
 from orchestrator.runs.summary import measure, scenario_of, scenario_text
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import target_of
@@ -242,6 +245,18 @@ def test_the_recording_alone_repeats_the_run(ran, tmp_path):
     run(file, tmp_path / "again.mcap")
     with Reader(tmp_path / "again.mcap") as again:
         assert again.digest == ran[1].digest
+
+
+def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
+    file = scenario_of(ran[1])
+    verdict = verify(ran[1], file, plants=False)
+    assert verdict.difference is None
+    assert verdict.ticks == 300
+    run(file, tmp_path / "rest.mcap", past=islice(past_of(ran[1]), 201))
+    with Reader(tmp_path / "rest.mcap") as rest:
+        assert rest.digest == ran[1].digest
+    other = changed(file, [], [Change.of("--algorithm", "alpha=0.8")])
+    assert other.scenario.target == file.scenario.target
 
 
 def test_promises_are_of_any_target_and_are_kept(ran):
