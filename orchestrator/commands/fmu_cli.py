@@ -8,6 +8,7 @@ import typer
 
 from bus.errors import InputError
 from orchestrator.commands import showing
+from orchestrator.commands.places import expect_replaceable
 from orchestrator.runs.plants import Group
 from orchestrator.scenario.file import read_scenario
 from orchestrator.scenario.setting import bodies
@@ -73,6 +74,7 @@ def fmu_build(
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
+    expect_replaceable(output, "FMU", b"PK")
     write_fmu(name, fmi, output)
     out.print(str(output), markup=False)
 
@@ -92,6 +94,7 @@ def fmu_from_urdf(
     robot = read_urdf(urdf)
     for warning in robot.warnings():
         say("yellow", "warning", f"{urdf}: {warning}")
+    expect_replaceable(output, "FMU", b"PK")
     write_urdf(robot, fmi, _three_numbers("--gravity", gravity), output)
     out.print(str(output), markup=False)
 

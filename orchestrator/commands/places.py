@@ -24,7 +24,7 @@ def place_for(output: Path | None, name: str) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         path = _new(name) if output is None else output
         if output is not None and output.exists():
-            _expect_replaceable(output)
+            expect_replaceable(output, "recording", MAGIC)
     except OSError as error:
         raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
     try:
@@ -32,6 +32,24 @@ def place_for(output: Path | None, name: str) -> Iterator[Path]:
     finally:
         if output is None and path.exists() and path.stat().st_size == 0:
             path.unlink()
+
+
+def expect_replaceable(path: Path, kind: str, *begins: bytes) -> None:
+    """Raise `InputError` for a path that has a file of another kind, which begins otherwise."""
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise InputError(f"{path}: is no regular file; give another name for the {kind}")
+    with path.open("rb") as file:
+        begin = file.read(max(map(len, begins)))
+    if begin and not begin.lower().startswith(tuple(b.lower() for b in begins)):
+        raise InputError(f"{path}: exists and is no {kind}; give another name")
+
+
+def expect_another(output: Path | None, recording: Path) -> None:
+    """Raise `InputError` for an output that is the very recording that is read."""
+    if output is not None and output.exists() and output.samefile(recording):
+        raise InputError(f"-o {output}: is the recording itself; give another name")
 
 
 def _new(name: str) -> Path:
@@ -47,12 +65,3 @@ def _taken(path: Path) -> bool:
     except FileExistsError:
         return False
     return True
-
-
-def _expect_replaceable(path: Path) -> None:
-    if not path.is_file():
-        raise InputError(f"{path}: is no regular file; give another name for the recording")
-    with path.open("rb") as file:
-        begin = file.read(len(MAGIC))
-    if begin not in (b"", MAGIC):
-        raise InputError(f"{path}: exists and is no recording; give another name")

@@ -12,6 +12,7 @@ from bus.network.endpoints import Endpoints
 from bus.network.zenoh_bus import ZenohBus
 from orchestrator.commands import showing
 from orchestrator.commands.options import Connect, Listen, RecordingPath
+from orchestrator.commands.places import expect_another, expect_replaceable
 from orchestrator.commands.run_cli import Output, perform
 from orchestrator.replays.comparing import QUANTITIES, Comparison, compare
 from orchestrator.replays.publishing import publish
@@ -98,6 +99,7 @@ def diff(
     with Reader(a) as one, Reader(b) as other:
         found = compare(one, other)
     if picture:
+        expect_replaceable(picture, "PNG picture", b"\x89PNG")
         _draw(found, picture)
     if as_json:
         print_json(found.as_json())
@@ -141,6 +143,12 @@ def _publish(
     wait: float,
 ) -> None:
     start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
+    last = reader.end_ns or 0
+    if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
+        raise InputError(
+            f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
+            f"{last / NS_PER_S:g} s, lies there"
+        )
     topic = reader.channels[0].topic
 
     def ready(bus: ZenohBus) -> None:
@@ -164,6 +172,7 @@ def _publish(
 def _what_if(reader: Reader, plant: list[str], algorithm: list[str], output: Path | None) -> None:
     if reader.status != "completed" or reader.damage:
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
+    expect_another(output, Path(reader.path))
     plants = [Change.of("--plant", text) for text in plant]
     algorithms = [Change.of("--algorithm", text) for text in algorithm]
     file = changed(scenario_of(reader), plants, algorithms)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from orchestrator.commands.places import expect_replaceable
 from orchestrator.reports.reporting import story_of
 from orchestrator.terminal import out, say
 from recordings.errors import MissingExtraError, UncreatableError
@@ -14,6 +15,7 @@ from recordings.report.page import page
 from recordings.report.story import Story
 
 Format = Literal["html", "png", "pdf"]
+_BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF"}
 
 
 def report(
@@ -37,6 +39,7 @@ def report(
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")
     try:
+        expect_replaceable(output, f"report ({form})", _BEGINS[form])
         output.parent.mkdir(parents=True, exist_ok=True)
         part = output.with_name(output.name + ".part")
         if form == "html":

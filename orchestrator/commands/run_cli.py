@@ -194,6 +194,10 @@ def _manning(
 ) -> Manning:
     """Return how a run gets the hosts that were asked for."""
     n = file.scenario.n
+    if not 1 <= handling.expected <= n:
+        raise InputError(f"--expect: expected 1 to {n} hosts, got {handling.expected}")
+    if handling.expected > 1 and not (listen or connect):
+        raise InputError(f"--expect {handling.expected}: needs --listen or --connect")
     if listen or connect:
         if hosts is not None:
             option = "--listen" if listen else "--connect"

@@ -142,6 +142,7 @@ def run(
         try:
             for k, tick in enumerate(past or ()):
                 recorder.copy(k, tick)
+                watch(clock.t(k))
             copied = max(recorder.closed, 0)
             hosts.begin(recorder)
             for _ in lockstep.run():
