@@ -33,9 +33,17 @@ class Topology:
         sink, source = np.nonzero(full)
         return cls(len(full), source, sink + 1, full[sink, source])
 
+    @classmethod
+    def of_edges(cls, n: int, source: ArrayLike, sink: ArrayLike, weight: ArrayLike) -> "Topology":
+        """Return the digraph of edges j → i, each (E,), given once and in any order."""
+        j, i = np.asarray(source, np.intp), np.asarray(sink, np.intp)
+        order = np.lexsort((j, i))
+        return cls(n, j[order], i[order], np.asarray(weight, float)[order])
+
     def in_neighbours(self, robot: int) -> NDArray[np.intp]:
         """Return the nodes that a robot hears, ascending."""
-        heard: NDArray[np.intp] = self.source[self.sink == robot]
+        first, end = np.searchsorted(self.sink, [robot, robot + 1])
+        heard: NDArray[np.intp] = self.source[first:end]
         return heard
 
     @property
@@ -61,12 +69,17 @@ class Topology:
 
     def steps(self) -> NDArray[np.intp]:
         """Return the fewest edges that lead from the target to each robot, (n,); −1 for none do."""
-        steps = np.full(self.n + 1, -1, np.intp)
-        steps[0] = reached = 0
-        while (new := self.sink[(steps[self.source] == reached) & (steps[self.sink] < 0)]).size:
-            reached += 1
-            steps[new] = reached
-        return steps[1:]
+        order = np.argsort(self.source, kind="stable")
+        heard_by = self.sink[order].tolist()
+        first = np.searchsorted(self.source[order], np.arange(self.n + 2)).tolist()
+        steps = [0, *[-1] * self.n]
+        reached = [0]
+        for node in reached:  # which grows: nearer nodes come first
+            for robot in heard_by[first[node] : first[node + 1]]:
+                if steps[robot] < 0:
+                    steps[robot] = steps[node] + 1
+                    reached.append(robot)
+        return np.array(steps[1:], np.intp)
 
     def unreached(self) -> list[int]:
         """Return the robots to which no directed path leads from the target.

@@ -4,7 +4,6 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from math import isfinite
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -12,12 +11,13 @@ from pydantic import BaseModel, ValidationError
 
 from bus.errors import InputError
 from bus.network.access import expect_host_name
-from bus.topology import Topology
 from estimator_agents.algorithm import algorithm_names, policies_of
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import nanoseconds
 from orchestrator.scenario.faults import wrong_faults
+from orchestrator.scenario.graphs import with_edges
 from orchestrator.scenario.inlining import inline_target
+from orchestrator.scenario.networks import topology_of, wrong_form, wrong_network
 from orchestrator.scenario.numbers import parse_robots
 from orchestrator.scenario.tables import (
     FORMS,
@@ -63,7 +63,8 @@ class ScenarioFile:
 def read_scenario(path: Path) -> ScenarioFile:
     """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong.
 
-    What it names for its target's samples is read too, and takes the name's place in the text.
+    What it names for its target's samples or its network's edges is read too, and takes the name's
+    place in the text.
     """
     try:
         text = path.read_text("utf-8")
@@ -74,6 +75,7 @@ def read_scenario(path: Path) -> ScenarioFile:
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     text = inline_target(text, path.parent, str(path))
+    text = with_edges(text, path.parent, str(path))
     return parse_scenario(text, path.stem, path.parent, str(path))
 
 
@@ -156,11 +158,16 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 
 def _faults(scenario: Scenario) -> Iterator[str]:
     """Yield what is wrong in shape or in the relation of one field to another."""
+    no_form = wrong_form(scenario.network)
+    if no_form:
+        yield no_form
+        return
     n, m = scenario.n, scenario.m
+    network_faults = list(wrong_network(scenario))
     yield from _algorithm_faults(scenario)
     yield from _time_faults(scenario)
     yield from _plant_faults("plant", scenario.plant)
-    yield from _network_faults(scenario)
+    yield from network_faults
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     for name, value in scenario.initial:
@@ -169,7 +176,14 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield from _length_fault(f"initial.{name}", value, n, "rows, one for each robot")
             for i, row in enumerate(value):
                 yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
-    yield from _link_faults(scenario)
+    if scenario.faults != Faults():
+        yield from wrong_faults(scenario, None if network_faults else topology_of(scenario))
+    yield from _robot_faults(scenario)
+    yield from _hosts_faults(scenario.bus.tls, n)
+
+
+def _robot_faults(scenario: Scenario) -> Iterator[str]:
+    n, m = scenario.n, scenario.m
     seen: set[int] = set()
     for i, robot in enumerate(scenario.robots):
         here = f"robots[{i}]"
@@ -188,7 +202,6 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield from _draw_faults(f"{here}.initial.{name}", value)
             if isinstance(value, tuple):
                 yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
-    yield from _hosts_faults(scenario.bus.tls, n)
 
 
 def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
@@ -222,14 +235,6 @@ def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
                 f"algorithm.missing: expected one of {', '.join(known)}, which "
                 f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
             )
-
-
-def _link_faults(scenario: Scenario) -> Iterator[str]:
-    if scenario.faults != Faults():
-        network = scenario.network
-        shaped = not any(_network_faults(scenario))
-        topology = Topology.of(network.adjacency, network.pinning) if shaped else None
-        yield from wrong_faults(scenario, topology)
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
@@ -272,28 +277,6 @@ def _time_faults(scenario: Scenario) -> Iterator[str]:
         yield (
             f"run.output_step: expected a step that divides the sampling period of "
             f"{run.sampling_period!r} s, got {run.output_step!r} s"
-        )
-
-
-def _network_faults(scenario: Scenario) -> Iterator[str]:
-    n, network = scenario.n, scenario.network
-    shape = list(_length_fault("network.pinning", network.pinning, n, "weights"))
-    for i, row in enumerate(network.adjacency):
-        shape += _length_fault(f"network.adjacency[{i}]", row, n, "weights")
-    yield from shape
-    if shape:
-        return
-    for i, (pin, row) in enumerate(zip(network.pinning, network.adjacency, strict=True)):
-        if not isfinite(sum(row, pin)):
-            yield f"network.adjacency[{i}]: expected weights whose sum is a finite number"
-        if row[i]:
-            yield f"network.adjacency[{i}][{i}]: expected 0, robot {i + 1} cannot hear itself"
-    unreached = Topology.of(network.adjacency, network.pinning).unreached()
-    if unreached:
-        yield (
-            f"network: expected a spanning tree rooted at the target (assumption A2), but no path "
-            f"leads from the target to robot {', '.join(map(str, unreached))}; let one of them "
-            f"hear the target (pinning) or a robot that does"
         )
 
 

@@ -5,7 +5,6 @@ are built nor on where they run.
 """
 
 from collections.abc import Callable, Sequence
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,8 @@ from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from estimator_agents.estimate import Estimate
 from estimator_agents.hearing import Missing
 from estimator_agents.target import Harmonic, Sampled, Target
+from orchestrator.scenario import networks
+from orchestrator.scenario.chance import chance
 from orchestrator.scenario.clock import Clock, nanoseconds
 from orchestrator.scenario.faults import link_faults, silences
 from orchestrator.scenario.tables import Axis, Robot, SampledTarget, Scenario, Uniform
@@ -34,8 +35,8 @@ def clock_of(scenario: Scenario) -> Clock:
 
 
 def topology_of(scenario: Scenario) -> Topology:
-    """Return who hears whom."""
-    return Topology.of(scenario.network.adjacency, scenario.network.pinning)
+    """Return who hears whom; it is made once."""
+    return networks.topology_of(scenario)
 
 
 def target_of(scenario: Scenario) -> Target:
@@ -159,6 +160,5 @@ def _initial(scenario: Scenario, name: str, robots: Sequence[int] | None) -> Arr
 
 def draw(seed: int, purpose: str, robot: int, uniform: Uniform, m: int) -> Array:
     """Draw m numbers, uniform in [low, high), for one purpose and robot."""
-    key = np.random.SeedSequence([seed, crc32(purpose.encode()), robot])
     low, high = uniform.uniform
-    return low + (high - low) * np.random.Generator(np.random.Philox(key)).random(m)
+    return low + (high - low) * chance(seed, purpose, robot).random(m)

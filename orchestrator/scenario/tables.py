@@ -4,6 +4,7 @@ Each class below is a table of the file, and its fields are the keys that the ta
 n is the number of robots and m the number of the target's axes.
 """
 
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -24,6 +25,10 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 Weight = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=0)]
+MOST_ROBOTS = 100_000
+Node = Annotated[int, Field(strict=True, ge=0, le=MOST_ROBOTS)]
+RobotNumber = Annotated[int, Field(strict=True, ge=1, le=MOST_ROBOTS)]
+Text = Annotated[str, Field(strict=True)]
 Vector = tuple[Number, ...]
 Matrix = tuple[Vector, ...]
 
@@ -40,9 +45,10 @@ VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
 PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
 HARMONIC, SAMPLED = "a harmonic target", "a sampled target"
+EDGE, WEIGHTED = "[source, sink]", "[source, sink, weight]"
 FORMS = frozenset(
     {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
-    | {HARMONIC, SAMPLED}
+    | {HARMONIC, SAMPLED, EDGE, WEIGHTED}
 )
 
 
@@ -111,7 +117,6 @@ InitialRows = Annotated[
 InitialRow = Annotated[
     Annotated[Uniform, Tag(DRAW)] | Annotated[Vector, Tag(VECTOR)], Discriminator(_form)
 ]
-Text = Annotated[str, Field(strict=True)]
 Exact = Annotated[Number, WrapValidator(_whole_or)]
 Entry = Annotated[
     Annotated[Exact, Tag(NUMBER)] | Annotated[bool, Tag(TRUTH)] | Annotated[Text, Tag(TEXT)],
@@ -170,13 +175,81 @@ class Controller(Table):
     kd: Gain = Field(description="N m s/rad: a number, m numbers, or m x m")
 
 
-class Network(Table):
-    """Who hears whom."""
+def _edge_form(value: Any) -> str:
+    known = {2: EDGE, 3: WEIGHTED}
+    return known.get(len(value), "") if isinstance(value, list | tuple) else ""
 
-    adjacency: tuple[tuple[Weight, ...], ...] = Field(
-        min_length=1, description="n x n; [i][j] > 0: robot i+1 hears robot j+1"
+
+Edge = tuple[Node, RobotNumber] | tuple[Node, RobotNumber, Positive]
+EdgeEntry = Annotated[
+    Annotated[tuple[Node, RobotNumber], Tag(EDGE)]
+    | Annotated[tuple[Node, RobotNumber, Positive], Tag(WEIGHTED)],
+    Discriminator(_edge_form),
+]
+
+
+class Generator(Table):
+    """A network by rule, drawn from run.seed where it is random."""
+
+    kind: Literal["ring", "path", "star", "random_k_in", "small_world"] = Field(
+        description="ring: i hears i-1, and 1 hears n; path: the same, but that 1 hears no robot; "
+        "star: all hear robot 1; random_k_in: each hears k others; small_world: k neighbours on "
+        "each side, both ways, some of them rewired"
     )
-    pinning: tuple[Weight, ...] = Field(description="n; [i] > 0: robot i+1 hears the target")
+    n: RobotNumber = Field(description="the number of robots")
+    k: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+        None, description="of random_k_in and small_world, which must have it"
+    )
+    rewire: Annotated[Number, Field(ge=0, le=1)] | None = Field(
+        None,
+        description="of small_world: the probability that an edge beyond the nearest "
+        "neighbours goes elsewhere; 0.1 by default",
+    )
+    pinned: tuple[RobotNumber, ...] = Field(
+        (1,), min_length=1, description="the robots that hear the target"
+    )
+    weight: Positive = Field(1.0, description="of every edge")
+
+
+class Network(Table):
+    """Who hears whom, in one of these forms: adjacency with pinning, or one of the others."""
+
+    adjacency: tuple[tuple[Weight, ...], ...] | None = Field(
+        None, min_length=1, description="n x n; [i][j] > 0: robot i+1 hears robot j+1"
+    )
+    pinning: tuple[Weight, ...] | None = Field(
+        None, description="n; [i] > 0: robot i+1 hears the target"
+    )
+    generator: Generator | None = None
+    edge_list: tuple[EdgeEntry, ...] | None = Field(
+        None,
+        min_length=1,
+        description="[source, sink] or [source, sink, weight], where sink "
+        "hears source; 0 is the target, n the largest number; the weight is 1 unless given",
+    )
+    edges: Text | None = Field(
+        None, description="path of a CSV file relative to this file: source,sink[,weight]"
+    )
+    graphml: Text | None = Field(
+        None, description="path of a GraphML file relative to this file, whose nodes are 0 to n"
+    )
+
+    @property
+    def forms(self) -> list[str]:
+        """The forms that are given, where there must be one."""
+        forms = ("adjacency", "generator", "edge_list", "edges", "graphml")
+        given = [form for form in forms if getattr(self, form) is not None]
+        dense = self.pinning is not None and self.adjacency is None
+        return [*(["pinning"] if dense else []), *given]
+
+    @cached_property
+    def n(self) -> int:
+        """The number of robots."""
+        if self.generator:
+            return self.generator.n
+        if self.edge_list:
+            return max(max(edge[:2]) for edge in self.edge_list)
+        return len(self.adjacency or ())
 
 
 class Wave(Table):
@@ -428,7 +501,7 @@ class Scenario(Table):
     @property
     def n(self) -> int:
         """The number of robots."""
-        return len(self.network.adjacency)
+        return self.network.n
 
     @property
     def m(self) -> int:
