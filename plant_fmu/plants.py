@@ -38,8 +38,11 @@ class Disturbance:
         terms = max(row.amplitude.shape[1] for row in rows)
 
         def padded(name: str) -> Array:
-            waves = [getattr(row, name) for row in rows]
-            return np.array([np.pad(w, ((0, 0), (0, terms - w.shape[1]))) for w in waves])
+            waves = np.zeros((len(rows), len(rows[0].offset), terms))
+            for row, into in zip(rows, waves, strict=True):
+                own = getattr(row, name)
+                into[:, : own.shape[1]] = own
+            return waves
 
         return cls(
             np.array([row.offset for row in rows]),

@@ -129,8 +129,8 @@ def _node(text: Any, where: str, least: int = 0) -> int:
     except ValueError:
         number = -1
     if number < least:
-        of = "0, the target, or" if least == 0 else "the number of"
-        raise ScenarioError(f"{where}: expected {of} a robot, 1 to n, got {text!r}")
+        target = "" if least else "0, the target, or "
+        raise ScenarioError(f"{where}: expected {target}the number of a robot, got {text!r}")
     return number
 
 

@@ -1,0 +1,294 @@
+"""A network by rule, by edges or from a file is the digraph that its definition says."""
+
+import json
+
+import numpy as np
+import pytest
+
+from orchestrator.errors import ScenarioError
+from orchestrator.runs.running import run
+from orchestrator.scenario import graphs
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import topology_of
+from orchestrator.scenario.tables import json_schema
+from recordings.reading import Reader
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT)
+BEFORE, AFTER = TEXT[: TEXT.index("[network]")], TEXT[TEXT.index("[target]") :]
+PAPERS = [(3, 1), (2, 1), (1, 2), (0, 3), (3, 4), (1, 4), (4, 5), (3, 5), (2, 5), (3, 6)]
+"""The edges j → i of the paper's example."""
+
+
+def text_of(network, seed=1):
+    """Return the paper's example on another network."""
+    return f"{BEFORE}[network]\n{network}\n\n{AFTER}".replace("seed = 1", f"seed = {seed}")
+
+
+def scenario_of(network, seed=1):
+    return parse_scenario(text_of(network, seed), "net", SCENARIOS, "net.toml").scenario
+
+
+def generator(**keys):
+    told = ", ".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
+    return f"generator = {{ {told} }}"
+
+
+def edges_of(scenario):
+    """Return the edges (j, i) of a scenario with their weights."""
+    t = topology_of(scenario)
+    edges = zip(t.source.tolist(), t.sink.tolist(), strict=True)
+    return dict(zip(edges, t.weight.tolist(), strict=True))
+
+
+def generated(seed=1, **keys):
+    return edges_of(scenario_of(generator(**keys), seed))
+
+
+def reached(edges):
+    """Return the nodes to which a path leads from the target, by repeated relaxation."""
+    nodes = {0}
+    while more := {i for j, i in edges if j in nodes} - nodes:
+        nodes |= more
+    return nodes
+
+
+def dense(edges, n):
+    """Return the adjacency and pinning of edges, as text."""
+    full = np.zeros((n, n + 1))
+    for (j, i), weight in edges.items():
+        full[i - 1, j] = weight
+    return f"adjacency = {full[:, 1:].tolist()}\npinning = {full[:, 0].tolist()}"
+
+
+def test_a_ring_a_path_and_a_star():
+    assert generated(kind="ring", n=4).keys() == {(0, 1), (4, 1), (1, 2), (2, 3), (3, 4)}
+    assert generated(kind="path", n=4).keys() == {(0, 1), (1, 2), (2, 3), (3, 4)}
+    assert generated(kind="star", n=4).keys() == {(0, 1), (1, 2), (1, 3), (1, 4)}
+    assert generated(kind="path", n=1) == {(0, 1): 1.0}
+    edges = generated(kind="ring", n=3, pinned=[2, 3], weight=0.5)
+    assert edges == dict.fromkeys([(0, 2), (0, 3), (3, 1), (1, 2), (2, 3)], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("n", "k", "pinned"), [(2, 1, [1]), (40, 3, [1]), (40, 1, [17]), (9, 8, [9, 2]), (300, 5, [7])]
+)
+def test_in_a_random_network_each_hears_k_others_and_all_hear_of_the_target(n, k, pinned):
+    for seed in range(5):
+        edges = generated(seed, kind="random_k_in", n=n, k=k, pinned=pinned)
+        among = [edge for edge in edges if edge[0]]
+        assert sorted(i for j, i in edges if not j) == sorted(pinned)
+        assert len(among) == n * k
+        assert np.bincount([i for _, i in among], minlength=n + 1)[1:].tolist() == [k] * n
+        assert all(j != i and 1 <= j <= n for j, i in among)
+        first = {edge for edge in edges if edge != (0, pinned[0]) and edge[0]} | {(0, pinned[0])}
+        assert reached(first) == set(range(n + 1))
+
+
+def test_who_is_heard_in_a_random_network_is_spread_over_all():
+    edges = generated(kind="random_k_in", n=2000, k=4)
+    heard = np.array([j for j, _ in edges if j])
+    halves = np.mean(heard > 1000)
+    # one of four is drawn below i, so above 1000 in (1 − ln 2)/2 of the cases; three are uniform
+    expected = (3 * 0.5 + (1 - np.log(2)) / 2) / 4
+    assert abs(halves - expected) < 4 * 0.5 / np.sqrt(len(heard))
+
+
+@pytest.mark.parametrize(("n", "k"), [(3, 1), (7, 3), (50, 2), (400, 4)])
+def test_a_small_world_keeps_its_ring_and_its_number_of_edges(n, k):
+    ring = {(i, i % n + 1) for i in range(1, n + 1)}
+    for rewire in (0, 0.3, 1) if k > 1 else (0,):
+        edges = generated(kind="small_world", n=n, k=k, rewire=rewire, pinned=[n])
+        among = {edge for edge in edges if edge[0]}
+        assert len(among) == 2 * n * k
+        assert {(i, j) for j, i in among} == among
+        assert ring <= among
+        assert all(j != i for j, i in among)
+        far = sum(min((i - j) % n, (j - i) % n) > k for j, i in among) / 2
+        if not rewire:
+            assert far == 0
+        elif n == 400:
+            count = n * (k - 1)
+            away = 1 - 2 * k / (n - 1)
+            assert abs(far / count - rewire * away) < 4 * 0.5 / np.sqrt(count) + 0.01
+
+
+def test_a_random_network_depends_on_the_seed_alone():
+    for keys in ({"kind": "random_k_in", "k": 3}, {"kind": "small_world", "k": 3, "rewire": 0.5}):
+        again = [generated(seed, n=50, **keys) for seed in (1, 2, 1)]
+        assert again[0] == again[2]
+        assert again[0] != again[1]
+
+
+def test_networks_are_those_of_networkx():
+    networkx = pytest.importorskip("networkx")
+
+    def same(ours, theirs):
+        both = theirs if theirs.is_directed() else theirs.to_directed()
+        assert {(j - 1, i - 1) for j, i in ours if j} == set(both.edges)
+
+    same(generated(kind="ring", n=9), networkx.cycle_graph(9, create_using=networkx.DiGraph))
+    same(generated(kind="path", n=9), networkx.path_graph(9, create_using=networkx.DiGraph))
+    lattice = networkx.watts_strogatz_graph(20, 6, 0)
+    same(generated(kind="small_world", n=20, k=3, rewire=0), lattice)
+    for kind in ("random_k_in", "small_world"):
+        graph = networkx.DiGraph(list(generated(kind=kind, n=200, k=2)))
+        assert networkx.descendants(graph, 0) == set(range(1, 201))
+
+
+def test_every_form_of_a_network_gives_the_same_run(tmp_path):
+    ours = generated(kind="random_k_in", n=6, k=2, weight=0.5)
+    rows = [[j, i, weight] for (j, i), weight in ours.items()]
+    lines = [f"{i},{weight!r},{j}" for j, i, weight in reversed(rows)]
+    (tmp_path / "net.csv").write_text("\n".join(["sink,weight,source", *lines]), "utf-8")
+    networks = [
+        generator(kind="random_k_in", n=6, k=2, weight=0.5),
+        dense(ours, 6),
+        f"edge_list = {rows}",
+        'edges = "net.csv"',
+    ]
+    digests = set()
+    for number, network in enumerate(networks):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(text_of(network), "utf-8")
+        with Reader(run(read_scenario(path), tmp_path / f"{number}.mcap").path) as reader:
+            digests.add(reader.digest)
+    assert len(digests) == 1
+
+
+def test_a_file_of_edges_travels_in_the_text(tmp_path):
+    lines = [f"{j},{i}" for j, i in PAPERS]
+    (tmp_path / "a.csv").write_text("\ufeffsource,sink\r\n" + "\r\n\r\n".join(lines), "utf-8")
+    path = tmp_path / "net.toml"
+    for network in ("[network]\nedges = 'a.csv'  # who\n", "network = { edges = 'a.csv' }\n"):
+        head = "" if network.startswith("[") else network
+        path.write_text(head + BEFORE + (network if not head else "") + AFTER, "utf-8")
+        file = read_scenario(path)
+        again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
+        assert again.scenario == file.scenario
+        assert edges_of(again.scenario) == dict.fromkeys(sorted(PAPERS), 1.0)
+        assert again.scenario.n == 6
+    assert file.text.replace("\n", "").count("a.csv") == 0
+
+
+def test_graphml_is_read_as_networkx_writes_it(tmp_path):
+    networkx = pytest.importorskip("networkx")
+    graph = networkx.DiGraph()
+    graph.add_weighted_edges_from([(j, i, 0.5 + i) for j, i in PAPERS])
+    networkx.write_graphml(graph, tmp_path / "net.graphml")
+    path = tmp_path / "net.toml"
+    path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
+    assert edges_of(read_scenario(path).scenario) == {(j, i): 0.5 + i for j, i in PAPERS}
+    networkx.write_graphml(networkx.path_graph(4), tmp_path / "net.graphml")
+    both = {(0, 1), (1, 2), (2, 1), (2, 3), (3, 2)}
+    assert edges_of(read_scenario(path).scenario).keys() == both
+    for wrong, told in {
+        "a": "expected 0, the target, or the number of a robot, got 'a'",
+        "-1": "a robot, got '-1'",
+        "7": "no edge leads to robot 7",
+    }.items():
+        graph = networkx.DiGraph(PAPERS)
+        graph.add_node(wrong)
+        networkx.write_graphml(graph, tmp_path / "net.graphml")
+        with pytest.raises(ScenarioError, match=told):
+            read_scenario(path)
+    networkx.write_graphml(networkx.DiGraph([*PAPERS, (1, 0)]), tmp_path / "net.graphml")
+    with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, hears nobody"):
+        read_scenario(path)
+    (tmp_path / "net.graphml").write_text("<graphml><no", "utf-8")
+    with pytest.raises(ScenarioError, match=r"network\.graphml: net\.graphml: not valid GraphML"):
+        read_scenario(path)
+
+
+def test_without_networkx_graphml_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "networkx", None)
+    (tmp_path / "net.graphml").write_text("", "utf-8")
+    path = tmp_path / "net.toml"
+    path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
+    with pytest.raises(ScenarioError, match=r"pip install 'nrs-cosim\[graphs\]'"):
+        read_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("", "expected the columns source,sink or source,sink,weight in its first line, got ''"),
+        ("0,1", "got '0,1'"),
+        ("source,sink", "has no edge"),
+        ("source,sink\n0,1\n1", "line 3: expected 2 values, got '1'"),
+        ("source,sink\n0,x", "line 2: sink: expected the number of a robot, got 'x'"),
+        ("source,sink\n0,1\n1,0", "line 3: sink: expected the number of a robot, got '0'"),
+        ("source,sink,weight\n0,1,0", "line 2: weight: expected a number above 0, got '0'"),
+        ("source,sink,weight\n0,1,nan", "line 2: weight: expected a number above 0, got 'nan'"),
+        ("source,sink\n0,1\n1,2\n1,2", r"edge_list[2]: the edge from 1 to 2 has been given before"),
+    ],
+)
+def test_a_wrong_table_of_edges_names_the_line(tmp_path, lines, told):
+    (tmp_path / "net.csv").write_text(lines, "utf-8")
+    path = tmp_path / "net.toml"
+    path.write_text(text_of('edges = "net.csv"'), "utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_scenario(path)
+    assert told in str(error.value)
+
+
+K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
+
+
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        ("", "expected one of adjacency (with pinning), generator, edge_list, edges and graphml"),
+        ("edge_list = [[0, 1]]\npinning = [1]", "got pinning and edge_list; keep one of them"),
+        ("adjacency = [[0]]", "network.pinning: missing, it has no default beside"),
+        ("pinning = [1]", "network.adjacency: missing, it has no default beside"),
+        ("edges = 'a.csv'", "this text is from elsewhere, got 'a.csv'; give network.edge_list"),
+        ("edge_list = []", "network.edge_list: expected at least 1 item"),
+        ("edge_list = [[0, 1], [1]]", "edge_list[1]: expected [source, sink] or [source, sink, w"),
+        ("edge_list = [[0, 1], [1, 0]]", "network.edge_list[1][1]: expected greater than or equal"),
+        ("edge_list = [[0, 1, 0.0]]", "network.edge_list[0][2]: expected greater than 0, got 0.0"),
+        ("edge_list = [[0, 1], [1, 1]]", "network.edge_list[1]: expected another source, robot 1"),
+        ("edge_list = [[0, 1], [2, 3]]", "no path leads from the target to robot 2, 3; let"),
+        ("edge_list = [[0, 1, 1e308], [2, 1, 1e308], [1, 2]]", "that of what robot 1 hears is not"),
+        ("edge_list = [[0, 1000000000]]", "network.edge_list[0][1]: expected less than or equal"),
+        (generator(kind="path", n=20, pinned=[20]), "robot 1, 2, 3, 4, 5, 6, 7, 8, … (19 robots)"),
+        (generator(kind="ring", n=1), "network.generator.n: expected at least 2 robots in a ring"),
+        (generator(kind="ring", n=0), "network.generator.n: expected greater than or equal to 1"),
+        (generator(kind="ring", n=9, k=2), "network.generator.k: is of random_k_in and small_worl"),
+        (generator(kind="tree", n=9), "network.generator.kind: expected 'ring', 'path', 'star'"),
+        (generator(kind="small_world", n=9), "network.generator.k: missing"),
+        (generator(**K_IN | {"k": 5}), "expected at most 4 for random_k_in of 5 robots, got 5"),
+        (generator(**K_IN, rewire=0.1), "network.generator.rewire: is of small_world, not of rand"),
+        (generator(kind="small_world", n=5, k=3), "expected at most 2 for small_world of 5 robots"),
+        (generator(kind="small_world", n=5, k=1, rewire=0.1), "expected 0 with k = 1"),
+        (generator(**K_IN, pinned=[6]), "network.generator.pinned[0]: expected 1 to 5, got 6"),
+        (generator(**K_IN, pinned=[2, 2]), "pinned: expected each robot once, got [2, 2]"),
+        (generator(**K_IN, pinned=[]), "network.generator.pinned: expected at least 1 item"),
+        (generator(kind="random_k_in", n=100_000, k=5000), "expected n k of at most 10000000"),
+    ],
+)
+def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, told):
+    with pytest.raises(ScenarioError) as error:
+        scenario_of(network)
+    assert told in str(error.value)
+
+
+def test_a_topology_is_made_once_and_cannot_be_written():
+    scenario = scenario_of(generator(kind="ring", n=10_000))
+    topology = topology_of(scenario)
+    assert topology_of(scenario) is topology
+    assert len(topology.source) == 10_001
+    assert topology.steps().tolist() == list(range(1, 10_001))
+    with pytest.raises(ValueError, match="read-only"):
+        topology.weight[0] = 2.0
+
+
+def test_the_schema_knows_the_forms_of_a_network():
+    schema = json.dumps(json_schema())
+    for key in ("generator", "edge_list", "edges", "graphml", "rewire", "random_k_in"):
+        assert f'"{key}"' in schema
+
+
+def test_what_is_no_toml_is_left_to_the_parser(tmp_path):
+    for text in ("edges = [", "network = 3 # edges", "[network]\nedges = 3"):
+        assert graphs.with_edges(text, tmp_path, "a") == text
