@@ -156,6 +156,11 @@ def test_every_form_of_a_network_gives_the_same_run(tmp_path):
     assert len(digests) == 1
 
 
+def test_a_ring_of_a_hundred_runs_to_its_end(tmp_path):
+    outcome = run(read_scenario(SCENARIOS / "ring_100.toml"), tmp_path / "ring.mcap")
+    assert (outcome.status, outcome.ticks) == ("completed", 50)
+
+
 def test_a_file_of_edges_travels_in_the_text(tmp_path):
     lines = [f"{j},{i}" for j, i in PAPERS]
     (tmp_path / "a.csv").write_text("\ufeffsource,sink\r\n" + "\r\n\r\n".join(lines), "utf-8")
