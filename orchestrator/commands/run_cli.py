@@ -269,7 +269,7 @@ def perform(
     last = {name: told.pop(name) for name in ("digest", "recording")}
     told["time"] = showing.shares(outcome.profile, took)
     if outcome.restarts:
-        told["restarts"] = f"{outcome.restarts}, of hosts that were gone"
+        told["lost"] = f"{outcome.restarts} x a host was gone"
     if outcome.refused:
         told["refused"] = _counted(outcome)
     showing.summary(out, told | last)

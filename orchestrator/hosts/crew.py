@@ -308,8 +308,7 @@ class Crew:
         homes = {name: tuple(each.robots) for name, each in self._homes.items()}
         go = Go(homes=homes, start=point.start, recorded=point.recorded)
         home.begin(go.with_checkpoints(point.checkpoints))
-        self.restarts += home.is_lost
-        home.begin, home.is_ready, home.is_lost = None, True, False
+        home.begin, home.is_ready = None, True
         home.recorded, home.caught_up = point.recorded, -1
 
     def _tell_heard(self, name: str, question: Question) -> None:
@@ -405,7 +404,7 @@ class Crew:
         elif not self._terms.restart:
             raise RunError(f"host {told}")
         else:
-            home.is_lost = True
+            self.restarts += 1
         if home.process and self._terms.start:
             self._terms.show(f"{told}; it is started again")
             home.process, home.since = self._terms.start(name, home.robots), monotonic()

@@ -44,8 +44,6 @@ class Home:
     is_ready: bool = False
     caught_up: int = -1
     """The last recorded tick whose samples it asked for to catch up."""
-    is_lost: bool = False
-    """Whether its host is gone from a run that had begun."""
     deaths: int = 0
     """At the tick `died_at`."""
     died_at: int = -2
