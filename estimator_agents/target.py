@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from estimator_agents.estimate import Estimate
 
@@ -83,6 +82,8 @@ class Sampled:
 
         Two samples make a line, three a parabola.
         """
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415, 0.3 s that sines need not wait for
+
         return cls(CubicSpline(times, positions, extrapolate=False))
 
     def at(self, seconds: ArrayLike) -> Estimate:

@@ -10,19 +10,21 @@ and s_i ≥ 0. Hence
   with the same J everywhere it is the arm stretched out, and ‖Lᵀ a L‖₂ + max J is never too little;
 - λ_m: with two links M is affine in one cosine, and λ_min concave in it: least at its ends. With
   more, λ_min ≥ that of diag(J), for what is added is not negative;
-- λ_c: with two links sin = 1, and the largest over all directions of η. With more, at most
-  ‖Lᵀ [a_ij √j]_{i≠j} L‖₂, for |L η|_j ≤ √j ‖η‖₂ and norms of nonnegative matrices grow with them;
+- λ_c: with two links sin = 1, C = a_12 [[η_2, η_1 + η_2], [−η_1, 0]], and ‖C‖₂² is stationary where
+  t = η_2/η_1 is 0, with a_12², or t³ + t² − 3 t − 1 = 0, with a_12² (t² + 2 t − 1)/((t − 1)(t² + 1)):
+  most at the largest root. With more, at most ‖Lᵀ [a_ij √j]_{i≠j} L‖₂, for |L η|_j ≤ √j ‖η‖₂ and
+  norms of nonnegative matrices grow with them;
 - λ_g: G is convex in the cosines and nothing in it is negative: the arm stretched out level.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from plant_fmu.bundled.declaration import declaration
 
@@ -93,7 +95,7 @@ def arm(mass: Array, r: Array, c: Array, I: Array, J: Array, g: float) -> Bounds
         return Bounds(largest, largest, 0.0, weight, 0.0, "exact")
     if n == 2:
         least = float(sizes[:, 0].min())
-        return Bounds(least, largest, _turning(a, L), weight, 0.0, "exact")
+        return Bounds(least, largest, _turning(float(a[0, 1])), weight, 0.0, "exact")
     apart = a - np.diag(np.diag(a))
     turning = float(np.linalg.norm(L.T @ (apart * np.sqrt(np.arange(1, n + 1))) @ L, 2))
     return Bounds(float(J.min()), largest, turning, weight, 0.0, "safe, lambda_g exact")
@@ -114,21 +116,7 @@ def moments(mass: Array, r: Array, c: Array, I: Array) -> tuple[Array, Array]:  
     return a, s
 
 
-def _turning(a: Array, L: Array) -> float:
-    """Return sup ‖C(η, q)‖₂ over |η| = 1 of two links: the best of a fine grid, refined."""
-
-    def norm(angle: float) -> float:
-        turned = L @ np.array([np.cos(angle), np.sin(angle)])
-        swing = a[0, 1] * np.array([[0.0, turned[1]], [-turned[0], 0.0]])
-        return float(np.linalg.norm(L.T @ swing @ L, 2))
-
-    grid = np.linspace(0, np.pi, 181)
-    best = grid[np.argmax([norm(angle) for angle in grid])]
-    step = grid[1]
-    found = minimize_scalar(
-        lambda angle: -norm(angle),
-        bounds=(best - step, best + step),
-        method="bounded",
-        options={"xatol": 1e-10},
-    )
-    return -float(found.fun)
+def _turning(coupling: float) -> float:
+    """Return sup ‖C(η, q)‖₂ over |η| = 1 of two links that are coupled by a_12."""
+    t = float(np.roots([1, 1, -3, -1]).real.max())
+    return coupling * sqrt((t**2 + 2 * t - 1) / ((t - 1) * (t**2 + 1)))

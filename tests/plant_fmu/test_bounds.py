@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from plant_fmu.bundled.bounds import Bounds, arm, bounds_of
 
@@ -35,6 +36,14 @@ def test_bounds_of_the_paper_s_arm_are_those_of_a_fine_grid():
     np.testing.assert_allclose(found, (least, most, turning, weight), rtol=1e-3)
     assert np.all(np.array(found[1:]) >= np.array((most, turning, weight)) * (1 - 1e-12))
     assert ours.source == "exact"
+
+
+def test_lambda_c_of_two_links_is_what_a_search_over_directions_finds():
+    def turning(angle):
+        return np.linalg.norm(two_link((0.0, np.pi / 2), (np.cos(angle), np.sin(angle)))[1], 2)
+
+    best = minimize_scalar(lambda angle: -turning(angle), bracket=(0.9, 1.0, 1.1), tol=1e-10)
+    assert bounds_of("two_link_arm", {}, 2).lambda_c == pytest.approx(-best.fun, rel=1e-12)
 
 
 def test_the_general_arm_is_the_paper_s_where_it_has_its_numbers():
