@@ -10,10 +10,10 @@ and s_i ≥ 0. Hence
   with the same J everywhere it is the arm stretched out, and ‖Lᵀ a L‖₂ + max J is never too little;
 - λ_m: with two links M is affine in one cosine, and λ_min concave in it: least at its ends. With
   more, λ_min ≥ that of diag(J), for what is added is not negative;
-- λ_c: with two links sin = 1, C = a_12 [[η_2, η_1 + η_2], [−η_1, 0]], and ‖C‖₂² is stationary where
-  t = η_2/η_1 is 0, with a_12², or t³ + t² − 3 t − 1 = 0, with a_12² (t² + 2 t − 1)/((t − 1)(t² + 1)):
-  most at the largest root. With more, at most ‖Lᵀ [a_ij √j]_{i≠j} L‖₂, for |L η|_j ≤ √j ‖η‖₂ and
-  norms of nonnegative matrices grow with them;
+- λ_c: with two links sin = 1 and C = a_12 [[η_2, η_1 + η_2], [−η_1, 0]]. With t = η_2/η_1, ‖C‖₂²
+  is stationary at t = 0, where it is a_12², and at the roots of t³ + t² − 3 t − 1, where it is
+  a_12² (t² + 2 t − 1)/((t − 1)(t² + 1)): most at the largest. With more links, at most
+  ‖Lᵀ [a_ij √j]_{i≠j} L‖₂, for |L η|_j ≤ √j ‖η‖₂ and norms of nonnegative matrices grow with them;
 - λ_g: G is convex in the cosines and nothing in it is negative: the arm stretched out level.
 """
 
