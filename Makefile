@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark soak figures paper lint lock clean
+.PHONY: demo test benchmark anatomy benchmark-parts soak figures paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -17,11 +17,15 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 test: .venv/.tested  ## install what the tests need and pass them
 	$(BIN)/pytest $(ARGS)
 
-benchmark: .venv/.installed  ## robot-intervals per second beside bare FMPy; isolated FMUs; hosts; recordings
+benchmark: .venv/.installed  ## robot-intervals per second, recorded and by bare loops, in one table
+	$(BIN)/python -m benchmarks.throughput $(ARGS)
+
+anatomy: .venv/.installed  ## where each microsecond of a robot-interval goes
+	$(BIN)/python -m benchmarks.anatomy $(ARGS)
+
+benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings beside other libraries
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[benchmark]'
-	$(BIN)/python -m benchmarks.throughput
 	$(BIN)/python -m benchmarks.isolation
-	$(BIN)/python -m benchmarks.hosts
 	$(BIN)/python -m benchmarks.recordings
 
 soak: .venv/.installed  ## ten million messages over hosts that are killed; what checkpoints cost

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 from benchmarks.table import keep
-from benchmarks.throughput import scenario
+from benchmarks.work import scenario
 from orchestrator.runs.running import run
 
 EVERY = (500, 100, 50, 10)

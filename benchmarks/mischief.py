@@ -8,13 +8,13 @@ command lines; their peak memory is `VmHWM` of /proc, read as the run goes on. S
 import os
 import signal
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import monotonic
 
 import numpy as np
+
+from benchmarks.memory import hosts, peak
 
 _LOOK = 0.2
 """s: between two looks at the memory."""
@@ -59,7 +59,7 @@ class Mischief:
         now = monotonic()
         if now - self._looked >= _LOOK:
             self._looked = now
-            for name, pid in _hosts():
+            for name, pid in hosts():
                 self.peaks[name] = max(self.peaks[name], peak(pid))
         for pid in [pid for pid, until in self._stopped.items() if until <= now]:
             os.kill(pid, signal.SIGCONT)
@@ -71,7 +71,7 @@ class Mischief:
 
     def _fell(self, blow: Blow) -> bool:
         """Deal a blow; return whether its host was there."""
-        for name, pid in _hosts():
+        for name, pid in hosts():
             if name != blow.host:
                 continue
             if blow.stop:
@@ -84,22 +84,3 @@ class Mischief:
                 self._again(name)
             return True
         return False
-
-
-def peak(pid: int) -> int:
-    """Return the most memory that a process has had, bytes; 0 when it is gone."""
-    with suppress(OSError):
-        for line in Path(f"/proc/{pid}/status").read_text("utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    return 0
-
-
-def _hosts() -> Iterator[tuple[str, int]]:
-    """Yield the name and the number of each host process that this process has started."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            parent = (folder / "stat").read_text("utf-8").rpartition(")")[2].split()[1]
-            words = (folder / "cmdline").read_bytes().split(b"\0")
-            if int(parent) == os.getpid() and b"--name" in words:
-                yield words[words.index(b"--name") + 1].decode(), int(folder.name)

@@ -23,9 +23,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmarks.mischief import Mischief, blows, peak
+from benchmarks.memory import peak
+from benchmarks.mischief import Mischief, blows
 from benchmarks.table import keep
-from benchmarks.throughput import scenario
+from benchmarks.work import scenario
 from bus.network.endpoints import Endpoints
 from bus.transport import Bus
 from orchestrator.hosts.crew import Crew

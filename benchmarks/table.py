@@ -1,12 +1,33 @@
-"""What the benchmarks have in common: the ratio of rounds that take turns, and the JSON beside."""
+"""What the benchmarks have in common: who measured, ratios of rounds that take turns, and JSON."""
 
 import json
+import os
+import platform
 import statistics
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).with_name("results")
+_PARTS = ("nrs-cosim", "fmpy", "eclipse-zenoh", "mcap", "numpy", "zstandard")
+
+
+def machine() -> dict[str, str]:
+    """Return what measures: processor, system, versions."""
+    return {
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        **{part: version(part) for part in _PARTS},
+    }
+
+
+def told(of: Mapping[str, str]) -> str:
+    """Return a machine as lines."""
+    parts = ", ".join(f"{part} {of[part]}" for part in ("python", *_PARTS))
+    return f"{of['processor']}, {of['cores']} cores, {of['platform']}\n{parts}"
 
 
 def compared(ours: Sequence[float], theirs: Sequence[float]) -> dict[str, float]:
@@ -19,14 +40,15 @@ def compared(ours: Sequence[float], theirs: Sequence[float]) -> dict[str, float]
     }
 
 
-def spread(row: Mapping[str, float]) -> str:
-    """Return what `compared` found, to be printed."""
-    return f"{row['ratio']:>6.2f}   {row['ratio_min']:.2f} .. {row['ratio_max']:.2f}"
-
-
 def keep(name: str, result: Any) -> None:
     """Write a result as JSON, and say where."""
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.json"
     path.write_text(json.dumps(result, indent=2) + "\n", "utf-8")
     print(f"\nwritten to {path}\n")
+
+
+def _processor() -> str:
+    with Path("/proc/cpuinfo").open(encoding="utf-8") as told:
+        names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    return names[0] if names else platform.processor()

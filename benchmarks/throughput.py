@@ -1,157 +1,210 @@
-"""Recorded robot-intervals per second beside a bare FMPy loop over the same FMUs, in one run.
+"""The one table: recorded robot-intervals per second, beside what does less, in one run.
 
-A robot-interval is one sample on the bus, one doStep of h, and one recorded state. The bare loop
-sets the same references, steps and reads the same outputs through FMPy's own methods, and does
-neither exchange nor record. The two take turns, so that a noisy machine is noisy to both.
+A robot-interval is one sample on the bus, one doStep of h, and one recorded state. Beside runs on
+one host and on two stand bare loops over the same FMUs with the same references, which neither
+exchange nor record: one by FMPy's own methods, one by calls that are bound beforehand. They end in
+the very states that were recorded, or this fails. By themselves stand the bus, a put and its
+receipt for each sample, and the writer, a message at a time.
+
+All take turns, so that a noisy machine is noisy to all; each is measured in a process of its own.
+Rates are medians, ratios are medians of the rounds' own.
 """
 
-import platform
 import statistics
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from importlib.metadata import version
+from argparse import ArgumentParser
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-import numpy as np
-from fmpy.fmi3 import FMU3Slave
+from benchmarks.bare import fmpys, prebound
+from benchmarks.measured import Found, apart, recorded, written, zenoh_put_and_received
+from benchmarks.table import compared, keep, machine, told
+from benchmarks.work import H, Motion, keep_motion, scenario
 
-from benchmarks.table import compared, keep, spread
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from plant_fmu.archives.archive import find_archive, unpacked
-
-H = 0.1
-ROUNDS = 5
-SIZES = {6: 2000, 100: 100, 1000: 20}
-"""Robots, and the ticks of one timed run."""
-
-SCENARIO = """
-[run]
-duration = {duration}
-sampling_period = 0.1
-seed = 1
-{more}
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-[controller]
-kp = 200.0
-kd = 300.0
-[network]
-adjacency = {adjacency}
-pinning = {pinning}
-[target]
-axes = [{{ rate = 2.0, sines = [{{ amplitude = 1.0, frequency = 1.0 }}] }}, {{ rate = -2.0 }}]
-[plant]
-fmu = "two_link_arm"
-[disturbance]
-axes = [{{ sines = [{{ amplitude = 2.0, frequency = 1.0 }}] }}, {{}}]
-[initial]
-position = {{ uniform = [-1.0, 1.0] }}
-velocity = {{ uniform = [-1.0, 1.0] }}
-q = {{ uniform = [-1.0, 1.0] }}
-qd = {{ uniform = [-1.0, 1.0] }}
-"""
+TICKS = {6: 500, 100: 500, 1_000: 200, 10_000: 30}
+"""Robots, and the ticks of a timed run unless they are given."""
+OURS, OURS_2, FMPY, PREBOUND = "1 host", "2 hosts", "FMPy loop", "pre-bound loop"
+ZENOH, WRITER = "Zenoh, put and received", "writer, of messages"
+PUTS, TICKS_WRITTEN = 200_000, 50
 
 
-def scenario(n: int, ticks: int, more: str = "") -> ScenarioFile:
-    """Return n arms of which each hears up to three that stand before it, the first the target.
+def bare(kept: Path, by_fmpy: bool) -> Found:
+    """Step the arms of a recording without a bus; see `benchmarks.bare`."""
+    return (fmpys if by_fmpy else prebound)(Motion(kept))
 
-    `more` are further keys of `[run]`.
-    """
-    rng = np.random.default_rng(n)
-    adjacency = np.zeros((n, n), int)
-    for i in range(1, n):
-        adjacency[i, rng.choice(i, min(i, 3), replace=False)] = 1
-    text = SCENARIO.format(
-        duration=ticks * H,
-        more=more,
-        adjacency=adjacency.tolist(),
-        pinning=[1] + [0] * (n - 1),
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """So many robots for so many ticks."""
+
+    n: int
+    ticks: int
+
+    @property
+    def intervals(self) -> int:
+        """Robot-intervals."""
+        return self.n * self.ticks
+
+    def prepare(self, folder: Path) -> None:
+        """Keep what bare loops are to follow."""
+        file = scenario(self.n, self.ticks)
+        recorded(self.n, self.ticks, 1, folder / "first.mcap")
+        keep_motion(file, folder / "first.mcap", folder / f"{self.n}.npz")
+
+    def round(self, folder: Path) -> dict[str, Found]:
+        """Measure all once."""
+        path, kept = folder / "run.mcap", folder / f"{self.n}.npz"
+        found = {
+            OURS: apart(recorded, self.n, self.ticks, 1, path),
+            OURS_2: apart(recorded, self.n, self.ticks, 2, path),
+            FMPY: apart(bare, kept, True),
+            PREBOUND: apart(bare, kept, False),
+        }
+        assert found[OURS]["digest"] == found[OURS_2]["digest"]
+        return found
+
+
+def row(what: str, case: Case, rounds: Sequence[Mapping[str, Found]]) -> dict[str, Any]:
+    """Return one line of the table: what was measured, over all rounds."""
+    mine = [found[what] for found in rounds]
+    seconds = [found["seconds"] for found in mine]
+    rates = sorted(case.intervals / s for s in seconds)
+    middle = {name: statistics.median(found[name] for found in mine) for name in mine[0]}
+    per_interval = {
+        name: middle[name] / case.intervals for name in ("cpu", "bytes") if name in middle
+    }
+    return {
+        "what": what,
+        "robots": case.n,
+        "ticks": case.ticks,
+        "per_s": statistics.median(rates),
+        "per_s_min": rates[0],
+        "per_s_max": rates[-1],
+        "cpu_us": per_interval["cpu"] * 1e6 if "cpu" in per_interval else None,
+        "setup_s": middle.get("setup"),
+        "peak_mb": middle["peak"] / 1e6,
+        "bytes": per_interval.get("bytes"),
+        "instance_bytes": middle.get("instance_bytes"),
+        "ours_over_it": compared(seconds, [found[OURS]["seconds"] for found in rounds]),
+    }
+
+
+def line(row: Mapping[str, Any]) -> str:
+    """Return a row as it is printed."""
+    spread = f"{row['per_s_min']:,.0f}..{row['per_s_max']:,.0f}"
+    ratio = row["ours_over_it"]
+    beside = f"{ratio['ratio']:.2f}  {ratio['ratio_min']:.2f}..{ratio['ratio_max']:.2f}"
+    cells = [
+        f"{row['robots']:>7,} {row['ticks']:>6}  {row['what']:<15}",
+        f"{row['per_s']:>9,.0f}{spread:>18}",
+        number(row["cpu_us"], 7, 2),
+        number(row["setup_s"], 9, 2),
+        number(row["peak_mb"], 8, 0),
+        number(row["bytes"], 6, 0),
+        "" if row["what"] == OURS else f"  {beside}",
+    ]
+    return "".join(cells).rstrip()
+
+
+def number(value: float | None, width: int, digits: int) -> str:
+    """Return a number as a cell, which is empty where there is none."""
+    return f"{'' if value is None else format(value, f',.{digits}f'):>{width}}"
+
+
+def by_themselves(rounds: int, folder: Path) -> list[dict[str, Any]]:
+    """Return the rates of the bus and of the writer by themselves."""
+    rates: defaultdict[str, list[float]] = defaultdict(list)
+    for _ in range(rounds):
+        rates[ZENOH].append(PUTS / apart(zenoh_put_and_received, PUTS)["seconds"])
+        found = apart(written, 1000, TICKS_WRITTEN, folder / "written.mcap")
+        rates[WRITER].append(found["messages"] / found["seconds"])
+    return [
+        {
+            "what": what,
+            "per_s": statistics.median(found),
+            "per_s_min": min(found),
+            "per_s_max": max(found),
+        }
+        for what, found in rates.items()
+    ]
+
+
+def scale(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return what the most robots cost beside the fewest, and what each of them takes."""
+    ours = [row for row in rows if row["what"] == OURS]
+    few, many = ours[0], ours[-1]
+    fmu = next(r for r in rows if (r["what"], r["robots"]) == (PREBOUND, many["robots"]))
+    memory = (many["peak_mb"] - few["peak_mb"]) * 1e6 / (many["robots"] - few["robots"])
+    hundred = next((row for row in ours if row["robots"] == 100), few)
+    return {
+        "robots": many["robots"],
+        "beside": hundred["robots"],
+        "time": hundred["per_s"] / many["per_s"],
+        "processor": many["cpu_us"] / hundred["cpu_us"],
+        "setup_ms": many["setup_s"] / many["robots"] * 1e3,
+        "kb": (memory - fmu["instance_bytes"]) / 1e3,
+        "fmu_kb": fmu["instance_bytes"] / 1e3,
+    }
+
+
+def told_of(scale: Mapping[str, float]) -> str:
+    """Return the scale in words."""
+    return (
+        f"{scale['robots']:,} robots: a robot-interval takes {scale['time']:.2f} times as long as "
+        f"with {scale['beside']:,}, and {scale['processor']:.2f} times as much of the processor;\n"
+        f"set-up {scale['setup_ms']:.2f} ms a robot; {scale['kb']:.1f} KB of memory a robot beyond "
+        f"the {scale['fmu_kb']:.1f} KB of its FMU"
     )
-    return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
-
-
-def recorded(file: ScenarioFile, folder: Path) -> float:
-    """Return the seconds that the ticks of a run take, set-up and closing apart."""
-    return run(file, folder / "benchmark.mcap").wall_seconds
-
-
-@contextmanager
-def arms(n: int) -> Iterator[list[FMU3Slave]]:
-    """Open n arms as a user of FMPy would, with the gains of the scenario."""
-    archive = find_archive("two_link_arm", Path())
-    by_name = {v.name: v.valueReference for v in archive.description.modelVariables}
-    with ExitStack() as stack:
-        folder = stack.enter_context(unpacked(archive))
-        opened = []
-        for i in range(n):
-            arm = FMU3Slave(
-                guid=archive.description.instantiationToken,
-                unzipDirectory=str(folder),
-                modelIdentifier=archive.name,
-                instanceName=f"arm {i}",
-            )
-            arm.instantiate()
-            arm.setFloat64([by_name["kp"]], [200.0, 0.0, 0.0, 200.0])
-            arm.setFloat64([by_name["kd"]], [300.0, 0.0, 0.0, 300.0])
-            arm.setFloat64([by_name["disturbance_amplitude"]], [2.0] + [0.0] * 15)
-            arm.setFloat64([by_name["disturbance_frequency"]], [1.0] + [0.0] * 15)
-            arm.enterInitializationMode()
-            arm.exitInitializationMode()
-            opened.append(arm)
-        yield opened
-
-
-def bare(n: int, ticks: int) -> float:
-    """Return the seconds that FMPy's own methods take for the same steps."""
-    archive = find_archive("two_link_arm", Path())
-    by_name = {v.name: v.valueReference for v in archive.description.modelVariables}
-    reference = [by_name["position_ref"], by_name["velocity_ref"]]
-    outputs = [by_name["q"], by_name["qd"], by_name["tau_applied"]]
-    rng = np.random.default_rng(1)
-    offsets = rng.uniform(-0.3, 0.3, (n, 2)).tolist()
-    with arms(n) as opened:
-        start = time.perf_counter()
-        for k in range(ticks):
-            t = k * H
-            for arm, (a, b) in zip(opened, offsets, strict=True):
-                arm.setFloat64(reference, [2 * t + np.sin(t) + a, -2 * t + b, 2 + np.cos(t), -2.0])
-                arm.doStep(t, H)
-                arm.getFloat64(outputs, nValues=6)
-        return time.perf_counter() - start
 
 
 def main() -> None:
     """Print the table, and write it as JSON beside."""
-    print(f"{platform.platform()}, Python {platform.python_version()}, ", end="")
-    print(", ".join(f"{part} {version(part)}" for part in ("fmpy", "eclipse-zenoh", "mcap")))
-    print(f"medians of {ROUNDS} interleaved rounds, h = {H} s, zstd; set-up and closing apart")
-    print("the ratio is the median of the rounds' own ratios\n")
-    print(f"{'robots':>7} {'recorded/s':>11} {'bare FMPy/s':>12} {'ratio':>6}   min .. max")
-    rows = []
-    with TemporaryDirectory(prefix="nrs-") as folder:
-        for n, ticks in SIZES.items():
-            file = scenario(n, ticks)
-            ours, theirs = [], []
-            for _ in range(ROUNDS):
-                ours.append(n * ticks / recorded(file, Path(folder)))
-                theirs.append(n * ticks / bare(n, ticks))
-            row = {
-                "robots": n,
-                "recorded_per_s": statistics.median(ours),
-                "bare_fmpy_per_s": statistics.median(theirs),
-                **compared(ours, theirs),
-            }
-            rows.append(row)
-            print(
-                f"{n:>7} {row['recorded_per_s']:>11,.0f} {row['bare_fmpy_per_s']:>12,.0f} "
-                f"{spread(row)}"
-            )
-    keep("throughput", rows)
+    parser = ArgumentParser(description="recorded robot-intervals per second, beside bare loops")
+    parser.add_argument("--robots", type=int, nargs="+", default=list(TICKS))
+    parser.add_argument("--ticks", type=int, help="of every timed run; 500 take about an hour")
+    parser.add_argument("--rounds", type=int, default=7)
+    given = parser.parse_args()
+    cases = [Case(n, given.ticks or TICKS.get(n, 100)) for n in given.robots]
+    of = machine()
+    print(told(of))
+    print(f"medians of {given.rounds} interleaved rounds, least..most; h = {H} s, zstd\n")
+    print(
+        f"{'robots':>7} {'ticks':>6}  {'':15}{'per s':>9}{'least..most':>18}{'cpu us':>7}"
+        f"{'set-up s':>9}{'peak MB':>8}{'bytes':>6}  1 host / it"
+    )
+    found: defaultdict[Case, list[dict[str, Found]]] = defaultdict(list)
+    with TemporaryDirectory(prefix="nrs-") as name:
+        folder = Path(name)
+        for case in cases:
+            case.prepare(folder)
+        for _ in range(given.rounds):
+            for case in cases:
+                found[case].append(case.round(folder))
+        rows = [row(what, case, found[case]) for case in cases for what in found[case][0]]
+        print("\n".join(map(line, rows)))
+        alone = by_themselves(given.rounds, folder)
+    print()
+    for part in alone:
+        print(
+            f"{part['what']:<31}{part['per_s']:>9,.0f}"
+            f"{part['per_s_min']:>12,.0f}..{part['per_s_max']:,.0f}"
+        )
+    of_scale = scale(rows) if len(cases) > 1 else {}
+    if of_scale:
+        print(f"\n{told_of(of_scale)}")
+    keep(
+        "throughput",
+        {
+            "machine": of,
+            "rounds": given.rounds,
+            "rows": rows,
+            "parts": alone,
+            "scale": of_scale,
+        },
+    )
 
 
 if __name__ == "__main__":

@@ -1,0 +1,119 @@
+"""What is measured of one run, one loop, or one part by itself, each in a process of its own.
+
+A run is timed from its first tick until its recording is closed; all before is its set-up: reading
+the scenario, starting hosts, opening the plants. Its memory is the most that its processes have
+had, all together.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from zenoh.handlers import Callback
+
+from benchmarks.bare import timed
+from benchmarks.memory import hosts, peak
+from benchmarks.work import scenario
+from benchmarks.writers import ours, ticks_of
+from bus.network.endpoints import Endpoints
+from bus.network.sessions import open_session
+from orchestrator.hosts.manning import Handling, here
+from orchestrator.runs.pace import AtOnce
+from orchestrator.runs.running import run
+from recordings.reading import Reader
+
+Found = dict[str, float]
+HANDLING = Handling(restart=False, wait=60.0, show=lambda _text: None)
+_LOOK = 0.2
+"""s: between two looks at the memory of hosts."""
+_BATCH = 100
+_PAYLOAD = bytes(59)
+"""As long as a sample."""
+
+
+def apart(measure: Callable[..., Mapping[str, float]], *told: Any) -> Found:
+    """Return what is measured in a process of its own, and that process's peak memory, bytes."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(_measured, measure, told).result()
+
+
+def _measured(measure: Callable[..., Mapping[str, float]], told: tuple[Any, ...]) -> Found:
+    found = measure(*told)
+    return {"peak": peak(), **found}
+
+
+class Begun(AtOnce):
+    """Notes when simulated time begins to pass, and how much memory the hosts have then."""
+
+    def __init__(self) -> None:
+        self.at = self.cpu = self._looked = 0.0
+        self._peaks: dict[int, int] = {}
+
+    def start(self, time_ns: int) -> None:  # noqa: ARG002
+        """Note that the set-up is over."""
+        self.at, self.cpu = time.perf_counter(), time.process_time()
+
+    def wait(self, time_ns: int, ask: Callable[[], None]) -> None:  # noqa: ARG002
+        """Look at the memory of hosts now and then."""
+        if time.perf_counter() - self._looked >= _LOOK:
+            self._peaks |= {pid: peak(pid) for _, pid in hosts()}
+            self._looked = time.perf_counter()
+
+    @property
+    def peak(self) -> int:
+        """The most memory that this process and its hosts have had, bytes."""
+        return peak() + sum(self._peaks.values())
+
+
+def recorded(n: int, ticks: int, n_hosts: int, path: Path) -> Found:
+    """Run arms into a recording, on one host in this process or on some of their own."""
+    began, begun = time.perf_counter(), Begun()
+    file = scenario(n, ticks)
+    man = here(file, n_hosts, HANDLING) if n_hosts > 1 else None
+    outcome = run(file, path, man, pace=begun)
+    ended, cpu = time.perf_counter(), time.process_time()
+    assert outcome.status == "completed", outcome.reason
+    every = file.scenario.run.checkpoint_every
+    assert outcome.messages == ticks * (2 * n + 1) + n + ticks // every * n
+    with Reader(path) as reader:
+        digest = reader.digest
+    return {
+        "seconds": ended - begun.at,
+        **({} if man else {"cpu": cpu - begun.cpu}),
+        "setup": begun.at - began,
+        "peak": begun.peak,
+        "bytes": path.stat().st_size,
+        "digest": int(digest[:12], 16),
+    }
+
+
+def zenoh_put_and_received(count: int) -> Found:
+    """Put samples one by one on a key of a session without sockets, and take them out again."""
+    session = open_session(Endpoints())
+    heard: deque[Any] = deque()
+    session.declare_subscriber("nrs/x/samples/a", Callback(heard.append, indirect=False))
+    put = session.declare_publisher("nrs/x/samples/a").put
+    taken = 0
+
+    def work() -> None:
+        nonlocal taken
+        for _ in range(count // _BATCH):
+            for _ in range(_BATCH):
+                put(_PAYLOAD)
+            while heard:
+                taken += len(heard.popleft().payload.to_bytes())
+
+    spent = timed(work)
+    session.close()
+    assert taken == count // _BATCH * _BATCH * len(_PAYLOAD)
+    return spent
+
+
+def written(n: int, ticks: int, path: Path) -> Found:
+    """Write the messages of ticks that are there already, by the recording's writer."""
+    made = ticks_of(n, ticks)
+    return {**timed(lambda: ours(path, n, made)), "messages": sum(map(len, made))}

@@ -1,0 +1,103 @@
+"""The work that is measured: arms that hear three others each, and the same arms without a bus.
+
+A robot-interval is one sample on the bus, one doStep of h, and one recorded state. What follows
+the recorded references instead, through whatever interface, must come to the recorded states.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator_agents.estimate import Estimate
+from orchestrator.runs.robots import agents_of
+from orchestrator.scenario.file import ScenarioFile, parse_scenario
+from orchestrator.scenario.setting import initial_estimates
+from recordings.recording import Recording
+from recordings.tables import SAMPLES
+
+H = 0.1
+KP, KD = 200.0, 300.0
+AMPLITUDE, FREQUENCY = 2.0, 1.0
+"""Of the disturbance on the first joint."""
+
+SCENARIO = """
+[run]
+duration = {duration}
+sampling_period = 0.1
+seed = 1
+{more}
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 0.9
+[controller]
+kp = {KP}
+kd = {KD}
+[network]
+generator = {{ kind = "random_k_in", n = {n}, k = 3, pinned = [1] }}
+[target]
+axes = [{{ rate = 2.0, sines = [{{ amplitude = 1.0, frequency = 1.0 }}] }}, {{ rate = -2.0 }}]
+[plant]
+fmu = "two_link_arm"
+[disturbance]
+axes = [{{ sines = [{{ amplitude = {AMPLITUDE}, frequency = {FREQUENCY} }}] }}, {{}}]
+[initial]
+position = {{ uniform = [-1.0, 1.0] }}
+velocity = {{ uniform = [-1.0, 1.0] }}
+q = {{ uniform = [-1.0, 1.0] }}
+qd = {{ uniform = [-1.0, 1.0] }}
+"""
+
+
+def scenario(n: int, ticks: int, more: str = "") -> ScenarioFile:
+    """Return n arms, of which each hears three and the first the target; `more` is in `[run]`."""
+    numbers = {"KP": KP, "KD": KD, "AMPLITUDE": AMPLITUDE, "FREQUENCY": FREQUENCY}
+    text = SCENARIO.format(duration=ticks / 10, n=n, more=more, **numbers)
+    return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
+
+
+def keep_motion(file: ScenarioFile, recorded: Path, kept: Path) -> None:
+    """Keep what the arms of a recording were given and came to, for `Motion`."""
+    robots = range(1, file.scenario.n + 1)
+    agents = agents_of(file.scenario, robots)
+    first = initial_estimates(file.scenario, robots)
+    references = [np.hstack([first.position, first.velocity])]
+    with Recording(recorded) as recording:
+        start, end = (
+            recording.states(end=H / 2),
+            recording.states(start=recording.ticks * H - H / 2),
+        )
+        for _, rows in recording.chunks([SAMPLES]):
+            for k in np.unique(rows["k"]).tolist():
+                of_k = rows[rows["k"] == k]
+                heard = of_k[np.isin(of_k["robot"], agents.in_neighbours)]
+                agents.hear(k, heard["robot"], heard["position"], heard["velocity"])
+                left = of_k[of_k["robot"] > 0]
+                agents.jump(k, Estimate(left["position"], left["velocity"]))
+                estimate = agents.estimate
+                references.append(np.hstack([estimate.position, estimate.velocity]))
+    np.savez(
+        kept,
+        references=np.array(references[:-1]),
+        start=np.hstack([start["q"], start["qd"]]),
+        end=np.hstack([end["q"], end["qd"]]),
+    )
+
+
+class Motion:
+    """What the arms of a recording were given and came to.
+
+    `references` (ticks, n, 4) hold ε_i(t_k⁺), υ_i(t_k⁺), `start` and `end` (n, 4) q and q̇.
+    """
+
+    def __init__(self, kept: Path) -> None:
+        with np.load(kept) as arrays:
+            self.references: NDArray[np.float64] = arrays["references"]
+            self.start: NDArray[np.float64] = arrays["start"]
+            self.end: NDArray[np.float64] = arrays["end"]
+
+    def expect(self, found: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
+        """Raise AssertionError unless q and q̇ are those that were recorded last, bit by bit."""
+        assert np.array_equal(np.asarray(found), self.end), "not the states that were recorded"

@@ -1,0 +1,71 @@
+"""Ticks of encoded messages, as hosts say them, and writers that take them one by one."""
+
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+
+from bus.keys import sample_key, state_key
+from bus.messages import SAMPLE, STATE, Codec
+from recordings.digest import Message
+from recordings.recorder import channels, schemas
+from recordings.tables import RUN
+from recordings.writing import CHUNK_BYTES, Writer
+
+H = 100_000_000
+"""ns"""
+
+Ticks = list[list[Message]]
+
+
+def ticks_of(n: int, count: int) -> Ticks:
+    """Return ticks of samples and of states at two times, of arms that move smoothly."""
+    made: Ticks = [[] for _ in range(count)]
+    for kind, robots, key in ((SAMPLE, n + 1, sample_key), (STATE, n, state_key)):
+        codec, first = Codec(kind, 2), n + 1 - robots
+        numbers = np.arange(first, n + 1)
+        records = codec.blank(numbers)
+        for k, tick in enumerate(made):
+            for t in (k * H + H // 2, k * H + H)[kind is SAMPLE :]:
+                records["k"], records["time_ns"] = k, t
+                for name in kind.vectors:
+                    records[name] = np.sin(np.outer(numbers + 0.1, [t / 1e9, t / 2e9]))
+                encoded = zip(numbers.tolist(), codec.encode(records), strict=True)
+                tick.extend((t, key(robot), k, data) for robot, data in encoded)
+    return made
+
+
+def ours(path: Path, n: int, ticks: Ticks, flush: bool = False) -> None:
+    """Write by this project's writer."""
+    used = channels(n, (), False)
+    about = {RUN: {"robots": str(n), "joints": "2"}}
+    with Writer(
+        path, version="0", channels=used, schemas=schemas(used), metadata=about, attachments={}
+    ) as writer:
+        for tick in ticks:
+            writer.write(tick)
+            if flush:
+                writer.flush()
+        writer.finish("completed")
+
+
+def ours_flushed(path: Path, n: int, ticks: Ticks) -> None:
+    """The same, and every tick is in the file when the next one begins."""
+    ours(path, n, ticks, flush=True)
+
+
+def mcaps(path: Path, n: int, ticks: Ticks) -> None:
+    """Write by the `mcap` package's writer."""
+    with path.open("wb") as file:
+        writer = McapWriter(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer.start("nrs", "benchmark")
+        used = channels(n, (), False)
+        ids = {s.name: writer.register_schema(s.name, "protobuf", s.data) for s in schemas(used)}
+        numbers = {
+            c.topic: writer.register_channel(c.topic, "protobuf", ids[c.schema_name]) for c in used
+        }
+        for tick in ticks:
+            for t, topic, k, data in tick:
+                writer.add_message(numbers[topic], t, data, t, k)
+        writer.finish()
