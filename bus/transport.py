@@ -1,8 +1,8 @@
 """A bus carries bytes from a key to all who listen on it, in order, and drops nothing.
 
 All that one party hears comes into one inbox, in the order of arrival: messages, who is present,
-and on a network also questions and answers. Keys are the run's own, whatever stands before them
-on the wire; patterns follow Zenoh: `*` stands for one part of a key.
+and on a network also lost links, questions and answers. Keys are the run's own, whatever stands
+before them on the wire; patterns follow Zenoh: `*` stands for one part of a key.
 """
 
 from collections.abc import Callable
@@ -27,6 +27,13 @@ class Presence(NamedTuple):
     here: bool
 
 
+class Cut(NamedTuple):
+    """The link to a session is lost."""
+
+    peer: str | None
+    """The session's id; None where there is one link only, to whatever is beyond it."""
+
+
 class Answer(NamedTuple):
     """What was answered to the question that was asked on a key; None after the last answer."""
 
@@ -43,7 +50,7 @@ class Question:
     answer: Put
 
 
-Item = Message | Presence | Answer | Question
+Item = Message | Presence | Cut | Answer | Question
 
 
 class Inbox(Protocol):

@@ -4,10 +4,11 @@
     listen                  mode router: the hosts meet here
     connect                 mode client: goes on trying for `wait`, and again after a lost link
 
-Scouting, gossip and shared memory are off, and a full queue blocks its sender instead of closing
-the link. An endpoint is `protocol/address` alone: Zenoh's own `?` and `#` suffixes could switch
-off what is decided here. Certificates are verified whenever a link opens, names included; a link
-that is open is not closed because a date has passed.
+Scouting, gossip and shared memory are off. A full queue blocks its sender; when nothing leaves it
+for twice as long as a link may be silent, the link is lost. An endpoint is `protocol/address`
+alone: Zenoh's own `?` and `#` suffixes could switch off what is decided here. Certificates
+are verified whenever a link opens, names included; a link that is open is not closed because a date
+has passed.
 """
 
 from collections.abc import Collection
@@ -23,7 +24,6 @@ from bus.network.certificates import Tls, context
 NETWORK_LEASE, LOCAL_LEASE = 0.8, 3600.0
 """s; a lost link is noticed within 1 s, and a local process that is stopped is waited for."""
 
-_HOUR_US = 3_600_000_000
 _LONGEST_SOCKET_PATH = 107
 _FORM = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream//absolute/path"
 
@@ -127,7 +127,9 @@ def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
         "transport/link/protocols": sorted(protocols),
         "transport/link/tx/lease": round(endpoints.seconds_of_silence * 1000),
         "transport/link/tx/keep_alive": 4,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _HOUR_US,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": round(
+            2e6 * endpoints.seconds_of_silence
+        ),
         "connect/timeout_ms": round(endpoints.wait * 1000),
         "connect/exit_on_failure": True,
         "connect/retry": {

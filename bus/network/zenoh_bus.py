@@ -14,7 +14,7 @@ from zenoh.handlers import Callback
 
 from bus.network.endpoints import Endpoints
 from bus.network.sessions import open_session
-from bus.transport import Answer, Item, Message, Presence, Put, Question
+from bus.transport import Answer, Cut, Item, Message, Presence, Put, Question
 
 ROOT = "nrs"
 NO_SOCKET = Endpoints()
@@ -43,6 +43,8 @@ class ZenohInbox:
             return Message(self._key(raw.key_expr), raw.payload.to_bytes())
         if isinstance(raw, zenoh.Query):
             return _question(raw, self._key(raw.key_expr))
+        if isinstance(raw, Cut):
+            return raw
         kind, told, *replied = raw
         if kind is Presence:
             return Presence(self._key(told.key_expr), told.kind == zenoh.SampleKind.PUT)
@@ -71,9 +73,15 @@ class ZenohBus:
     def __init__(self, run_id: str, endpoints: Endpoints = NO_SOCKET) -> None:
         """Open a session; `InputError` and `BusError` as `open_session`."""
         self._session = open_session(endpoints)
+        self._has_one_link = bool(endpoints.connect)
         self.run_id = run_id
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
+
+    @property
+    def id(self) -> str:
+        """The session's id, by which others know whose link is lost."""
+        return str(self._session.zid())
 
     @property
     def _prefix(self) -> str:
@@ -127,6 +135,20 @@ class ZenohBus:
             Callback(told, indirect=False),
             history=True,
         )
+
+    def watch_links(self, inbox: ZenohInbox) -> None:
+        """Let an inbox hear of each link that is lost, from now on.
+
+        Whoever was beyond it is present until Zenoh has closed the link, which waits for what a
+        sender had filled it with, on TLS until TCP gives up; this is told before.
+        """
+        put = inbox.waiting.put
+
+        def told(event: zenoh.LinkEvent) -> None:
+            if event.kind == zenoh.SampleKind.DELETE:
+                put(Cut(None if self._has_one_link else str(event.link.zid)))
+
+        self._session.info.declare_link_events_listener(Callback(told, indirect=False))
 
     def announce(self, key: str) -> None:
         """Be present on a key until the session is closed or its process is gone."""

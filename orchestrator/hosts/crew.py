@@ -1,8 +1,8 @@
 """The hosts of a run that are processes of their own, here or elsewhere.
 
 Every robot has a home, and a home has at most one host at a time. A host asks to be let in, opens
-its robots, says that it is ready, and is told to begin when every home has one. A host whose
-presence ends is gone: its home waits for another, which is told to begin where the recording
+its robots, says that it is ready, and is told to begin when every home has one. A host whose link
+or presence ends is gone: its home waits for another, which is told to begin where the recording
 allows, while the rest of the run goes on as far as the data lets it.
 """
 
@@ -32,7 +32,7 @@ from bus.network.access import expect_host_name
 from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import joined
 from bus.seal import Seal
-from bus.transport import Item, Message, Presence, Question
+from bus.transport import Cut, Item, Message, Presence, Question
 from bus.wire import Wire
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import LocalHost
@@ -114,6 +114,7 @@ class Crew:
         for kind in (JOIN, START, HEARD, FMU):
             bus.serve(wire_key(kind, "*"), inbox)
         bus.watch(wire_key(ALIVE, "*/*"), inbox)
+        bus.watch_links(inbox)
         bus.announce(wire_key(ALIVE, ORCHESTRATOR))
         for name, robots in homes.items():
             self._homes[name] = Home(robots, reserved=True)
@@ -157,8 +158,8 @@ class Crew:
 
     def handle(self, item: Item) -> None:
         """Take what came and is neither samples nor records."""
-        kind, _, name = item.key.partition("/")
         if isinstance(item, Question):
+            kind, _, name = item.key.partition("/")
             answers = {
                 JOIN: self._join,
                 START: self._start,
@@ -170,11 +171,15 @@ class Crew:
             else:
                 self.refused["question"] += 1
         elif isinstance(item, Presence):
-            name, _, incarnation = name.partition("/")
+            name, _, incarnation = item.key.partition("/")[2].partition("/")
             home = self._homes.get(name)
             if home and home.incarnation == incarnation:
                 home.present = item.here
                 if not item.here:
+                    self._lose(name, home)
+        elif isinstance(item, Cut):
+            for name, home in list(self._homes.items()):
+                if home.incarnation is not None and item.peer in {None, home.incarnation}:
                     self._lose(name, home)
         elif isinstance(item, Message):
             self._read_report(item)

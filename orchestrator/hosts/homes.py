@@ -30,7 +30,7 @@ class Home:
     reserved: bool = False
     """For a host of this name, also when it does not come."""
     incarnation: str | None = None
-    """Of the host that is let in; None while there is none."""
+    """The id of the session of the host that is let in; None while there is none."""
     since: float = field(default_factory=monotonic)
     """When that changed."""
     present: bool = False

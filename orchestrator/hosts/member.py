@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
-from uuid import uuid4
 
 from bus.errors import BusError, CosimError, InputError, RunError
 from bus.keys import (
@@ -33,7 +32,7 @@ from bus.network.endpoints import Endpoints
 from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import parted
 from bus.seal import Seal
-from bus.transport import Answer, Item, Message, Presence
+from bus.transport import Answer, Cut, Item, Message, Presence
 from bus.wire import RefusedError, Wire
 from orchestrator.hosts.crew import END, TICK
 from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Told, Welcome
@@ -91,10 +90,9 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
         with ExitStack() as stack:
             bus = ZenohBus("*", endpoints)
             stack.callback(bus.close)
-            incarnation = uuid4().hex
             try:
-                welcome = _let_in(bus, member, incarnation, endpoints.tls is not None)
-                _take_part(stack, bus, member, incarnation, welcome)
+                welcome = _let_in(bus, member, endpoints.tls is not None)
+                _take_part(stack, bus, member, welcome)
             except EndedError:
                 return
             except AbandonedError as error:
@@ -103,11 +101,11 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
                 member.show(f"{error}; looking for it again")
 
 
-def _let_in(bus: ZenohBus, member: Membership, incarnation: str, tls: bool) -> Welcome:
+def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
     """Look for a run, and ask to be let in until it does."""
     inbox = bus.listen()
     robots = None if member.robots is None else tuple(member.robots)
-    hello = Hello(version=version("nrs-cosim"), incarnation=incarnation, robots=robots).written()
+    hello = Hello(version=version("nrs-cosim"), incarnation=bus.id, robots=robots).written()
     present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, member.name)
     until = monotonic() + member.wait
     last = "no run was found that waits for hosts"
@@ -161,9 +159,7 @@ def _welcome_or_refusal(data: bytes) -> Welcome | Refusal | None:
     return None
 
 
-def _take_part(
-    stack: ExitStack, bus: ZenohBus, member: Membership, incarnation: str, welcome: Welcome
-) -> None:
+def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Welcome) -> None:
     """Open the robots, and run them from where the orchestrator says, until it ends the run."""
     name, seal = member.name, Seal(welcome.secret)
     report_key = wire_key(REPORT, name)
@@ -177,7 +173,8 @@ def _take_part(
     for kind in (SAMPLES, RECORDS):
         bus.publisher(wire_key(kind, name))  # before it asks to begin: see there
     bus.watch(wire_key(ALIVE, ORCHESTRATOR), inbox)
-    bus.announce(wire_key(ALIVE, f"{name}/{incarnation}"))
+    bus.watch_links(inbox)
+    bus.announce(wire_key(ALIVE, f"{name}/{bus.id}"))
     listening = _Listening(bus, inbox, name, seal)
     try:
         folder = Path(welcome.folder) if welcome.folder else Path("/nonexistent")
@@ -189,7 +186,7 @@ def _take_part(
         raise
     told = tuple(Told.model_validate(told) for told in robots.told)
     go, checkpoints = Go.and_checkpoints(
-        listening.ask_to_begin(Ready(incarnation=incarnation, plants=told))
+        listening.ask_to_begin(Ready(incarnation=bus.id, plants=told))
     )
     clock = clock_of(file.scenario)
     listening.wire = wire = wire_of(file.scenario, go.homes, seal)
@@ -267,7 +264,7 @@ class _Listening:
 
     def handle(self, item: Item) -> Iterable[Heard]:
         """Take an answer or an order; `AbandonedError` and `EndedError` end the host's part."""
-        if item == Presence(wire_key(ALIVE, ORCHESTRATOR), here=False):
+        if isinstance(item, Cut) or item == Presence(wire_key(ALIVE, ORCHESTRATOR), here=False):
             raise AbandonedError("the orchestrator is gone")
         if isinstance(item, Message):
             if item.key == self._orders and self._seal.opened(item.key, item.payload) == END:

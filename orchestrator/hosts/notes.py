@@ -43,7 +43,7 @@ class Hello(Note):
     version: str
     """Of nrs-cosim."""
     incarnation: str
-    """Which of the processes of this name it is."""
+    """Which of the hosts of this name it is: the id of its session."""
     robots: tuple[int, ...] | None
     """The ones that it wants; None for any home that is free."""
 

@@ -13,21 +13,30 @@ MESSAGES = 200
 LEASE = 3.0
 """s; more than the default, for a machine that is busy with other things."""
 
-NODE = """
-import json, queue, sys, zenoh
+ENDPOINTS = """
+import json, sys
 from pathlib import Path
 from bus.network.certificates import Tls
 from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
 
 told = json.loads(sys.argv[1])
 if told.get("tls"):
     told["tls"] = Tls(*map(Path, told["tls"]))
 for side in ("listen", "connect"):
     told[side] = tuple(told.get(side, ()))
-session = open_session(Endpoints(**told))
+endpoints = Endpoints(**told)
+"""
+
+NODE = (
+    ENDPOINTS
+    + """
+import queue, zenoh
+from bus.network.sessions import open_session
+
+session = open_session(endpoints)
 block = zenoh.CongestionControl.BLOCK
 """
+)
 
 HUB = (
     NODE
@@ -60,6 +69,31 @@ for k in range(int(sys.argv[2])):
 print(json.dumps([inbox.get() for _ in range(int(sys.argv[2]))]))
 sys.stdin.readline()
 session.close()
+"""
+)
+
+FLOOD = (
+    ENDPOINTS
+    + """
+from threading import Thread
+from bus.network.zenoh_bus import ZenohBus
+
+bus = ZenohBus("r", endpoints)
+print(bus.id)
+mine, other = ("left", "right") if endpoints.listen else ("right", "left")
+links, heard = bus.listen(), bus.listen(other)
+bus.watch_links(links)
+put = bus.publisher(mine)
+
+def flood():
+    while True:
+        put(bytes(10_000))
+
+Thread(target=flood, daemon=True).start()
+heard.take(60.0)
+print("heard")
+print(links.take(60.0)[0].peer)
+sys.stdin.readline()
 """
 )
 
@@ -97,3 +131,20 @@ def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path)
                 client.communicate("\n", timeout=60)
             hub.wait(timeout=60)
         assert (hub.returncode, client.returncode) == (0, 0)
+
+
+def test_a_cut_is_told_to_senders_whom_it_stops(tmp_path):
+    """Zenoh closes a link over TLS only when all that was put into it has left, or TCP gives up."""
+    with two_machines() as wire:
+        authority, meet = Authority(tmp_path), [f"tls/{wire.left.address}:{PORT}"]
+        listen = told(authority.issue("orchestrator", wire.left.address), listen=meet, lease=LEASE)
+        client = authority.issue("left", wire.right.address)
+        connect = told(client, connect=meet, lease=LEASE, wait=60.0)
+        with wire.left.python(FLOOD, listen) as hub:
+            assert hub.stdout.readline()
+            with wire.right.python(FLOOD, connect) as client:
+                id_ = client.stdout.readline()
+                assert (hub.stdout.readline(), client.stdout.readline()) == ("heard\n",) * 2
+                wire.cut()
+                assert client.stdout.readline() == "None\n"
+                assert hub.stdout.readline() == id_
