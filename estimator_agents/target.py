@@ -1,9 +1,10 @@
-"""The target moves by ε_0(t), twice differentiable: υ_0 = ε̇_0 and a_0 = υ̇_0 are bounded (A1).
+"""The target moves by ε_0(t): υ_0 = ε̇_0 and a_0 = υ̇_0 are bounded (A1).
 
-Harmonic: ε_0(t) = offset + rate t + Σ A sin(ω t + φ) on each axis. Sampled: the cubic spline, C²,
-through positions at given times.
+Harmonic: ε_0(t) = offset + rate t + Σ A sin(ω t + φ) on each axis. Sampled: a cubic between any two
+of given times, through positions there; the spline, C², or with velocities too Hermite's, C¹.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -68,23 +69,36 @@ class Harmonic:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sampled:
-    """Positions at given times and what is between them: a cubic on each interval, C² throughout.
-
-    At the first and at the last inner time the third derivative is continuous too (not-a-knot).
-    """
+    """Positions at given times and what is between them: a cubic on each interval."""
 
     spline: Any
-    """scipy's CubicSpline"""
+    """scipy's PPoly"""
 
     @classmethod
     def of(cls, times: ArrayLike, positions: ArrayLike) -> "Sampled":
-        """Return the motion through positions (s, m) at s ≥ 2 increasing times, s.
+        """Return the spline through positions (s, m) at s ≥ 2 increasing times, s: C² throughout.
 
+        At the first and at the last inner time the third derivative is continuous too (not-a-knot).
         Two samples make a line, three a parabola.
         """
         from scipy.interpolate import CubicSpline  # noqa: PLC0415, 0.3 s that sines need not wait for
 
         return cls(CubicSpline(times, positions, extrapolate=False))
+
+    @classmethod
+    def through(cls, times: ArrayLike, positions: ArrayLike, velocities: ArrayLike) -> "Sampled":
+        """Return the cubics of Hermite through positions and velocities, both (s, m): C¹.
+
+        At each of the times they are what is returned, to the last bit: a piece is in powers of
+        the time since its beginning, and one more, as long as a rounding, begins at the last.
+        """
+        from scipy.interpolate import CubicHermiteSpline, PPoly  # noqa: PLC0415, as in `of`
+
+        inner = CubicHermiteSpline(times, positions, velocities)
+        rest = np.zeros_like(inner.c[:, :1])
+        rest[2:, 0] = np.asarray(velocities)[-1], np.asarray(positions)[-1]
+        ends = np.append(inner.x, np.nextafter(inner.x[-1], np.inf))
+        return cls(PPoly(np.concatenate([inner.c, rest], axis=1), ends, extrapolate=False))
 
     def at(self, seconds: ArrayLike) -> Estimate:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m); NaN beyond the samples."""
@@ -95,11 +109,16 @@ class Sampled:
 
         On an interval a_0 is linear and greatest at an end; υ_0 is so too, or where a_0 = 0.
         """
-        times = self.spline.x
         a, b, c, _ = self.spline.c
+        length = np.diff(self.spline.x)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = -b / (3 * a)
-            inside = (turn > 0) & (turn < np.diff(times)[:, None])
+            inside = (turn > 0) & (turn < length)
             turned = np.where(inside, (3 * a * turn + 2 * b) * turn + c, 0)
-        speed = max(np.abs(self.spline(times, 1)).max(), np.abs(turned).max())
-        return float(speed), float(np.abs(self.spline(times, 2)).max())
+        speeds = c, (3 * a * length + 2 * b) * length + c, turned
+        accelerations = 2 * b, 6 * a * length + 2 * b
+        return _largest(speeds), _largest(accelerations)
+
+
+def _largest(parts: Iterable[NDArray[np.float64]]) -> float:
+    return max(float(np.abs(part).max()) for part in parts)

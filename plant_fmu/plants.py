@@ -77,6 +77,11 @@ class Body:
     """(m,) υ_i(t_0), rad/s"""
 
 
+def called(robot: int) -> str:
+    """Return what a node is called: a robot, or the target, which is node 0."""
+    return f"robot {robot}" if robot else "target"
+
+
 class Plants(Protocol):
     """Some robots' plants, at one time; a row a robot.
 

@@ -187,7 +187,7 @@ def _grounds(promised: Promises) -> dict[str, str]:
     """Return lines of what bounds are made of."""
     told = {
         "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
-        "(gamma_1, gamma_2 of assumption A1)"
+        f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
     }
     if promised.why_not:
         told["bounds"] = f"none: {promised.why_not}"

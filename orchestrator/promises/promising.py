@@ -23,7 +23,7 @@ from estimator_agents.theory.tracking import balls, proven, worst
 from orchestrator.promises.bounding import Bounded, bounded
 from orchestrator.promises.checking import finite
 from orchestrator.scenario.setting import links_of, target_of, topology_of
-from orchestrator.scenario.tables import Scenario
+from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,8 @@ class Promises:
     """sup ‖υ_0‖∞ (A1)"""
     gamma_2: float
     """sup ‖a_0‖∞ (A1)"""
+    source: str
+    """What γ1 and γ2 are of, where that is no formula."""
     why_not: str
     """Why nothing is promised of the estimates; empty where something is."""
     recursion: Recursion | None
@@ -68,6 +70,7 @@ class Promises:
         return {
             "gamma_1": self.gamma_1,
             "gamma_2": self.gamma_2,
+            "source": self.source,
             "why_not": self.why_not,
             "norms": _norms(self.paper) if self.paper else [],
             "estimates": {
@@ -140,7 +143,10 @@ def promises(scenario: Scenario, radius: float | None = None) -> Promises:
             )
         )
     )
-    return Promises(*whole, why_not, recursion, radius, motion, sharpest, paper, robots, tracking)
+    source = _source(scenario)
+    return Promises(
+        *whole, source, why_not, recursion, radius, motion, sharpest, paper, robots, tracking
+    )
 
 
 def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
@@ -167,6 +173,15 @@ def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
         return sharp(recursion, *whole, radius)
 
     return design(known, wanted, epsilon, paper_of, sharp_of)
+
+
+def _source(scenario: Scenario) -> str:
+    target = scenario.target
+    if isinstance(target, SampledTarget):
+        return f"of the spline through its {len(target.times)} samples"
+    if isinstance(target, FmuTarget):
+        return f"of the cubics through {len(target.times)} samples of {target.fmu}"
+    return ""
 
 
 def _why_not(scenario: Scenario, recursion: Recursion | None, radius: float) -> str:

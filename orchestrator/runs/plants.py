@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from orchestrator.scenario.tables import Pattern, Plant, Scenario
+from orchestrator.scenario.setting import names_of
+from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.archives.archive import Archive, find_archive
-from plant_fmu.archives.naming import Pattern as NamePattern
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.driving import Driving
 from plant_fmu.drives.opening import open_plants
@@ -46,10 +46,7 @@ class Group:
     @property
     def names(self) -> dict[str, Spec]:
         """What the scenario gives for quantities of ours."""
-        return {
-            ours: NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
-            for ours, name in self.plant.variables.items()
-        }
+        return names_of(self.plant.variables)
 
     @property
     def driving(self) -> Driving:

@@ -17,6 +17,7 @@ from orchestrator.scenario.clock import nanoseconds
 from orchestrator.scenario.faults import wrong_faults
 from orchestrator.scenario.graphs import with_edges
 from orchestrator.scenario.inlining import inline_target
+from orchestrator.scenario.moving import with_motion
 from orchestrator.scenario.networks import topology_of, wrong_form, wrong_network
 from orchestrator.scenario.numbers import parse_robots
 from orchestrator.scenario.tables import (
@@ -29,8 +30,8 @@ from orchestrator.scenario.tables import (
     TlsTable,
     Uniform,
 )
-from orchestrator.scenario.targets import wrong_target
-from plant_fmu.archives.variables import UNITS
+from orchestrator.scenario.targets import unsampled_times, wrong_target
+from plant_fmu.archives.variables import MOTION, UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 SHORTEST = 1e-6
@@ -64,7 +65,7 @@ def read_scenario(path: Path) -> ScenarioFile:
     """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong.
 
     What it names for its target's samples or its network's edges is read too, and takes the name's
-    place in the text.
+    place in the text; an FMU that is its target is run, and its samples stand there too.
     """
     try:
         text = path.read_text("utf-8")
@@ -76,6 +77,7 @@ def read_scenario(path: Path) -> ScenarioFile:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     text = inline_target(text, path.parent, str(path))
     text = with_edges(text, path.parent, str(path))
+    text = with_motion(text, path.parent, str(path))
     return parse_scenario(text, path.stem, path.parent, str(path))
 
 
@@ -165,7 +167,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     n, m = scenario.n, scenario.m
     network_faults = list(wrong_network(scenario))
     yield from _algorithm_faults(scenario)
-    yield from _time_faults(scenario)
+    wrong_times = list(_time_faults(scenario))
+    yield from wrong_times or unsampled_times(scenario)
     yield from _plant_faults("plant", scenario.plant)
     yield from network_faults
     yield from _gain_faults("controller", scenario.controller, m)
@@ -238,9 +241,10 @@ def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+    ours = [name for name in UNITS if name not in MOTION]
     for name in plant.variables:
-        if name not in UNITS:
-            yield f"{where}.variables.{name}: no quantity of ours{_nearest(name, list(UNITS))}"
+        if name not in ours:
+            yield f"{where}.variables.{name}: no quantity of ours{_nearest(name, ours)}"
     for name in ("step", "control_step"):
         given = getattr(plant, name)
         if given is not None and given < SHORTEST:

@@ -47,8 +47,8 @@ def inline_target(text: str, folder: Path, origin: str) -> str:
             f"{origin}: target.file: got {name!r} and target.{given[0]} too; give one of them"
         )
     del target["file"]
-    target["times"] = tomlkit.value(_written(times.tolist()))
-    target["positions"] = tomlkit.value(_written(positions.tolist()))
+    target["times"] = tomlkit.value(written(times.tolist()))
+    target["positions"] = tomlkit.value(written(positions.tolist()))
     return tomlkit.dumps(document)
 
 
@@ -64,7 +64,8 @@ def _file_of(text: str) -> str | None:
     return name if isinstance(name, str) else None
 
 
-def _written(rows: list[Any]) -> str:
+def written(rows: list[Any]) -> str:
+    """Return rows as TOML."""
     return "\n".join(["[", *(f"  {row!r}," for row in rows), "]"])
 
 
@@ -100,15 +101,15 @@ def _samples(path: Path) -> tuple[Array, Array]:
         kind: np.stack([found[name] for name in names], axis=1) for kind, names in wanted.items()
     }
     if "velocity" in vectors and len(times) > 1 and np.all(np.diff(times) > 0):
-        _agree(path, times, vectors["position"], vectors["velocity"])
+        advice = "sample more often, or leave the velocities out"
+        expect_agreement(str(path), times, vectors["position"], vectors["velocity"], advice)
     return times, vectors["position"]
 
 
-def _agree(path: Path, times: Array, positions: Array, velocities: Array) -> None:
-    """Raise unless velocities are those of the motion through the positions.
-
-    The positions alone decide it: a cubic through both would have jumps in its acceleration.
-    """
+def expect_agreement(
+    origin: str, times: Array, positions: Array, velocities: Array, advice: str
+) -> None:
+    """Raise unless velocities are those of the spline through the positions, both (s, m)."""
     with np.errstate(all="ignore"):
         moved = Sampled.of(times, positions).at(times).velocity
         apart = np.abs(moved - velocities)
@@ -117,7 +118,6 @@ def _agree(path: Path, times: Array, positions: Array, velocities: Array) -> Non
     if not np.all(apart <= most):
         row, axis = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
         raise InputError(
-            f"{path}: velocity_{axis + 1} of sample {row}: expected {moved[row, axis]:g} as the "
-            f"positions have it, within {most:g}, got {velocities[row, axis]:g}; sample more "
-            f"often, or leave the velocities out"
+            f"{origin}: velocity_{axis + 1} of sample {row}: expected {moved[row, axis]:g} as the "
+            f"positions have it, within {most:g}, got {velocities[row, axis]:g}; {advice}"
         )

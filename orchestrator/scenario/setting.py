@@ -4,7 +4,7 @@ A draw is keyed by (seed, what is drawn, robot): it depends neither on the order
 are built nor on where they run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,17 @@ from orchestrator.scenario import networks
 from orchestrator.scenario.chance import chance
 from orchestrator.scenario.clock import Clock, nanoseconds
 from orchestrator.scenario.faults import link_faults, silences
-from orchestrator.scenario.tables import Axis, Robot, SampledTarget, Scenario, Uniform
+from orchestrator.scenario.tables import (
+    Axis,
+    FmuTarget,
+    Name,
+    Pattern,
+    Robot,
+    SampledTarget,
+    Scenario,
+    Uniform,
+)
+from plant_fmu.archives import naming
 from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
@@ -44,6 +54,8 @@ def target_of(scenario: Scenario) -> Target:
     given = scenario.target
     if isinstance(given, SampledTarget):
         return Sampled.of(given.times, given.positions)
+    if isinstance(given, FmuTarget):
+        return Sampled.through(given.times, given.positions, given.velocities)
     return Harmonic(*_terms(given.axes))
 
 
@@ -113,6 +125,14 @@ def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
         disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
         **start,
     )
+
+
+def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:
+    """Return what a scenario gives for quantities of ours, as FMUs are searched for it."""
+    return {
+        ours: naming.Pattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+        for ours, name in variables.items()
+    }
 
 
 def gain(value: float | tuple[float, ...] | tuple[tuple[float, ...], ...], m: int) -> Array:

@@ -44,11 +44,11 @@ VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
 VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
 PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
-HARMONIC, SAMPLED = "a harmonic target", "a sampled target"
+HARMONIC, SAMPLED, MOVING = "a harmonic target", "a sampled target", "an FMU as target"
 EDGE, WEIGHTED = "[source, sink]", "[source, sink, weight]"
 FORMS = frozenset(
     {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
-    | {HARMONIC, SAMPLED, EDGE, WEIGHTED}
+    | {HARMONIC, SAMPLED, MOVING, EDGE, WEIGHTED}
 )
 
 
@@ -270,14 +270,14 @@ class Axis(Table):
 
 
 def _target_kind(kind: Any) -> Any:
-    if kind != "harmonic":  # a sampled target has a table of its own
-        raise ValueError("'harmonic' or 'sampled'")
+    if kind != "harmonic":  # the others have tables of their own
+        raise ValueError("'harmonic', 'sampled' or 'fmu'")
     return kind
 
 
 def _target_form(value: Any) -> str:
     kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    return SAMPLED if kind == "sampled" else HARMONIC
+    return {"sampled": SAMPLED, "fmu": MOVING}.get(str(kind), HARMONIC)
 
 
 class HarmonicTarget(Table):
@@ -315,24 +315,67 @@ class SampledTarget(Table):
         return len(self.positions[0]) if self.positions else 0
 
 
-TargetMotion = Annotated[
-    Annotated[HarmonicTarget, Tag(HARMONIC)] | Annotated[SampledTarget, Tag(SAMPLED)],
-    Discriminator(_target_form),
-]
-TARGETS: dict[Any, type[Table]] = {HARMONIC: HarmonicTarget, SAMPLED: SampledTarget}
-"""The target's tables by form."""
-
-
-class Plant(Table):
-    """A robot's dynamics."""
+class Fmu(Table):
+    """An FMU, and what it is told."""
 
     fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
     parameters: dict[str, Parameter] = Field({}, description="of the FMU, by name, in its units")
     variables: dict[str, Name] = Field(
         {},
-        description="what the FMU has for q, qd, tau …, where that is not found by itself: a name, "
-        "the stem of a family, a slice such as x[0:2], a list of names, or a pattern",
+        description="what the FMU has for q, qd, tau …, or in a target for position and velocity, "
+        "where that is not found by itself: a name, the stem of a family, a slice such as x[0:2], "
+        "a list of names, or a pattern",
     )
+    isolate: bool = Field(
+        True, strict=True, description="run an FMU that is none of ours in a process of its own"
+    )
+    deadline: Positive = Field(
+        10.0, description="s of wall time; an isolated FMU that takes longer for a call is ended"
+    )
+
+
+class FmuTarget(Fmu):
+    """The target moves as an FMU does that nothing drives, by its outputs position and velocity.
+
+    It is run once, when a scenario file is read, and what it did is then in the scenario's text.
+    """
+
+    kind: Literal["fmu"]
+    step: Positive | None = Field(
+        None,
+        description="s; the longest between two samples of the FMU, which is sampled at all output "
+        "times too; a quarter of each sampling period by default",
+    )
+    sha256: Text | None = Field(None, description="of the FMU that was run")
+    times: Vector = Field(
+        (), description="s; when it was sampled. Without the samples the FMU is run again"
+    )
+    positions: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
+    velocities: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
+
+    @property
+    def m(self) -> int:
+        """The number of axes; 0 before the FMU was run."""
+        return len(self.positions[0]) if self.positions else 0
+
+
+TargetMotion = Annotated[
+    Annotated[HarmonicTarget, Tag(HARMONIC)]
+    | Annotated[SampledTarget, Tag(SAMPLED)]
+    | Annotated[FmuTarget, Tag(MOVING)],
+    Discriminator(_target_form),
+]
+TARGETS: dict[Any, type[Table]] = {
+    HARMONIC: HarmonicTarget,
+    SAMPLED: SampledTarget,
+    MOVING: FmuTarget,
+}
+"""The target's tables by form."""
+
+
+class Plant(Fmu):
+    """A robot's dynamics."""
+
     solver: Literal["cvode", "rk4"] | None = Field(
         None, description="of Model Exchange; by default the most accurate way that the FMU offers"
     )
@@ -345,12 +388,6 @@ class Plant(Table):
     )
     control_step: Positive | None = Field(
         None, description="s; the longest for which a torque is held, 0.005 by default"
-    )
-    isolate: bool = Field(
-        True, strict=True, description="run an FMU that is none of ours in a process of its own"
-    )
-    deadline: Positive = Field(
-        10.0, description="s of wall time; an isolated FMU that takes longer for a call is ended"
     )
 
 

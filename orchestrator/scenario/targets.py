@@ -1,65 +1,115 @@
-"""A sampled target is there for the whole run: its times increase, and cover 0 to run.duration."""
+"""A target's samples are there for the whole run: their times increase, and cover 0 to its end."""
 
 from collections.abc import Iterator
+from difflib import get_close_matches
 from itertools import pairwise
 
 import numpy as np
 
 from estimator_agents.target import Sampled
-from orchestrator.scenario.tables import SampledTarget, Scenario
+from orchestrator.scenario.clock import seconds
+from orchestrator.scenario.setting import clock_of, target_of
+from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
+from plant_fmu.archives.variables import MOTION
 
 
 def wrong_target(scenario: Scenario) -> Iterator[str]:
-    """Yield what is wrong with a sampled target; until that is right, its axes are not counted."""
+    """Yield what is wrong with a target's samples; before, its axes are not counted."""
     target, duration = scenario.target, scenario.run.duration
-    if not isinstance(target, SampledTarget):
+    if not isinstance(target, SampledTarget | FmuTarget):
         return
-    times, rows = target.times, target.positions
-    if target.file is not None:
+    wrong = [*_not_there(target), *wrong_variables(target)] or _wrong_samples(target)
+    yield from wrong
+    if wrong:
+        return
+    times = target.times
+    if times[0] > 0 or times[-1] < duration:
         yield (
-            f"target.file: {target.file!r} was not read, which is done where a scenario file is; "
-            f"give times and positions instead"
+            f"target.times: expected times that cover 0 to {duration!r} s (run.duration), got "
+            f"{times[0]!r} to {times[-1]!r} s; give samples of the rest, or a shorter run"
         )
+    if not _is_finite(scenario):
+        yield "target.positions: expected a motion of finite velocity and acceleration, got none"
+
+
+def wrong_variables(target: SampledTarget | FmuTarget) -> Iterator[str]:
+    """Yield which names of quantities are none of a target's."""
+    for name in target.variables if isinstance(target, FmuTarget) else ():
+        if name not in MOTION:
+            near = get_close_matches(name, MOTION, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {' and '.join(MOTION)}"
+            yield f"target.variables.{name}: no quantity of a target's; {hint}"
+
+
+def unsampled_times(scenario: Scenario) -> Iterator[str]:
+    """Yield the first sampling time at which an FMU that is the target was not looked at."""
+    target, clock = scenario.target, clock_of(scenario)
+    if not isinstance(target, FmuTarget):
         return
-    if len(times) < 2:
-        yield (
-            f"target.times: expected two times at least, got {len(times)}; "
-            f"give times and positions, or file"
-        )
-        return
-    if len(rows) != len(times):
-        yield (
-            f"target.positions: expected {len(times)} rows, one for each of target.times, "
-            f"got {len(rows)}"
-        )
-        return
+    known = set(target.times)
+    for k in range(clock.ticks + 1):
+        t = seconds(clock.t(k))
+        if t not in known:
+            yield (
+                f"target.times: expected all sampling times, got none at {t!r} s; take times, "
+                f"positions and velocities out, so that the FMU is run again"
+            )
+            return
+
+
+def _not_there(target: SampledTarget | FmuTarget) -> Iterator[str]:
+    """Yield that there are no samples, and where they would come from."""
+    if isinstance(target, FmuTarget):
+        if not target.times and not target.positions:
+            yield (
+                f"target.fmu: {target.fmu!r} was not run, which is done where a scenario file "
+                f"is read"
+            )
+            return
+        advice = "take times, positions and velocities out, so that the FMU is run again"
+    else:
+        if target.file is not None:
+            yield (
+                f"target.file: {target.file!r} was not read, which is done where a scenario file "
+                f"is; give times and positions instead"
+            )
+            return
+        advice = "give times and positions, or file"
+    if len(target.times) < 2:
+        yield f"target.times: expected two times at least, got {len(target.times)}; {advice}"
+
+
+def _wrong_samples(target: SampledTarget | FmuTarget) -> list[str]:
+    """Return the first thing that is wrong with samples that are there."""
+    times, tables = target.times, {"positions": target.positions}
+    if isinstance(target, FmuTarget):
+        tables["velocities"] = target.velocities
+    for name, rows in tables.items():
+        if len(rows) != len(times):
+            return [
+                f"target.{name}: expected {len(times)} rows, one for each of target.times, "
+                f"got {len(rows)}"
+            ]
+    m = target.m
     wrong = [
-        f"target.positions[{i}]: expected {len(rows[0])} numbers, as in the first row, "
-        f"got {len(row)}"
+        f"target.{name}[{i}]: expected {m} numbers, as in the first row, got {len(row)}"
+        for name, rows in tables.items()
         for i, row in enumerate(rows)
-        if len(row) != len(rows[0])
+        if len(row) != m
     ]
     wrong += [
         f"target.times[{i}]: expected times that increase, got {after!r} after {before!r}"
         for i, (before, after) in enumerate(pairwise(times), 1)
         if not before < after
     ]
-    yield from wrong[:1]
-    if wrong:
-        return
-    if times[0] > 0 or times[-1] < duration:
-        yield (
-            f"target.times: expected times that cover 0 to {duration!r} s (run.duration), got "
-            f"{times[0]!r} to {times[-1]!r} s; give samples of the rest, or a shorter run"
-        )
-    if not _is_finite(target):
-        yield "target.positions: expected a motion of finite velocity and acceleration, got none"
+    return wrong[:1]
 
 
-def _is_finite(target: SampledTarget) -> bool:
+def _is_finite(scenario: Scenario) -> bool:
     with np.errstate(all="ignore"):
         try:
-            motion = Sampled.of(target.times, target.positions)
+            motion = target_of(scenario)
         except ValueError:  # times so near to one another that there is no solution
             return False
+        assert isinstance(motion, Sampled)
         return bool(np.all(np.isfinite(motion.spline.c)) and np.all(np.isfinite(motion.bounds())))

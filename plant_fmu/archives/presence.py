@@ -1,15 +1,15 @@
 """Which of our quantities an FMU has, as the scenario names them where that is not found."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import Layout
-from plant_fmu.archives.variables import NO_SIZES, find_quantity
+from plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
 from plant_fmu.errors import FmuError
 
 VECTORS = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
-"""Of m numbers each."""
+"""Of m numbers each, of a robot."""
 
 
 def has(
@@ -58,10 +58,15 @@ def takes(
     )
 
 
-def expect_apart(archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int, int]) -> None:
+def expect_apart(
+    archive: Archive,
+    names: Mapping[str, Spec],
+    sizes: Mapping[int, int],
+    quantities: Sequence[str] = VECTORS,
+) -> None:
     """Raise `FmuError` when two of our quantities stand for one number of the FMU's."""
     taken: dict[tuple[int, int], str] = {}
-    for ours in VECTORS:
+    for ours in quantities:
         if not has(archive, names, ours, sizes=sizes):
             continue
         for part in find_quantity(archive, ours, names, sizes=sizes).parts:
@@ -70,6 +75,6 @@ def expect_apart(archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int
                 if other is not None:
                     raise FmuError(
                         f"{archive.label}: {other} and {ours} stand for the same number of the "
-                        f"FMU's; see the scenario's plant.variables"
+                        f"FMU's; see the scenario's {table_of(ours)}.variables"
                     )
                 taken[part.reference, number] = ours

@@ -2,7 +2,8 @@
 
 A name is looked for as it is, then as the stem of a family (see `naming`), below one prefix too:
 `q` finds `arm.q[1]`, `arm.q[2]`. Two families that fit are an error, since none is better. Without
-any, qd is the derivative of q: `der(…)` of each of its variables.
+any, qd is the derivative of q: `der(…)` of each of its variables. So is a target's velocity that of
+its position.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,9 +20,11 @@ from plant_fmu.archives.quantities import Part, Quantity
 from plant_fmu.archives.units import si_factor
 from plant_fmu.errors import FmuError
 
+MOTION = ("position", "velocity")
+"""What is looked for in a target; all else is a robot's."""
 UNITS = {
-    **dict.fromkeys(("q", "position_ref"), ("rad", "m")),
-    **dict.fromkeys(("qd", "velocity_ref"), ("rad/s", "m/s")),
+    **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
+    **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),
     **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
     **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
     "disturbance_rate": ("N.m/s", "N/s"),
@@ -31,6 +34,7 @@ UNITS = {
     "kd": ("N.m.s/rad", "N.s/m"),
 }
 """What our quantities are in, of revolute and of prismatic joints."""
+INTEGRALS = {"qd": "q", "velocity": "position"}
 MOST_NUMBERS = 1_000_000
 """That one variable may hold."""
 
@@ -54,7 +58,9 @@ def find_quantity(
     parameters by value reference where they are not the FMU's own. `FmuError` says what is missing,
     ambiguous, or of the wrong size, type or unit.
     """
-    integral = names.get("q", "q") if name == "qd" and name not in names else None
+    integral = None
+    if name in INTEGRALS and name not in names:
+        integral = names.get(INTEGRALS[name], INTEGRALS[name])
     told = tuple(sorted(sizes.items()))
     found = _found(archive, name, names.get(name, name), integral, size, told)
     if isinstance(found, str):
@@ -78,7 +84,7 @@ def _found(
     try:
         picks = _picks(archive, name, spec)
         if not picks and integral:
-            picks = _derivatives(archive, _picks(archive, "q", integral))
+            picks = _derivatives(archive, _picks(archive, INTEGRALS[name], integral))
         if not picks:
             return _unknown(archive, name, spec)
         parts = tuple(_part(archive, name, pick, dict(sizes)) for pick in picks)
@@ -88,6 +94,11 @@ def _found(
     if size is not None and quantity.size != size:
         return _wrong_size(archive, quantity, picks, size)
     return quantity
+
+
+def table_of(ours: str) -> str:
+    """Return the table of a scenario whose FMU has a quantity of ours."""
+    return "target" if ours in MOTION else "plant"
 
 
 def shape_of(
@@ -123,7 +134,8 @@ def _picks(archive: Archive, ours: str, spec: Spec) -> tuple[Pick, ...]:
         return _cut(archive, spec, _picks(archive, ours, stem), cut)
     found = families(spec, known)
     choices = " or ".join(f"variables.{ours} = {family}" for family in found)
-    chosen = only(archive, spec, found, f"write in the scenario's [plant]: {choices}")
+    where = f"write in the scenario's [{table_of(ours)}]"
+    chosen = only(archive, spec, found, f"{where}: {choices}")
     return tuple((variable, slice(None)) for variable in chosen)
 
 
@@ -205,7 +217,8 @@ def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
     what = f"variable {looked_for!r}" + (f" for {ours}" if spec != ours else "")
     return (
         f"{archive.label}: has no {what}{suggestion(str(looked_for), by_name(archive))} Write "
-        f'in the scenario\'s [plant]: variables.{ours} = "its name", or a list of names, or '
+        f"in the scenario's [{table_of(ours)}]: "
+        f'variables.{ours} = "its name", or a list of names, or '
         f'{{ pattern = "{ours}[{{i}}]", base = 1 }}'
     )
 

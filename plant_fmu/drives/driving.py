@@ -42,6 +42,11 @@ class Driving:
 
 
 @dataclass(frozen=True, slots=True)
+class Undriven:
+    """Not at all: a target, which moves by itself."""
+
+
+@dataclass(frozen=True, slots=True)
 class Offer:
     """A way of driving that an FMU offers."""
 

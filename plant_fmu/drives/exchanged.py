@@ -1,9 +1,12 @@
 """One robot in Model Exchange: dx/dt = f(t, x, tau + tau_d), with tau of the law at (t, q, qd).
 
-q and qd are the FMU's variables at (t, x), whatever its states are. Events are handled as FMI asks
+q and qd are the FMU's variables at (t, x), whatever its states are. Without a law there is no tau,
+and what is read may be called otherwise. Events are handled as FMI asks
 (2.0, section 3.2.2; 3.0, section 3.2.1): planned ones by their time, state events by the sign of
 the indicators z(t, x), step events as the FMU wants after a step, and jumps of the reference.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -31,21 +34,27 @@ class Exchanged:
         instances: Instances,
         row: int,
         calls: ModelCalls,
-        law: Law,
+        law: Law | None,
+        m: int,
+        outputs: Sequence[str],
     ) -> None:
-        """Take the instance of a row, initialised; the law is that of this robot alone."""
-        library, m = instances.library, law.position.shape[1]
+        """Take the instance of a row, initialised; the law is that of this robot alone.
+
+        The outputs are of m numbers each.
+        """
+        library = instances.library
         description = library.archive.description
         self._instances, self._row, self._calls, self._law = instances, row, calls, law
         self._handle = instances.handles[row]
         self.time, self.next_event = 0.0, np.inf
         self.state, self._effort = np.zeros((1, 2 * m)), np.zeros((1, m))
-        self._outputs = View([instances.vector(ours, m) for ours in ("q", "qd")], self.state)
-        self._input = View([instances.vector("tau", m)], self._effort)
+        self._outputs = View([instances.vector(ours, m) for ours in outputs], self.state)
         self._read = instances.arguments(row, self._outputs, 0)
-        self._write = instances.arguments(row, self._input, 0)
-        if not self._input.is_complete:
-            self._expect(library.calls.get(*self._write), "access to tau")
+        if law:
+            self._input = View([instances.vector("tau", m)], self._effort)
+            self._write = instances.arguments(row, self._input, 0)
+            if not self._input.is_complete:
+                self._expect(library.calls.get(*self._write), "access to tau")
         self.states = np.zeros(description.numberOfContinuousStates)
         self.indicators = np.zeros(description.numberOfEventIndicators)
         self.states_at = self.states.ctypes.data
@@ -110,6 +119,8 @@ class Exchanged:
 
     def torque(self) -> Array:
         """Return the law's torque now, (m,), without the disturbance."""
+        if not self._law:
+            return np.zeros(self.state.size // 2)
         torque: Array = self._law.torque(self.time, self.state)[0]
         return torque
 
@@ -141,10 +152,12 @@ class Exchanged:
         self._expect(status, "an event")
 
     def _apply_law(self, time: float) -> int:
-        """Read q and qd, and give the FMU the torque that the law has for them."""
+        """Read the outputs, and give the FMU the torque that the law has for them."""
         calls = self._instances.library.calls
         read = calls.get(*self._read)
         self._outputs.take()
+        if not self._law:
+            return read
         self._effort[:] = self._law.effort(time, self.state)
         self._input.give()
         return max(read, calls.set(*self._write))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from plant_fmu.archives.naming import Spec
+from plant_fmu.archives.variables import MOTION
 from plant_fmu.drives.checkpoint import decode, encode
 from plant_fmu.drives.exchanged import Exchanged
 from plant_fmu.drives.law import Law
@@ -19,6 +20,7 @@ from plant_fmu.fmi.model_calls import bind_model
 from plant_fmu.fmi.states import States
 from plant_fmu.plants import Array, Body
 
+STATE = ("q", "qd")
 MAX_EVENTS = 10_000
 """Of one robot in one step: beyond that its events are taken to come ever closer."""
 
@@ -37,9 +39,13 @@ class ModelExchangePlants:
         *,
         drive: str,
         why: str,
+        free: bool = False,
     ) -> None:
-        """Instantiate and initialise one plant for each body; `FmuError` says what is wrong."""
-        self.drive, self.why = drive, why
+        """Instantiate and initialise one plant for each body; `FmuError` says what is wrong.
+
+        What is free has a `position` and a `velocity`, and is told nothing.
+        """
+        self.drive, self.why, self._free = drive, why, free
         self._solve = solve
         n, m = len(bodies), len(bodies[0].q)
         self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
@@ -108,16 +114,19 @@ class ModelExchangePlants:
 
     def _start(self, bodies: Sequence[Body]) -> None:
         instances = self._instances
-        instances.initialise(bodies, [_told(body) for body in bodies])
+        instances.initialise(bodies, [{} if self._free else _told(body) for body in bodies])
         self._laws = [Law([body]) for body in bodies]
+        outputs, m = MOTION if self._free else STATE, self.q.shape[1]
         self._robots = [
-            Exchanged(instances, row, self._calls, law) for row, law in enumerate(self._laws)
+            Exchanged(instances, row, self._calls, None if self._free else law, m, outputs)
+            for row, law in enumerate(self._laws)
         ]
         for robot in self._robots:
             robot.begin()
         self._solvers = [self._solve(robot) for robot in self._robots]
         self._gather()
-        instances.expect_start(bodies, np.hstack([self.q, self.qd]))
+        if not self._free:
+            instances.expect_start(bodies, np.hstack([self.q, self.qd]))
 
     def _gather(self) -> None:
         m = self.q.shape[1]

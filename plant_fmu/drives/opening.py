@@ -7,10 +7,12 @@ from pathlib import Path
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.presence import expect_apart
+from plant_fmu.archives.variables import MOTION
 from plant_fmu.drives import stability
 from plant_fmu.drives.cvode import Cvode
-from plant_fmu.drives.driving import RTOL, STEP, Driving, choose
+from plant_fmu.drives.driving import RTOL, STEP, Driving, Undriven, choose
 from plant_fmu.drives.exchanged import Exchanged
+from plant_fmu.drives.free import FreePlants
 from plant_fmu.drives.model_exchange import ModelExchangePlants
 from plant_fmu.drives.probing import expect_stable, measured_error
 from plant_fmu.drives.reference_driven import ReferenceDrivenPlants
@@ -20,6 +22,8 @@ from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.library import Kind, Library
 from plant_fmu.plants import Body, DrivenPlants
 
+UNDRIVEN_RTOL = 1e-12
+"""Of a target, which is run once."""
 _ANY = Driving()
 
 Load = Callable[[Archive, Path, Kind], Library]
@@ -31,7 +35,7 @@ def open_plants(
     archive: Archive,
     bodies: Sequence[Body],
     names: Mapping[str, Spec],
-    driving: Driving = _ANY,
+    driving: Driving | Undriven = _ANY,
     load: Load = Library,
     alike: Sequence[Body] = (),
 ) -> DrivenPlants:
@@ -43,6 +47,13 @@ def open_plants(
     `FmuError` says what is wrong with the FMU or with what it was told.
     """
     sizes = sizes_of(assignments(archive, bodies[0].parameters))
+    if isinstance(driving, Undriven):
+        expect_apart(archive, names, sizes, MOTION)
+        why = "it moves by itself"
+        if "CoSimulation" in archive.kinds:
+            return FreePlants(_loaded(stack, archive, "CoSimulation", load), bodies, names, why)
+        library = _loaded(stack, archive, "ModelExchange", load)
+        return _by_cvode(library, bodies, names, UNDRIVEN_RTOL, why, free=True)
     if names:
         expect_apart(archive, names, sizes)
     offer = choose(archive, names, driving, sizes)
@@ -50,8 +61,7 @@ def open_plants(
     why = f"{offer.reason}; " + (
         "the scenario asks for it" if asked else "the FMU offers nothing more accurate"
     )
-    folder = stack.enter_context(unpacked(archive))
-    library = stack.enter_context(load(archive, folder, offer.kind))
+    library = _loaded(stack, archive, offer.kind, load)
     match offer.way:
         case "reference":
             return ReferenceDrivenPlants(library, bodies, names, why)
@@ -64,8 +74,19 @@ def open_plants(
             return _by_held_torque(library, bodies, alike, names, step, heun, why)
 
 
+def _loaded(stack: ExitStack, archive: Archive, kind: Kind, load: Load) -> Library:
+    folder = stack.enter_context(unpacked(archive))
+    return stack.enter_context(load(archive, folder, kind))
+
+
 def _by_cvode(
-    library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], rtol: float, why: str
+    library: Library,
+    bodies: Sequence[Body],
+    names: Mapping[str, Spec],
+    rtol: float,
+    why: str,
+    *,
+    free: bool = False,
 ) -> DrivenPlants:
     def solve(robot: Exchanged) -> Cvode:
         solver = Cvode(robot, rtol)
@@ -73,7 +94,7 @@ def _by_cvode(
         return solver
 
     drive = f"Model Exchange, CVODE rtol {rtol:g}"
-    return ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why)
+    return ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why, free=free)
 
 
 def _by_runge_kutta(

@@ -17,7 +17,7 @@ from plant_fmu.fmi.calls import answer, c_references, is_fine
 from plant_fmu.fmi.library import Library
 from plant_fmu.fmi.native.rounds import native_rounds
 from plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
-from plant_fmu.plants import Array, Body
+from plant_fmu.plants import Array, Body, called
 
 Transfer = Callable[[float], None]
 """Moves rows of an array to or from the FMUs at a time in s; `StepError` when one refuses."""
@@ -35,7 +35,7 @@ class Instances:
         """
         self.library, self._names = library, names
         self.robots = [body.robot for body in bodies]
-        names_of = [_name(robot) for robot in self.robots]
+        names_of = [called(robot) for robot in self.robots]
         self.handles = list(map(library.instantiate, names_of))
         native = native_rounds(library, self.handles, names_of)
         self.rounds: Rounds = native or CalledRounds(library, self.handles)
@@ -55,7 +55,8 @@ class Instances:
             for assignment in assigned:
                 for status in assignment.acts(calls, handle):
                     self._expect_ok(row, f"setting {assignment.name}", status)
-            self._start(row, told, assigned)
+            if told:
+                self._start(row, told, assigned)
             self._expect_ok(row, "initialisation", calls.enter_initialization(handle, 0.0))
             self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
 
@@ -142,7 +143,7 @@ class Instances:
     def failure(self, row: int, seconds: float, cause: str) -> StepError:
         """Return the error that names a row's robot, the FMU, the time and the cause."""
         fmu = self.library.archive.label
-        return StepError(f"robot {self.robots[row]} ({fmu}) at t = {seconds:g} s: {cause}")
+        return StepError(f"{called(self.robots[row])} ({fmu}) at t = {seconds:g} s: {cause}")
 
     def _transfer(self, view: View, what: str, *, setting: bool) -> Transfer:
         exchange = self.rounds.exchange(view, setting=setting)
@@ -171,16 +172,12 @@ class Instances:
     def _expect_ok(self, row: int, act: str, status: int) -> None:
         if not is_fine(status):
             raise FmuError(
-                f"{self.library.archive.label}: {act} of robot {self.robots[row]} ended with "
+                f"{self.library.archive.label}: {act} of {called(self.robots[row])} ended with "
                 f"{answer(status)}{self._last_words(row)}"
             )
 
     def _last_words(self, row: int) -> str:
-        return self.library.last_words(_name(self.robots[row]))
-
-
-def _name(robot: int) -> str:
-    return f"robot {robot}"
+        return self.library.last_words(called(self.robots[row]))
 
 
 def _listed(quantities: Sequence[Quantity]) -> str:

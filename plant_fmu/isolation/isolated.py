@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.checkpoint import time_of
-from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.driving import Driving, Undriven
 from plant_fmu.fmi.native.rounds import load_native
 from plant_fmu.isolation.sharing import (
     ADVANCE,
@@ -41,7 +41,7 @@ class IsolatedPlants:
         archive: Archive,
         bodies: Sequence[Body],
         names: Mapping[str, Spec],
-        driving: Driving,
+        driving: Driving | Undriven,
         deadline: float,
         alike: Sequence[Body] = (),
     ) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.driving import Driving
+from plant_fmu.drives.driving import Driving, Undriven
 from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Array, Body
 
@@ -61,7 +61,7 @@ class Task:
     archive: Archive
     bodies: Sequence[Body]
     names: Mapping[str, Spec]
-    driving: Driving
+    driving: Driving | Undriven
     memory: Path
     place: tuple[int, int, int]
     """Its first row, and the numbers of all robots and of all workers."""

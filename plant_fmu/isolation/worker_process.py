@@ -20,6 +20,7 @@ from typing import Self
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.isolation.progress import Progress
 from plant_fmu.isolation.sharing import BAD_FMU, BAD_STEP, DONE, HEAD, send
+from plant_fmu.plants import called
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
@@ -128,7 +129,8 @@ class Worker:
             if self._progress.calls != calls:
                 calls, since = self._progress.calls, monotonic()
             elif monotonic() - since >= limit:
-                which = "plant.deadline" if calls else "to start"
+                table = "plant" if self._robots[0] else "target"
+                which = f"{table}.deadline" if calls else "to start"
                 raise TimeoutError(f"did not return within {limit:g} s ({which})")
 
     def _keep(self, printed: bytes) -> bytes:
@@ -178,4 +180,4 @@ def _ending(status: int) -> str:
 
 
 def _robots(robots: Sequence[int]) -> str:
-    return f"robot{'s' * (len(robots) > 1)} {', '.join(map(str, robots))}"
+    return called(robots[0]) if len(robots) == 1 else f"robots {', '.join(map(str, robots))}"

@@ -159,7 +159,10 @@ def test_a_file_beside_times(tmp_path):
 
 
 BAD_TABLES = {
-    "kind": ("kind = 'spline'", "target.kind: expected 'harmonic' or 'sampled', got 'spline'"),
+    "kind": (
+        "kind = 'spline'",
+        "target.kind: expected 'harmonic', 'sampled' or 'fmu', got 'spline'",
+    ),
     "key of the other kind": (
         "kind = 'sampled'\naxes = []",
         "target.axes: unknown key; there are kind, file, times, positions",
@@ -264,6 +267,7 @@ def test_promises_are_of_any_target_and_are_kept(ran):
     told = promises(file.scenario)
     harmonic = promises(scenario_of(ran[0]).scenario)
     assert told.exact is None
+    assert told.source == "of the spline through its 601 samples"
     assert told.as_json()["estimates"]["exact"] is None
     for row, other in zip(bounds(told), bounds(harmonic), strict=True):
         assert row.exact is None

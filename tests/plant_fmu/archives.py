@@ -19,9 +19,11 @@ def description(fmi: int, model: str = "two_link_arm") -> str:
         return archive.read(NAME).decode()
 
 
-def rewritten(path: Path, fmi: int, edit: Callable[[str], str]) -> Path:
-    """Write the two-link arm's archive with an edited description."""
-    with ZipFile(build("two_link_arm", fmi)) as source, ZipFile(path, "w") as target:
+def rewritten(
+    path: Path, fmi: int, edit: Callable[[str], str], model: str = "two_link_arm"
+) -> Path:
+    """Write a bundled model's archive with an edited description."""
+    with ZipFile(build(model, fmi)) as source, ZipFile(path, "w") as target:
         for entry in source.infolist():
             content = source.read(entry)
             target.writestr(entry, edit(content.decode()) if entry.filename == NAME else content)

@@ -1,0 +1,89 @@
+"""A target that is an FMU is run once, when its scenario's file is read; the text then says it all.
+
+It is sampled at every time of which a run asks, so that there the target is exactly where the FMU
+was, and in between often enough that the cubics of Hermite are near to what was not looked at. Its
+samples stand in the text, whence hosts, replays and resumed runs have them without the FMU.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from bus.errors import CosimError
+from orchestrator.errors import ScenarioError
+from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.inlining import expect_agreement, written
+from orchestrator.scenario.setting import clock_of, names_of
+from orchestrator.scenario.tables import FmuTarget, Scenario
+from orchestrator.scenario.targets import wrong_variables
+from plant_fmu.archives.archive import find_archive
+from plant_fmu.drives.grid import parts
+from plant_fmu.motion import motion_of
+
+PARTS = 4
+"""Of a sampling period, at least, unless the scenario says otherwise."""
+MOST = 1_000_000
+"""Samples."""
+
+
+def with_motion(text: str, folder: Path, origin: str) -> str:
+    """Return a scenario's text with the samples of its target's FMU, if it has one without them.
+
+    Any other text is returned as it is, with all that may be wrong in it. Errors begin with
+    `origin`.
+    """
+    if '"fmu"' not in text and "'fmu'" not in text:
+        return text
+    try:
+        scenario = Scenario.model_validate(tomllib.loads(text))
+        clock = clock_of(scenario)
+    except (ValueError, ArithmeticError, RecursionError):
+        return text
+    target = scenario.target
+    if not isinstance(target, FmuTarget) or target.times or target.positions:
+        return text
+    if any(wrong_variables(target)):
+        return text
+    times = _grid(clock, target.step)
+    if len(times) > MOST:
+        raise ScenarioError(
+            f"{origin}: target.step: expected up to {MOST} samples of the FMU, got "
+            f"{target.step or 'a quarter of the sampling period'}; give a longer step"
+        )
+    names = names_of(target.variables)
+    try:
+        archive = find_archive(target.fmu, folder)
+        deadline = target.deadline if target.isolate and not archive.ours else None
+        moved = motion_of(archive, target.parameters, names, times, deadline)
+        advice = "take a shorter target.step, or say in target.variables what they are"
+        expect_agreement(archive.label, np.array(times), *moved, advice)
+    except CosimError as error:
+        raise ScenarioError(f"{origin}: target.fmu: {error}") from None
+    document = tomlkit.parse(text)
+    table: Any = document["target"]
+    table["sha256"] = archive.sha256
+    samples = {"times": times, "positions": moved[0].tolist(), "velocities": moved[1].tolist()}
+    for name in samples:
+        table[name] = f"what is {name}"
+    whole = tomlkit.dumps(document)
+    for name, rows in samples.items():
+        whole = whole.replace(f'"what is {name}"', written(rows), 1)
+    return whole
+
+
+def _grid(clock: Clock, step: float | None) -> list[float]:
+    """Return all output times, s, and equally far apart between them others, up to too many."""
+    times = [0.0]
+    for k in range(1, clock.ticks + 1):
+        outputs = clock.outputs(k)
+        for ns in outputs:
+            start, end = times[-1], seconds(ns)
+            count = parts(end - start, step) if step else -(-PARTS // len(outputs))
+            times += [start + j * (end - start) / count for j in range(1, min(count, MOST))]
+            times.append(end)
+        if len(times) > MOST:
+            break
+    return times

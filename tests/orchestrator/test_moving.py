@@ -1,0 +1,266 @@
+"""An FMU may be the target: it is run when a scenario's file is read, and the text then has it."""
+
+import hashlib
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+
+from estimator_agents.target import Sampled
+from orchestrator.errors import ScenarioError
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import promises
+from orchestrator.replays.verifying import verify
+from orchestrator.replays.what_if import Change, changed
+from orchestrator.runs.running import run
+from orchestrator.runs.summary import measure, scenario_of
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import clock_of, target_of
+from orchestrator.scenario.tables import json_schema
+from plant_fmu.bundled.building import build
+from recordings.reading import Reader
+from recordings.recording import Recording
+from tests.hosts.runs import Spread
+from tests.orchestrator.arms import target
+from tests.orchestrator.conftest import SCENARIOS
+from tests.plant_fmu.test_motion import NAMES, PARAMETERS
+
+TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+START, END = TEXT.index("[target]"), TEXT.index("[plant]")
+MOVER = f"""[target]
+kind = "fmu"
+fmu = "planar_robot"
+variables = {{ position = "{NAMES["position"]}", velocity = "{NAMES["velocity"]}" }}
+
+[target.parameters]
+{"".join(f"{name} = {json.dumps(value)}" + chr(10) for name, value in PARAMETERS.items())}
+"""
+
+
+def read(folder, table=MOVER, *replacements):
+    """Write the paper's example with another target, and read it."""
+    text = TEXT[:START] + table + "\n" + TEXT[END:]
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / "moving.toml").write_text(text, "utf-8")
+    return read_scenario(folder / "moving.toml")
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """The paper's run, and the same after an FMU that moves as its target does: recordings."""
+    folder = tmp_path_factory.mktemp("moving")
+    run(read_scenario(SCENARIOS / "paper_first_order.toml"), folder / "harmonic.mcap")
+    run(read(folder), folder / "moving.mcap")
+    with Reader(folder / "harmonic.mcap") as one, Reader(folder / "moving.mcap") as other:
+        yield one, other
+
+
+def test_the_run_is_that_after_the_formula(ran):
+    one, other = (Recording(reader.path) for reader in ran)
+    with one, other:
+        for table in ("samples", "states"):
+            a, b = getattr(one, table)(), getattr(other, table)()
+            for name in a.dtype.names:
+                np.testing.assert_allclose(b[name], a[name], rtol=0, atol=1e-9)
+
+
+def test_its_samples_are_the_fmus_own(ran):
+    """At t_k the bits are those in the text, which test_motion has from FMPy."""
+    scenario = scenario_of(ran[1]).scenario
+    known = dict(zip(scenario.target.times, scenario.target.positions, strict=True))
+    with Recording(ran[1].path) as recording:
+        rows = recording.samples(robots=[0])
+    assert len(rows) == 300
+    for row in rows:
+        assert tuple(row["position"]) == known[row["t"]]
+
+
+def test_the_recording_alone_repeats_the_run(ran):
+    file = scenario_of(ran[1])
+    assert file.scenario.target.sha256 == _digest_of(build("planar_robot"))
+    verdict = verify(ran[1], file, plants=False)
+    assert verdict.difference is None
+    assert verdict.ticks == 300
+    other = changed(file, [], [Change.of("--algorithm", "alpha=0.8")])
+    assert other.scenario.target == file.scenario.target
+
+
+def test_any_number_of_hosts_gives_one_digest(tmp_path):
+    file = read(tmp_path, MOVER, ("duration = 30.0", "duration = 1.0"))
+    outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")]
+    with Reader(tmp_path / "1.mcap") as one, Reader(tmp_path / "2.mcap") as two:
+        assert two.digest == one.digest
+        assert [outcome.ticks for outcome in outcomes] == [10, 10]
+
+
+def test_it_is_judged_as_any_target_is(ran):
+    """γ1 and γ2 are of the cubics: those of the formula, to h²/192 with a quarter of h."""
+    scenario = scenario_of(ran[1]).scenario
+    told = promises(scenario)
+    assert told.exact is None
+    assert told.gamma_1 == pytest.approx(3.0, abs=1e-9)
+    assert told.gamma_2 == pytest.approx(1.0, abs=1e-4)
+    assert told.source == "of the cubics through 1501 samples of planar_robot"
+    judged = judge(ran[1], scenario, measure(ran[1]))
+    assert [row.verdict for row in judged.quantities] == ["within"] * 4
+
+
+def _digest_of(path):
+
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        MOVER,
+        MOVER.replace('kind = "fmu"', "kind = 'fmu'  # it moves"),
+        "target = {kind = 'fmu', fmu = 'two_link_arm', "
+        "variables = {position = 'q', velocity = 'qd'}}",
+        "target.kind = 'fmu'\ntarget.fmu = 'two_link_arm'\n"
+        "target.variables = {position = 'q', velocity = 'qd'}",
+    ],
+)
+def test_the_text_says_what_the_fmu_did(tmp_path, form):
+    short = ("duration = 30.0", "duration = 0.3")
+    if form[0] == "[":
+        file, text = read(tmp_path, form, short), TEXT[:START] + form + "\n" + TEXT[END:]
+    else:
+        text = f"{form}\n" + (TEXT[:START] + TEXT[END:])
+        (tmp_path / "moving.toml").write_text(text.replace(*short), "utf-8")
+        file = read_scenario(tmp_path / "moving.toml")
+    again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again")
+    assert again.scenario == file.scenario
+    assert len(again.scenario.target.times) == 16
+    ours, theirs = tomllib.loads(file.text), tomllib.loads(text.replace(*short))
+    assert {**ours, "target": 0} == {**theirs, "target": 0}
+    new = {"sha256", "times", "positions", "velocities"}
+    assert ours["target"].keys() == theirs["target"].keys() | new
+    (tmp_path / "again.toml").write_text(file.text, "utf-8")
+    assert read_scenario(tmp_path / "again.toml").text == file.text
+
+
+@pytest.mark.parametrize(
+    ("step", "output", "count"), [(None, 0.1, 12), (None, 0.01, 30), (0.03, 0.05, 12), (1, 0.1, 3)]
+)
+def test_it_is_sampled_at_all_output_times_and_between(tmp_path, step, output, count):
+    table = MOVER.replace('kind = "fmu"\n', f'kind = "fmu"\nstep = {step}\n') if step else MOVER
+    short = ("duration = 30.0", "duration = 0.3"), ("output_step = 0.02", f"output_step = {output}")
+    scenario = read(tmp_path, table, *short).scenario
+    clock, times = clock_of(scenario), scenario.target.times
+    outputs = {ns / 1e9 for k in range(clock.ticks + 1) for ns in clock.outputs(k)}
+    assert outputs <= set(times)
+    assert len(times) == count + 1
+    assert max(np.diff(times)) <= (step or 0.025) * (1 + 1e-9)
+    expected = np.array([target(t) for t in times])
+    np.testing.assert_allclose(scenario.target.positions, expected[:, 0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(scenario.target.velocities, expected[:, 1], rtol=0, atol=1e-11)
+
+
+def test_cubics_of_hermite_give_back_what_they_were_given():
+    rng = np.random.default_rng(7)
+    times = np.cumsum(rng.uniform(0.01, 0.1, 50))
+    positions, velocities = rng.normal(size=(2, 50, 3))
+    motion = Sampled.through(times, positions, velocities)
+    there = motion.at(times)
+    assert there.position.tolist() == positions.tolist()
+    assert there.velocity.tolist() == velocities.tolist()
+    assert np.isnan(motion.at(times[-1] + 1e-6).position).all()
+    dense = motion.at(np.linspace(times[0], times[-1], 200_001))
+    gamma_1, gamma_2 = motion.bounds()
+    steps = np.diff(dense.velocity, axis=0) / np.diff(np.linspace(times[0], times[-1], 200_001))[0]
+    assert gamma_1 * 0.9999 < np.abs(dense.velocity).max() <= gamma_1 * (1 + 1e-12)
+    assert gamma_2 * 0.99 < np.abs(steps).max() <= gamma_2 * (1 + 1e-6)
+
+
+BAD_TABLES = {
+    "not run": (MOVER, "target.fmu: 'planar_robot' was not run, which is done where a scenario"),
+    "no fmu": ("kind = 'fmu'", "target.fmu: missing"),
+    "key of the other kind": (
+        "kind = 'fmu'\nfmu = 'planar_robot'\nfile = 'a.csv'",
+        "target.file: unknown key",
+    ),
+    "half of the samples": (
+        "kind = 'fmu'\nfmu = 'a.fmu'\ntimes = [0, 40]\npositions = [[0, 0], [1, 1]]",
+        "target.velocities: expected 2 rows, one for each of target.times, got 0",
+    ),
+    "no sampling times": (
+        "kind = 'fmu'\nfmu = 'a.fmu'\ntimes = [0, 40]\npositions = [[0, 0], [1, 1]]\n"
+        "velocities = [[0, 0], [1, 1]]",
+        "target.times: expected all sampling times, got none at 0.1 s; take times, positions and",
+    ),
+    "too short": (
+        "kind = 'fmu'\nfmu = 'a.fmu'\ntimes = [0, 4]\npositions = [[0, 0], [1, 1]]\n"
+        "velocities = [[0, 0], [1, 1]]",
+        "target.times: expected times that cover 0 to 30.0 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TABLES)
+def test_errors_of_tables_name_the_field_and_the_value(case):
+    given, message = BAD_TABLES[case]
+    table = given if given[0] == "[" else f"[target]\n{given}\n"
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(TEXT[:START] + table + TEXT[END:], "bad", SCENARIOS, "bad.toml")
+    assert f"bad.toml: {message}" in str(error.value)
+
+
+BAD_RUNS = {
+    "missing": ('"planar_robot"', '"none.fmu"', "target.fmu: .*none.fmu: no such FMU"),
+    "unknown": ('"planar_robot"', '"planar_robt"', "target.fmu: .*planar_robt"),
+    "misspelt": ("position =", "postion =", "target.variables.postion: .*did you mean 'position'"),
+    "not found": ('position = "q"', 'position = "x"', "has no variable 'x' for position"),
+    "parameter": ("relative_tolerance", "relative", "target.fmu: .*no parameter 'relative'"),
+    "size": (
+        'position = "q", velocity = "qd"',
+        'position = "q[0:1]", velocity = "qd[0:1]"',
+        "disturbance.axes: expected 1 axes, one for each of the target's axes, got 2",
+    ),
+    "not its velocity": (
+        'velocity = "qd"',
+        'velocity = "velocity_ref"',
+        "velocity_1 of sample .* as the positions have it.*; take a shorter target.step, or say",
+    ),
+    "too many": ('kind = "fmu"', 'kind = "fmu"\nstep = 1e-7', "target.step: .*1000000 samples"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_RUNS)
+def test_errors_of_the_fmu_name_the_file_and_what_is_wrong(tmp_path, case):
+    old, new, message = BAD_RUNS[case]
+    assert old in MOVER
+    with pytest.raises(ScenarioError, match=message) as error:
+        read(tmp_path, MOVER.replace(old, new, 1))
+    assert "moving.toml: " in str(error.value)
+
+
+def test_what_is_wrong_elsewhere_is_told_without_running_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("orchestrator.scenario.moving.motion_of", None)
+    with pytest.raises(ScenarioError, match=r"run\.seed"):
+        read(tmp_path, MOVER, ("seed = 1", "seed = -1"))
+
+
+def test_schema_has_it():
+    kinds = json.loads(json.dumps(json_schema()))["$defs"]["FmuTarget"]["properties"]
+    assert {"kind", "fmu", "parameters", "variables", "step", "isolate", "deadline"} <= kinds.keys()
+
+
+def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
+    shutil.copy(build("two_link_arm", 2), tmp_path / "arm.fmu")
+    with (tmp_path / "arm.fmu").open("ab") as file:
+        file.write(b"\0")  # another digest: none of ours
+    table = (
+        "[target]\nkind = 'fmu'\nfmu = 'arm.fmu'\nvariables = { position = 'q', velocity = 'qd' }"
+    )
+    short = ("duration = 30.0", "duration = 0.3")
+    file = read(tmp_path, table, short)
+    assert target_of(file.scenario).at(0.3).position.tolist() == list(
+        file.scenario.target.positions[-1]
+    )
+    (tmp_path / "arm.fmu").unlink()
+    assert run(file, tmp_path / "run.mcap").ticks == 3
