@@ -8,7 +8,7 @@ from mcap.writer import Writer as McapWriter
 
 from bus.keys import sample_key, state_key
 from bus.messages import SAMPLE, STATE, Codec
-from recordings.digest import Message
+from recordings.container import Message
 from recordings.recorder import channels, schemas
 from recordings.tables import RUN
 from recordings.writing import CHUNK_BYTES, Writer

@@ -10,8 +10,7 @@ else in a file is left to mcap's own record classes.
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from itertools import chain, pairwise
+from collections.abc import Callable, Mapping
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
@@ -20,9 +19,8 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.columns import HEAD, Columns
+from recordings.columns import HEAD, Columns, put_rows, windows
 from recordings.container import LIMIT, RECORD, Compression, DamageError, demand, encoded
-from recordings.digest import Message
 
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
 _INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
@@ -30,77 +28,73 @@ _OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
 _LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of _OFFSETs
 _REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
 _SIZES = struct.Struct("<QQ")  # compressed, uncompressed
-_ENTRY = 16  # bytes of a log_time and an offset
-_COMPRESS: Mapping[Compression, Callable[[bytes], bytes]] = {
+_ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
+_COMPRESS: Mapping[Compression, Callable[..., bytes]] = {
     "zstd": zstandard.compress,
     "lz4": lz4.frame.compress,
     "none": bytes,
 }
 
 
-def packed(messages: Sequence[Message], numbers: Mapping[str, int]) -> Columns:
-    """The messages, at least one, as records; `numbers` gives each topic's channel."""
-    times, topics, sequences, data = zip(*messages, strict=True)
-    heads = np.empty(len(messages), HEAD)
-    lengths = np.fromiter(map(len, data), np.int64, len(data))
+def packed(messages: Columns) -> Columns:
+    """The messages, at least one, in their order, as records."""
+    heads = np.empty(len(messages.channel), HEAD)
+    sizes = messages.stop - messages.start
     heads["kind"] = Opcode.MESSAGE
-    heads["length"] = HEAD.itemsize - 9 + lengths
-    heads["channel"] = [numbers[topic] for topic in topics]
-    heads["sequence"] = sequences
-    heads["time"] = np.array(times, np.uint64)
-    heads["published"] = heads["time"]
-    pairs = zip(heads.view(f"V{HEAD.itemsize}").tolist(), data, strict=True)
-    stops = np.cumsum(HEAD.itemsize + lengths)
-    return Columns(
-        b"".join(chain.from_iterable(pairs)),
-        heads["channel"],
-        heads["sequence"],
-        heads["time"],
-        stops - lengths,
-        stops,
-    )
+    heads["length"] = HEAD.itemsize - 9 + sizes
+    heads["channel"], heads["sequence"] = messages.channel, messages.sequence
+    heads["time"] = heads["published"] = messages.time
+    stops = np.cumsum(HEAD.itemsize + sizes)
+    starts = stops - sizes
+    data = np.empty(int(stops[-1]), np.uint8).data
+    windows(data, HEAD.itemsize)[starts - HEAD.itemsize] = heads.view(f"V{HEAD.itemsize}")
+    put_rows(data, starts, messages.data, messages.start, sizes)
+    return Columns(data, messages.channel, messages.sequence, messages.time, starts, stops)
 
 
-def closed(
-    offset: int, messages: Columns, compression: Compression
-) -> tuple[bytes, bytes, dict[int, int]]:
-    """A chunk that will stand at `offset`, with its message indexes; its record for the summary;
-    how many messages each channel has in it.
+def closed(offset: int, messages: Columns, compression: Compression) -> tuple[bytes, bytes]:
+    """A chunk of records that will stand at `offset`, with its message indexes; its record for the
+    summary.
     """
     records = messages.data
     name = "" if compression == "none" else compression
     data = _COMPRESS[compression](records)
     start, end = int(messages.time[0]), int(messages.time[-1])
     chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
-    channels, entries = _by_channel(messages)
-    heads = np.zeros(len(channels), _INDEX)
-    heads["kind"], heads["channel"] = Opcode.MESSAGE_INDEX, channels
-    sizes = heads["size"] = np.array([len(those) for those in entries])
-    heads["length"] = sizes + 6
+    channels, index, places = _index(messages)
     offsets = np.empty(len(channels), _OFFSET)
-    ends = offset + len(chunk) + np.cumsum(_INDEX.itemsize + sizes)
-    offsets["channel"], offsets["at"] = channels, ends - _INDEX.itemsize - sizes
-    pairs = zip(heads.view(f"V{_INDEX.itemsize}").tolist(), entries, strict=True)
-    index = b"".join(chain.from_iterable(pairs))
+    offsets["channel"], offsets["at"] = channels, offset + len(chunk) + places
     lengths = _LENGTHS.pack(start, end, offset, len(chunk), offsets.nbytes)
     rest = _REST.pack(len(index), len(name)) + name.encode() + _SIZES.pack(len(data), len(records))
     body = b"".join([lengths, offsets.tobytes(), rest])
     summary = RECORD.pack(Opcode.CHUNK_INDEX, len(body)) + body
-    counts = dict(zip(channels.tolist(), (sizes // _ENTRY).tolist(), strict=True))
-    return chunk + index, summary, counts
+    return chunk + index, summary
 
 
-def _by_channel(messages: Columns) -> tuple[NDArray[np.uint16], list[bytes]]:
-    """The channels in the order of their first messages; (log_time, offset) of all of each."""
-    order = np.argsort(messages.channel, kind="stable")
-    grouped = messages.channel[order]
-    starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
-    offsets = (messages.start - HEAD.itemsize).astype(np.uint64)
-    flat = np.stack([messages.time, offsets], axis=1)[order].tobytes()
-    bounds = (_ENTRY * np.append(starts, len(order))).tolist()
-    parts = [flat[start:stop] for start, stop in pairwise(bounds)]
-    first = np.argsort(order[starts])
-    return grouped[starts][first], [parts[i] for i in first.tolist()]
+def _index(messages: Columns) -> tuple[NDArray[np.uint16], bytes, NDArray[np.int64]]:
+    """The channels in the order of their first messages; their message indexes, one after the
+    other; where each of these begins.
+    """
+    channels, first, which = np.unique(messages.channel, return_index=True, return_inverse=True)
+    by_first = np.argsort(first)
+    place = np.empty(len(channels), np.uint16)
+    place[by_first] = np.arange(len(channels))
+    order = np.argsort(place[which], kind="stable")
+    counts = np.bincount(place[which], minlength=len(channels))
+    heads = np.empty(len(channels), _INDEX)
+    heads["kind"], heads["channel"] = Opcode.MESSAGE_INDEX, channels[by_first]
+    heads["size"] = _ENTRY.itemsize * counts
+    heads["length"] = heads["size"] + 6
+    entries = np.empty(len(order), _ENTRY)
+    entries["time"], entries["at"] = messages.time[order], messages.start[order] - HEAD.itemsize
+    lengths = _INDEX.itemsize + _ENTRY.itemsize * counts
+    begins = np.cumsum(lengths) - lengths
+    index = np.empty(int(lengths.sum()), np.uint8).data
+    windows(index, _INDEX.itemsize)[begins] = heads.view(f"V{_INDEX.itemsize}")
+    rest = _INDEX.itemsize * np.repeat(np.arange(1, len(channels) + 1), counts)
+    at = rest + _ENTRY.itemsize * np.arange(len(order))
+    windows(index, _ENTRY.itemsize)[at] = entries.view(f"V{_ENTRY.itemsize}")
+    return heads["channel"], index.tobytes(), begins
 
 
 def opened(chunk: bytes) -> bytes:

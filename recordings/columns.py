@@ -14,8 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.container import demand
-from recordings.digest import Message
+from recordings.container import Message, demand
 
 _LENGTH = Struct("<Q")
 HEAD = np.dtype(
@@ -29,22 +28,47 @@ HEAD = np.dtype(
     ]
 )
 """What stands before a message's own bytes: opcode, length of what follows, and so on."""
-_MANY = 2**16
+MANY = 2**16
 """Channel numbers: u16."""
 _OTHER = "it holds more than messages of this recording"
 
 
-def rows_at(data: bytes, starts: NDArray[np.int64], size: int) -> NDArray[np.void]:
-    """Return the `size` bytes that begin at each start, copied together: (rows,) of V`size`."""
+Bytes = bytes | memoryview
+
+
+def windows(data: Bytes, size: int) -> NDArray[np.void]:
+    """Return the `size` > 0 bytes from each place in data on, which overlap: views, of V`size`.
+
+    What is put into one of them is put into the data, where those can be written.
+    """
     kind = np.dtype(f"V{size}")
-    return np.ndarray((max(0, len(data) - size + 1),), kind, data, strides=(1,))[starts]
+    return np.ndarray((max(0, len(data) - size + 1),), kind, data, strides=(1,))
+
+
+def rows_at(data: Bytes, starts: NDArray[np.int64], size: int) -> NDArray[np.void]:
+    """Return the `size` bytes that begin at each start, copied together: (rows,) of V`size`."""
+    return windows(data, size)[starts]
+
+
+def put_rows(
+    into: memoryview,
+    at: NDArray[np.int64],
+    data: Bytes,
+    starts: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+) -> None:
+    """Copy stretches of data to places in other bytes, all of one size in one step."""
+    for size in np.unique(sizes).tolist():
+        if size:
+            those = sizes == size
+            windows(into, size)[at[those]] = windows(data, size)[starts[those]]
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
     """Messages in the order of the file; `data` are the bytes that they lie in."""
 
-    data: bytes
+    data: Bytes
     channel: NDArray[np.uint16]
     sequence: NDArray[np.uint32]
     time: NDArray[np.uint64]
@@ -54,16 +78,22 @@ class Columns:
     stop: NDArray[np.int64]
     """Where they end."""
 
+    def payload(self, row: int) -> bytes:
+        """Return the bytes of one message."""
+        return bytes(self.data[self.start[row] : self.stop[row]])
+
     def only(self, kept: NDArray[np.bool_]) -> "Columns":
         """Return some of the messages."""
-        if kept.all():
-            return self
+        return self if kept.all() else self.at(kept)
+
+    def at(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Columns":
+        """Return messages by their rows."""
         columns = (self.channel, self.sequence, self.time, self.start, self.stop)
-        return Columns(self.data, *(column[kept] for column in columns))  # type: ignore[arg-type]
+        return Columns(self.data, *(column[rows] for column in columns))  # type: ignore[arg-type]
 
     def on(self, channels: Collection[int]) -> "Columns":
         """Return the messages on some channels."""
-        wanted = np.zeros(_MANY, bool)
+        wanted = np.zeros(MANY, bool)
         wanted[list(channels)] = True
         return self.only(wanted[self.channel])
 
@@ -78,7 +108,7 @@ class Columns:
 
     def messages(self, topics: Mapping[int, str]) -> list[Message]:
         """Return them one by one; `topics` are those of the channels."""
-        data = self.data
+        data = bytes(self.data)
         return [
             (time, topics[channel], sequence, data[start:stop])
             for time, channel, sequence, start, stop in zip(
@@ -102,7 +132,7 @@ def columns(
     """
     begins = _begins(records, like)
     heads = rows_at(records, begins, HEAD.itemsize).view(HEAD)
-    known = np.zeros(_MANY, bool)
+    known = np.zeros(MANY, bool)
     known[list(channels)] = True
     sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= HEAD.itemsize - 9)
     demand(bool((sound & known[heads["channel"]]).all()), _OTHER)

@@ -37,6 +37,9 @@ FOOTER = Struct("<BQQQ")
 """A Footer up to its CRC: opcode, length, start of the summary, start of its offsets."""
 CRC = Struct("<I")
 
+Message = tuple[int, str, int, bytes]
+"""(log_time in integer ns, topic, sequence, data): `sorted` gives the total order."""
+
 Compression = Literal["zstd", "lz4", "none"]
 Closing = Literal["completed", "failed", "interrupted"]
 Status = Closing | Literal["unfinished"]

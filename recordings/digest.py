@@ -10,48 +10,51 @@ Nothing else enters: not the compression, the chunks, the channels' numbers, or 
 """
 
 import hashlib
-from collections.abc import Iterable
-from itertools import chain, repeat
-from operator import itemgetter
+from collections.abc import Mapping
 from struct import Struct
 from typing import Self
 
 import numpy as np
 
-Message = tuple[int, str, int, bytes]
-"""(log_time in integer ns, topic, sequence, data): `sorted` gives the total order."""
+from recordings.columns import MANY, Columns, put_rows, windows
 
 _PREFIX = Struct("<I")
 _FIXED = np.dtype([("time", "<u8"), ("sequence", "<u4"), ("length", "<u4")])
 
 
 class Digest:
-    """The running digest of a stream of messages, of which the topics in `counted` enter."""
+    """The running digest of a stream of messages, of which those on `counted` channels enter."""
 
-    def __init__(self, counted: Iterable[str]) -> None:
-        encoded = ((topic, topic.encode()) for topic in counted)
-        self._prefixes = {topic: _PREFIX.pack(len(utf8)) + utf8 for topic, utf8 in encoded}
+    def __init__(self, counted: Mapping[int, str]) -> None:
+        """Know the topics that are counted, by the numbers of their channels."""
+        topics = [topic.encode() for topic in counted.values()]
+        prefixes = [_PREFIX.pack(len(utf8)) + utf8 for utf8 in topics]
+        self._prefixes = b"".join(prefixes)
+        self._lengths, self._starts = np.zeros(MANY, np.int64), np.zeros(MANY, np.int64)
+        numbers = np.array([*counted], np.intp)
+        self._lengths[numbers] = lengths = np.array([*map(len, prefixes)], np.int64)
+        self._starts[numbers] = np.cumsum(lengths) - lengths
         self._hash = hashlib.sha256()
 
-    def update(self, messages: Iterable[Message]) -> None:
+    def update(self, messages: Columns) -> None:
         """Take in the next messages, which are in total order and after all earlier ones."""
-        columns = [*zip(*messages, strict=True)]
-        if not columns:
-            return
-        times, topics, sequences, data = columns
-        fixed = np.empty(len(times), _FIXED)
-        fixed["time"] = np.array(times, np.uint64)
-        fixed["sequence"] = sequences
-        fixed["length"] = np.fromiter(map(len, data), np.int64, len(data))
-        prefixes = map(self._prefixes.get, topics, repeat(b""))
-        parts = zip(prefixes, fixed.view(f"V{_FIXED.itemsize}").tolist(), data, strict=True)
-        counted = filter(itemgetter(0), parts)
-        self._hash.update(b"".join(chain.from_iterable(counted)))
+        messages = messages.only(self._lengths[messages.channel] > 0)
+        prefixes, sizes = self._lengths[messages.channel], messages.stop - messages.start
+        fixed = np.empty(len(sizes), _FIXED)
+        fixed["time"], fixed["sequence"], fixed["length"] = messages.time, messages.sequence, sizes
+        lengths = prefixes + _FIXED.itemsize + sizes
+        at = np.cumsum(lengths) - lengths
+        stream = np.empty(int(lengths.sum()), np.uint8).data
+        put_rows(stream, at, self._prefixes, self._starts[messages.channel], prefixes)
+        windows(stream, _FIXED.itemsize)[at + prefixes] = fixed.view(f"V{_FIXED.itemsize}")
+        after = at + prefixes + _FIXED.itemsize
+        put_rows(stream, after, messages.data, messages.start, sizes)
+        self._hash.update(stream)
 
     def copy(self) -> Self:
         """The same digest, from here on by itself."""
         twin = object.__new__(type(self))
-        twin._prefixes, twin._hash = self._prefixes, self._hash.copy()
+        vars(twin).update(vars(self), _hash=self._hash.copy())
         return twin
 
     def hexdigest(self) -> str:

@@ -28,14 +28,16 @@ from recordings.container import (
     PROFILE,
     Channel,
     DamageError,
+    Message,
     Schema,
     Status,
     begin_record,
     demand,
     end_record,
 )
-from recordings.digest import Digest, Message
+from recordings.digest import Digest
 from recordings.errors import UnreadableError
+from recordings.gathering import order, ranks
 from recordings.layout import RecordFile, Span, find, parsed
 
 _UNFINISHED = "never closed: its writer was killed, or is still at work"
@@ -269,29 +271,34 @@ class Reader:
         """Keep the chunks that are whole and in order, count what they hold; its digest, and which
         ticks are missing. A recovered recording lacks some though it is as it was written.
         """
-        digest = Digest(channel.topic for channel in self.channels if channel.counted)
+        counted = {c.topic for c in self.channels if c.counted}
+        digest = Digest({n: topic for n, topic in self.topics.items() if topic in counted})
+        rank = ranks(self.topics)
         chunks, self._chunks = self._chunks, []
         self.message_count = self.ticks = 0
-        last, k = (-1, ""), 0
+        last, k = (-1, -1), 0
         gaps: list[str] = []
         for span in chunks:
             try:
-                messages = self._columns(span).messages(self.topics)
-                ordered = messages and last < messages[0][:2] and messages == sorted(messages)
+                messages = self._columns(span)
+                begin, end = (
+                    (int(messages.time[row]), int(rank[messages.channel[row]])) for row in (0, -1)
+                )
+                ordered = last < begin and (np.diff(order(messages, rank)) == 1).all()
                 demand(bool(ordered), "its messages are out of order")
             except DamageError as damage:
                 self.damage.append(
                     f"chunk at byte {span.offset}: {damage}; {span.length} bytes skipped"
                 )
                 continue
-            here = {sequence for _, _, sequence, _ in messages}
-            gaps += _gap(k, min(here) - 1)
-            k = max(here)
+            here = np.unique(messages.sequence)
+            gaps += _gap(k, int(here[0]) - 1)
+            k = int(here[-1])
             digest.update(messages)
-            self.message_count += len(messages)
-            self.ticks += len(here - {0})
-            last = messages[-1][:2]
-            self._chunks.append(Span(span.offset, span.length, messages[0][0], last[0]))
+            self.message_count += len(messages.channel)
+            self.ticks += int(np.count_nonzero(here))
+            last = end
+            self._chunks.append(Span(span.offset, span.length, begin[0], end[0]))
         gaps += _gap(k, int(self.end.get("ticks", k)))
         return digest.hexdigest(), gaps
 

@@ -13,6 +13,7 @@ from os import PathLike
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bus.errors import BusError
 from bus.keys import (
@@ -28,8 +29,10 @@ from bus.keys import (
 from bus.messages import CHECKPOINT, FAULT, HEADER, SAMPLE, STATE
 from bus.transport import Message
 from bus.wire import Records, RefusedError, Tick, Wire
+from recordings.columns import Columns
 from recordings.container import Channel, Schema
-from recordings.digest import Message as Recorded
+from recordings.container import Message as Recorded
+from recordings.gathering import columns_of
 from recordings.reading import Reader
 
 
@@ -55,7 +58,8 @@ def schemas(used_by: Iterable[Channel]) -> list[Schema]:
     return [Schema(kind.name, kind.descriptor()) for kind in kinds if kind.name in used]
 
 
-_CHECKPOINTS = checkpoint_key(0)[:-1]
+_NONE = 0
+"""No channel has this number."""
 
 
 @dataclass(slots=True)
@@ -71,7 +75,11 @@ class TickWriter(Protocol):
 
     path: str | PathLike[str]
 
-    def write(self, messages: list[Recorded]) -> None:
+    @property
+    def numbers(self) -> Mapping[str, int]:
+        """Of each topic its channel."""
+
+    def put(self, tick: Sequence[Columns]) -> None:
         """Write a tick."""
 
     def flush(self) -> None:
@@ -85,12 +93,10 @@ class Recorder:
     does that was restored.
     """
 
-    def __init__(
-        self, writer: TickWriter, wire: Wire, n: int, keep: int, topics: Collection[str]
-    ) -> None:
+    def __init__(self, writer: TickWriter, wire: Wire, n: int, keep: int) -> None:
         """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand.
 
-        A batch with a message on none of the topics is refused.
+        A batch with a message on a topic that has no channel is refused.
         """
         self.messages = 0
         self.refused: Counter[str] = Counter()
@@ -106,10 +112,13 @@ class Recorder:
         self._past: dict[int, list[Records]] = {}
         self._reader: Reader | None = None
         self._read_until = -1
-        self._topics = frozenset(topics)
         self._hosts = frozenset(wire.homes) - {TARGET}
         self._sample_topics = [sample_key(node) for node in range(n + 1)]
-        self._state_topics = [state_key(node) for node in range(n + 1)]
+        self._samples_on, self._states_on, self._faults_on, self._checkpoints_on = (
+            np.array([writer.numbers.get(key(node), _NONE) for node in range(n + 1)], np.uint16)
+            for key in (sample_key, state_key, fault_key, checkpoint_key)
+        )
+        """Channels, by node."""
 
     def take(self, message: Message) -> None:
         """Take what was put on a key; what is no batch of the run is refused and counted.
@@ -128,7 +137,7 @@ class Recorder:
         except RefusedError as refused:
             self.refused[str(refused)] += 1
             return
-        if kind == RECORDS and not self._topics.issuperset(_further_topics(tick)):
+        if kind == RECORDS and not self._has_channels(tick):
             self.refused["topic"] += 1
             return
         if k <= self.closed:
@@ -168,22 +177,26 @@ class Recorder:
     def close(self, k: int) -> None:
         """Write tick k, of which nothing is missing."""
         tick = self._open.pop(k)
-        batch: list[Recorded] = []
-        for records in tick.samples.values():
-            batch += _messages(records, self._sample_topics)
+        parts = [_columns(self._samples_on, records) for records in tick.samples.values()]
+        checkpoints: list[bytes] = []
         for told in tick.told.values():
-            batch += _messages(told.states, self._state_topics)
+            parts.append(_columns(self._states_on, told.states))
             if len(told.faults):
-                topics = {robot: fault_key(robot) for robot in told.faults["robot"].tolist()}
-                batch += _messages(told.faults, topics)
-            batch += _checkpoints(told.checkpoints)
-        self._write(k, batch, list(tick.samples.values()))
+                parts.append(_columns(self._faults_on, told.faults))
+            checkpoints += told.checkpoints
+        if checkpoints:
+            messages = [_checkpoint(message) for message in checkpoints]
+            parts.append(columns_of(messages, self._writer.numbers))
+        self._put(k, parts, list(tick.samples.values()), checkpoints)
 
     def copy(self, k: int, batch: list[Recorded]) -> None:
         """Write tick k as another recording of the same run has it."""
-        topics = frozenset(self._sample_topics)
-        samples = [data for _, topic, _, data in batch if topic in topics]
-        self._write(k, batch, [self._wire.samples.decode(samples)])
+        by_kind: defaultdict[str, list[bytes]] = defaultdict(list)
+        for _, topic, _, data in batch:
+            by_kind[topic.partition("/")[0]].append(data)
+        samples = self._wire.samples.decode(by_kind["sample"])
+        part = columns_of(batch, self._writer.numbers)
+        self._put(k, [part], [samples], by_kind["checkpoint"])
 
     def samples(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
         """Yield the samples of the ticks since … until that are known: k, records, host.
@@ -219,15 +232,22 @@ class Recorder:
         for k, samples in found.items():
             yield k, self._wire.samples.decode(samples), EVERYONE
 
-    def _write(self, k: int, batch: list[Recorded], samples: list[Records]) -> None:
-        self._writer.write(batch)
-        self.messages += len(batch)
+    def _put(
+        self, k: int, tick: list[Columns], samples: list[Records], checkpoints: Sequence[bytes]
+    ) -> None:
+        self._writer.put(tick)
+        self.messages += sum(len(part.channel) for part in tick)
         self.closed = k
-        for _, topic, _, data in batch:
-            if topic.startswith(_CHECKPOINTS):
-                self.checkpoints[HEADER.unpack_from(data)[0]] = k, data
+        for message in checkpoints:
+            self.checkpoints[HEADER.unpack_from(message)[0]] = k, message
         self._past[k] = samples
         self._past.pop(k - self._keep, None)
+
+    def _has_channels(self, tick: Tick) -> bool:
+        """Return whether what not every run has is of this one."""
+        robots = [HEADER.unpack_from(message)[0] for message in tick.checkpoints]
+        faults, checkpoints = self._faults_on[tick.faults["robot"]], self._checkpoints_on[robots]
+        return bool(faults.all() and checkpoints.all())
 
     @staticmethod
     def _expect_same(k: int, host: str, same: bool) -> None:
@@ -238,24 +258,14 @@ class Recorder:
             )
 
 
-def _messages(records: Records, topics: Sequence[str] | Mapping[int, str]) -> list[Recorded]:
-    raw, size = records.tobytes(), records.dtype.itemsize
-    columns = zip(
-        records["time_ns"].tolist(), records["robot"].tolist(), records["k"].tolist(), strict=True
-    )
-    return [
-        (time_ns, topics[robot], k, raw[row * size : (row + 1) * size])
-        for row, (time_ns, robot, k) in enumerate(columns)
-    ]
+def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:
+    """Return messages of one kind as they are; channels are by node."""
+    size = records.dtype.itemsize
+    stops = np.arange(size, size * len(records) + 1, size)
+    data, on = records.view(np.uint8).data, channels[records["robot"]]
+    return Columns(data, on, records["k"], records["time_ns"], stops - size, stops)
 
 
-def _further_topics(tick: Tick) -> Iterator[str]:
-    """Yield the topics of what not every run has."""
-    yield from map(fault_key, tick.faults["robot"].tolist())
-    yield from (topic for _, topic, *_ in _checkpoints(tick.checkpoints))
-
-
-def _checkpoints(messages: Iterable[bytes]) -> Iterator[Recorded]:
-    for message in messages:
-        robot, k, time_ns = HEADER.unpack_from(message)
-        yield time_ns, checkpoint_key(robot), k, message
+def _checkpoint(message: bytes) -> Recorded:
+    robot, k, time_ns = HEADER.unpack_from(message)
+    return time_ns, checkpoint_key(robot), k, message

@@ -30,9 +30,8 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from recordings.container import Channel, Schema
+from recordings.container import Channel, Message, Schema
 from recordings.copying import copy_of, ending
-from recordings.digest import Message
 from recordings.reading import Reader
 from recordings.tables import SAMPLES, STATES, rows
 

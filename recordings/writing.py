@@ -5,53 +5,65 @@ chunk closes at the end of a tick, when it is large or old enough; only then doe
 file, in one piece. Where chunks close changes neither the digest nor a message. All that the file
 holds is one value, replaced at once when a chunk is on the disk: no interruption tears it, and a
 chunk that the disk refuses is taken back.
+
+Chunks are made and written by a thread of the writer's, while the next one fills; that one closes
+only when its predecessor is in the file.
 """
 
 import time
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Self, get_args
 
+import numpy as np
 from mcap import records as mcap
+from numpy.typing import NDArray
 
 from recordings.chunk import closed, packed
-from recordings.columns import HEAD
+from recordings.columns import HEAD, MANY, Columns
 from recordings.container import (
     END_FIELDS,
     LIMIT,
     Channel,
     Closing,
     Compression,
+    Message,
     Schema,
     head,
     tail,
 )
-from recordings.digest import Digest, Message
+from recordings.digest import Digest
 from recordings.errors import UncreatableError, UnwritableError
+from recordings.gathering import columns_of, joined, order, ranks
 
 CHUNK_BYTES = 64 * 1024
 CHUNK_BYTES_PER_CHANNEL = 1024  # an index record per channel and chunk must stay small beside it
 CHUNK_SECONDS = 0.5
 
+Tick = Sequence[Columns]
+
 
 @dataclass(frozen=True, slots=True)
 class _Stored:
-    """What the file holds for good, and the ticks that come next."""
+    """What the file holds for good."""
 
     offset: int
     crc: int
     digest: Digest
+    counts: NDArray[np.int64]
+    """(65536,) messages, by channel."""
+    closed: int = 0
+    """How many of the chunks that were closed; those without a message are not in the file."""
     chunks: int = 0
     ticks: int = 0
     start: int = 0
     end: int = 0
-    counts: Mapping[int, int] = field(default_factory=dict)
-    open: list[list[Message]] = field(default_factory=list)
 
 
 class Writer:
@@ -88,7 +100,11 @@ class Writer:
         self._compression = compression
         channels = list(channels)
         begin, self._summary = head(version, channels, schemas, metadata, attachments)
-        self._numbers = {channel.topic: number for number, channel in enumerate(channels, 1)}
+        topics = dict(enumerate((channel.topic for channel in channels), 1))
+        self.numbers = {topic: number for number, topic in topics.items()}
+        """Of each topic its channel."""
+        self._topics, self._rank = sorted(self.numbers), ranks(topics)
+        counted = {n: c.topic for n, c in enumerate(channels, 1) if c.counted}
         self._chunk_bytes = chunk_bytes or max(CHUNK_BYTES, CHUNK_BYTES_PER_CHANNEL * len(channels))
         self._chunk_seconds = chunk_seconds
         self._chunk_indexes: list[bytes] = []
@@ -96,43 +112,49 @@ class Writer:
             self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115 (closed by finish)
         except OSError as error:
             raise UncreatableError(f"{path}: cannot be created: {error.strerror}") from error
-        self._stored = _Stored(0, 0, Digest(c.topic for c in channels if c.counted))
+        self._stored = _Stored(0, 0, Digest(counted), np.zeros(MANY, np.int64))
         try:
             offset, crc = self._emit(begin)
         except BaseException:
             self._file.close()
             raise
-        self._stored = _Stored(offset, crc, self._stored.digest)
-        self._last = (-1, "")
-        self._open_bytes = 0
+        self._stored = replace(self._stored, offset=offset, crc=crc)
+        self._last: Tick = ()
+        self._ticks: dict[int, list[Tick]] = {0: []}
+        """Of each chunk that is not in the file; the last one is open."""
+        self._open, self._open_bytes = 0, 0
         self._closed_at = time.monotonic()
+        self._thread = ThreadPoolExecutor(1, "recording")
+        self._storing: Future[None] | None = None
 
     def write(self, messages: Iterable[Message]) -> None:
-        """Write one closed tick: all of its messages, in any order.
+        """Write one closed tick: all of its messages, in any order; raises as `put`.
+
+        Raises ValueError too when a topic has no channel, or when a number does not fit (log_time
+        u64 ns, sequence u32).
+        """
+        if tick := list(messages):
+            try:
+                self.put([columns_of(tick, self.numbers)])
+            except ValueError as error:
+                raise ValueError(f"{self.path}: {error}") from None
+
+    def put(self, tick: Tick) -> None:
+        """Write one closed tick, at least one message, in any order, on channels that there are.
 
         Raises ValueError, and writes none of them, when the first in total order is not after
-        all earlier ones by (log_time, topic), when a topic has no channel, or when a number does
-        not fit (log_time u64 ns, sequence u32); UnwritableError when the disk refuses a chunk,
+        all earlier ones by (log_time, topic); UnwritableError when the disk refused a chunk,
         or after the end.
         """
         if self._file.closed:
             raise UnwritableError(f"{self.path}: is closed; nothing can be written any more")
-        tick = sorted(messages)
-        if not tick:
-            return
-        times, topics, sequences, data = zip(*tick, strict=True)
-        if unknown := set(topics).difference(self._numbers):
-            raise ValueError(f"{self.path}: topic {min(unknown)!r} has no channel")
-        if min(times[0], *sequences) < 0 or times[-1] >= 2**64 or max(sequences) >= 2**32:
-            raise ValueError(f"{self.path}: a log_time or sequence is out of range")
-        size = HEAD.itemsize * len(tick) + sum(map(len, data))
-        if tick[0][:2] <= self._last:
-            raise ValueError(f"{self.path}: a tick begins at {tick[0][:2]}, not after {self._last}")
+        self._expect_later(tick)
+        size = sum(HEAD.itemsize * len(part.channel) + len(part.data) for part in tick)
         if self._open_bytes + size > LIMIT:
-            raise ValueError(f"{self.path}: a tick of {size} bytes exceeds {LIMIT}")
-        self._last = tick[-1][:2]
+            raise ValueError(f"a tick of {size} bytes exceeds {LIMIT}")
+        self._ticks[self._open].append(tick)
+        self._last = tick
         self._open_bytes += size
-        self._stored.open.append(tick)
         due = self._closed_at + self._chunk_seconds
         if self._open_bytes >= self._chunk_bytes or time.monotonic() >= due:
             self._close_chunk()
@@ -140,6 +162,7 @@ class Writer:
     def flush(self) -> None:
         """Close the open chunk, so that all ticks so far are in the file; UnwritableError."""
         self._close_chunk()
+        self._wait()
 
     def finish(
         self, status: Closing, reason: str = "", extra: Mapping[str, str] | None = None
@@ -158,13 +181,14 @@ class Writer:
         refused: UnwritableError | None = None
         try:
             try:
-                self._close_chunk()
+                self.flush()
             except UnwritableError as error:
                 refused, reason = error, f"{reason}; {error}" if reason else str(error)
                 status = "failed" if status == "completed" else status
             offset, _ = self._emit(self._tail(status, reason, extra or {}))
             self._file.truncate(offset)
         finally:
+            self._thread.shutdown()
             self._file.close()
         if refused:
             raise refused
@@ -191,34 +215,73 @@ class Writer:
                 raise
             error.add_note(str(refused))
 
-    def _close_chunk(self) -> None:
-        """Put the open ticks into the file as one chunk with its message indexes."""
-        old = self._stored
-        if not old.open:
+    def _expect_later(self, tick: Tick) -> None:
+        first = min(int(part.time.min()) for part in tick)
+        last = max((int(part.time.max()) for part in self._last), default=-1)
+        if first > last:
             return
-        messages = [message for tick in old.open for message in tick]
-        columns = packed(messages, self._numbers)
+        begin = min(self._ranks(tick, first))
+        if first < last or begin <= max(self._ranks(self._last, last)):
+            end = self._topics[max(self._ranks(self._last, last))]
+            raise ValueError(
+                f"a tick begins at {(first, self._topics[begin])}, not after {(last, end)}"
+            )
+
+    def _ranks(self, tick: Tick, time_ns: int) -> list[int]:
+        """Return the places of the topics that have a message at a time."""
+        return [
+            rank
+            for part in tick
+            for rank in self._rank[part.channel[part.time == time_ns]].tolist()
+        ]
+
+    def _close_chunk(self) -> None:
+        """Let the open ticks be put into the file, once those before them are; UnwritableError."""
+        self._wait()
+        number = self._open
+        self._ticks[number + 1] = []
+        self._open, self._open_bytes, self._closed_at = number + 1, 0, time.monotonic()
+        self._storing = self._thread.submit(self._store, number)
+
+    def _wait(self) -> None:
+        """Wait until what is being put into the file is there; UnwritableError."""
+        storing, self._storing = self._storing, None
+        if storing:
+            storing.result()
+
+    def _store(self, until: int) -> None:
+        """Put closed ticks into the file: one chunk with its message indexes after the other."""
+        for number in range(self._stored.closed, until + 1):
+            parts = [part for tick in self._ticks[number] for part in tick]
+            self._stored = self._with(parts) if parts else replace(self._stored, closed=number + 1)
+            del self._ticks[number]
+
+    def _with(self, parts: Sequence[Columns]) -> _Stored:
+        """Put a chunk into the file; return what it then holds."""
+        old, messages = self._stored, joined(parts)
+        messages = messages.at(order(messages, self._rank))
         digest = old.digest.copy()
         digest.update(messages)
-        chunk, index, added = closed(old.offset, columns, self._compression)
+        chunk, index = closed(old.offset, packed(messages), self._compression)
         self._chunk_indexes[old.chunks :] = [index]
         offset, crc = self._emit(chunk)
-        self._stored = _Stored(
+        return _Stored(
             offset,
             crc,
             digest,
+            old.counts + np.bincount(messages.channel, minlength=MANY),
+            closed=old.closed + 1,
             chunks=old.chunks + 1,
-            ticks=old.ticks + len({*columns.sequence.tolist()} - {0}),
-            start=old.start if old.chunks else messages[0][0],
-            end=messages[-1][0],
-            counts={**old.counts, **{n: old.counts.get(n, 0) + m for n, m in added.items()}},
+            ticks=old.ticks + int(np.count_nonzero(np.unique(messages.sequence))),
+            start=old.start if old.chunks else int(messages.time[0]),
+            end=int(messages.time[-1]),
         )
-        self._open_bytes = 0
-        self._closed_at = time.monotonic()
 
     def _tail(self, status: Closing, reason: str, extra: Mapping[str, str]) -> bytes:
         """Everything after the last chunk."""
-        stored, messages = self._stored, sum(self._stored.counts.values())
+        stored = self._stored
+        counts = {n: count for n, count in enumerate(stored.counts.tolist()) if count}
+        messages = sum(counts.values())
         fields = {
             "status": status,
             "reason": reason.encode(errors="backslashreplace").decode(),
@@ -230,7 +293,7 @@ class Writer:
         statistics = mcap.Statistics(
             attachment_count=0,
             channel_count=0,
-            channel_message_counts=dict(stored.counts),
+            channel_message_counts=counts,
             chunk_count=stored.chunks,
             message_count=messages,
             message_end_time=stored.end,

@@ -57,8 +57,7 @@ from orchestrator.scenario.file import ScenarioFile, read_scenario
 from orchestrator.scenario.numbers import parse_robots
 from orchestrator.scenario.setting import clock_of
 from orchestrator.terminal import err, out, say
-from recordings.container import Compression
-from recordings.digest import Message
+from recordings.container import Compression, Message
 from recordings.reading import Reader
 from recordings.tables import RUN
 

@@ -21,7 +21,7 @@ from orchestrator.replays.verifying import ABSENT, Difference, difference_in
 from orchestrator.runs.running import past_of
 from orchestrator.runs.summary import scenario_text
 from orchestrator.scenario.clock import NS_PER_S
-from recordings.digest import Message
+from recordings.container import Message
 from recordings.reading import Reader
 from recordings.tables import joints
 

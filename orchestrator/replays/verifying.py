@@ -29,7 +29,8 @@ from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.file import ScenarioFile
 from orchestrator.scenario.setting import clock_of, target_of
 from plant_fmu.plants import Array
-from recordings.digest import Message as Recorded
+from recordings.columns import Columns
+from recordings.container import Message as Recorded
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels
 
@@ -128,15 +129,18 @@ class _Kept:
 
     path: str | PathLike[str] = ""
 
-    def __init__(self) -> None:
+    def __init__(self, n: int) -> None:
         self.tick: list[Recorded] = []
+        topics = (channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True))
+        self._topics = dict(enumerate(topics, 1))
+        self.numbers = {topic: number for number, topic in self._topics.items()}
 
     def flush(self) -> None:
         """Do nothing: nothing is written."""
 
-    def write(self, tick: list[Recorded]) -> None:
+    def put(self, tick: Sequence[Columns]) -> None:
         """Take a tick, and forget the one before."""
-        self.tick = sorted(tick)
+        self.tick = sorted(message for part in tick for message in part.messages(self._topics))
 
 
 def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
@@ -156,8 +160,8 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         wire = wire_of(scenario, {HERE: numbers}, Seal())
         target = TargetNode(bus, clock, wire, target_of(scenario))
-        kept, heard = _Kept(), _Samples()
-        recorder = Recorder(kept, wire, n, 0, _topics(n))
+        kept, heard = _Kept(n), _Samples()
+        recorder = Recorder(kept, wire, n, 0)
         host = robots.hosted(HERE, bus, MemoryInbox(), wire, clock)
         ticks = host.run(-1, lambda _time: None, heard)
         same = 0
@@ -185,10 +189,6 @@ def states_of(reader: Reader, m: int) -> Iterator[Records]:
 
 def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
     return codec.decode([message[3] for message in tick if _kind(message) == kind])
-
-
-def _topics(n: int) -> list[str]:
-    return [channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True)]
 
 
 def _said(tick: list[Recorded]) -> list[Recorded]:

@@ -26,8 +26,7 @@ from orchestrator.runs.restart import AT_ONCE
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.file import ScenarioFile
 from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topology_of
-from recordings.container import Closing, Compression
-from recordings.digest import Message
+from recordings.container import Closing, Compression, Message
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import RUN, SCENARIO
@@ -122,7 +121,7 @@ def run(
                 compression=compression,
             )
         )
-        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, [topic.topic for topic in topics])
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
         ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
         lockstep = Lockstep(
             clock,

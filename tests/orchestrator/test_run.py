@@ -20,7 +20,7 @@ from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import clock_of, target_of
 from plant_fmu.errors import StepError
 from recordings.reading import Reader
-from recordings.recorder import Recorder
+from recordings.recorder import Recorder, channels
 from recordings.tables import samples, states
 from tests.orchestrator.arms import simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
@@ -240,7 +240,7 @@ class Loop:
         self.hosts = Alone(bus, clock, robots, lambda _t: None)
         wire = self.hosts.wire()
         self.target = TargetNode(bus, clock, wire, target_of(scenario))
-        self.recorder = Recorder(writer, wire, n, 0, ())
+        self.recorder = Recorder(writer, wire, n, 0)
         parts = (clock, self.target, self.hosts, self.recorder)
         self.lockstep = Lockstep(*parts, {}, 1, 0.1, lambda _t: None)
 
@@ -254,9 +254,11 @@ class Kept:
 
     def __init__(self):
         self.batches = []
+        self._topics = dict(enumerate((channel.topic for channel in channels(6, (), False)), 1))
+        self.numbers = {topic: number for number, topic in self._topics.items()}
 
-    def write(self, messages):
-        self.batches.append(sorted(messages))
+    def put(self, tick):
+        self.batches.append(sorted(m for part in tick for m in part.messages(self._topics)))
 
 
 def test_who_received_what_and_when(paper):

@@ -9,8 +9,7 @@ import numpy as np
 
 from bus.keys import fault_key, sample_key, state_key
 from bus.messages import FAULT, SAMPLE, STATE, Codec
-from recordings.container import Channel
-from recordings.digest import Message
+from recordings.container import Channel, Message
 from recordings.recorder import channels, schemas
 from recordings.tables import RUN
 from recordings.writing import Writer

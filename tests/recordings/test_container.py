@@ -24,9 +24,10 @@ from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings import chunk, digest, writing
-from recordings.container import Channel, Compression, Schema
-from recordings.digest import Digest, Message
+from recordings.container import Channel, Compression, Message, Schema
+from recordings.digest import Digest
 from recordings.errors import UncreatableError, UnreadableError, UnwritableError
+from recordings.gathering import columns_of
 from recordings.reading import Reader
 from recordings.writing import Writer
 
@@ -209,16 +210,17 @@ def test_ranges_are_half_open_and_topics_are_chosen(tmp_path: Path) -> None:
 def test_digest_frames_do_not_share_bytes() -> None:
     """What moves between topic, data or messages changes it; how updates are cut does not."""
     one = [(1, "a", 1, b"bc"), (2, "a", 1, b"")]
-    digests = {naive_digest(one)}
+    digests, topics = {naive_digest(one)}, {1: "a", 2: "ab"}
+    numbers = {"a": 1, "ab": 2, "not counted": 3}
     for other in ([(1, "ab", 1, b"c"), one[1]], [one[0]], [(1, "a", 1, b"b"), (2, "a", 1, b"c")]):
-        running = Digest(["a", "ab"])
-        running.update(other)
+        running = Digest(topics)
+        running.update(columns_of(other, numbers))
         digests.add(running.hexdigest())
     assert len(digests) == 4
-    running = Digest(["a"])
-    running.update(one[:1])
+    running = Digest({1: "a"})
+    running.update(columns_of(one[:1], numbers))
     twin = running.copy()
-    running.update([(2, "not counted", 1, b"x"), *one[1:]])
+    running.update(columns_of([(2, "not counted", 1, b"x"), *one[1:]], numbers))
     assert running.hexdigest() == naive_digest(one)
     assert twin.hexdigest() == naive_digest(one[:1])
 
@@ -308,6 +310,7 @@ def test_a_killed_writer_leaves_its_ticks(tmp_path: Path) -> None:
         "from tests.recordings.test_container import create, ticks\n"
         "writer = create(Path(sys.argv[1]), chunk_bytes=1)\n"
         "for tick in ticks(7): writer.write(tick)\n"
+        "writer.flush()\n"
         "print('written', flush=True); sys.stdin.read()\n"
     )
     with subprocess.Popen(

@@ -22,7 +22,7 @@ from bus.errors import InputError
 from bus.messages import SAMPLE, STATE, Codec
 from orchestrator.runs.summary import describe, measure
 from recordings import Recording
-from recordings.digest import Message
+from recordings.container import Message
 from recordings.export import export
 from recordings.reading import Reader
 from recordings.recovering import recover

@@ -50,6 +50,7 @@ def test_a_run_that_was_killed_stays_unfinished_in_its_words(tmp_path: Path) -> 
     with create(path, 3, 2, 9, (), **EACH_TICK) as writer:
         for k in range(5):
             writer.write(tick(k, 3, 2))
+        writer.flush()
         copy = tmp_path / "killed.mcap"
         copy.write_bytes(path.read_bytes())
     with recovered(copy) as new:

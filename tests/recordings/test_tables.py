@@ -12,8 +12,7 @@ import pytest
 from bus.messages import FAULT, SAMPLE, STATE, Codec
 from recordings import Recording
 from recordings.columns import columns
-from recordings.container import DamageError
-from recordings.digest import Message
+from recordings.container import DamageError, Message
 from recordings.errors import InputError, UnreadableError
 from recordings.export import export
 from recordings.reading import Reader
