@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark anatomy benchmark-parts soak figures paper lint lock clean
+.PHONY: demo test benchmark anatomy benchmark-parts benchmark-peers soak figures paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -28,6 +28,9 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 	$(BIN)/python -m benchmarks.isolation
 	$(BIN)/python -m benchmarks.recordings
 
+benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
+	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)
+
 soak: .venv/.installed  ## ten million messages over hosts that are killed; what checkpoints cost
 	$(BIN)/python -m benchmarks.checkpoints
 	$(BIN)/python -m benchmarks.soak
@@ -50,7 +53,11 @@ lock: .venv/.tested  ## write the versions of this environment into constraints.
 	$(BIN)/pip freeze --exclude-editable | LC_ALL=C sort -f > constraints.txt
 
 clean:
-	rm -rf .venv $(DATA)
+	rm -rf .venv .venv-peers $(DATA)
+
+.venv-peers/.created:
+	$(PYTHON) -m venv .venv-peers
+	@touch $@
 
 .venv/.created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; choose one with make PYTHON=python3.11")'

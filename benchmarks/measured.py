@@ -24,6 +24,7 @@ from bus.network.sessions import open_session
 from orchestrator.hosts.manning import Handling, here
 from orchestrator.runs.pace import AtOnce
 from orchestrator.runs.running import run
+from orchestrator.scenario.file import ScenarioFile
 from recordings.reading import Reader
 
 Found = dict[str, float]
@@ -71,8 +72,15 @@ class Begun(AtOnce):
 
 def recorded(n: int, ticks: int, n_hosts: int, path: Path) -> Found:
     """Run arms into a recording, on one host in this process or on some of their own."""
-    began, begun = time.perf_counter(), Begun()
-    file = scenario(n, ticks)
+    began = time.perf_counter()
+    return recorded_file(scenario(n, ticks), ticks, n_hosts, path, began)
+
+
+def recorded_file(
+    file: ScenarioFile, ticks: int, n_hosts: int, path: Path, began: float | None = None
+) -> Found:
+    """Run a scenario likewise; its set-up began when it did, or with this."""
+    began, begun, n = began or time.perf_counter(), Begun(), file.scenario.n
     man = here(file, n_hosts, HANDLING) if n_hosts > 1 else None
     outcome = run(file, path, man, pace=begun)
     ended, cpu = time.perf_counter(), time.process_time()
