@@ -2,7 +2,9 @@
 
 At t_k (k ≥ 1) it needs one sample of each in-neighbour, exactly k's; then it jumps. Until the
 next sampling time it flies on what it knows. The agents of one host are kept as arrays, a row a
-robot, and each owns the in-edges on which it hears; what is not on them it never sees.
+robot, and each owns the in-edges on which it hears; what is not on them it never sees. Where the
+digraphs take turns, a sample is taken in from whoever is ever heard, and summed over the edges of
+t_k alone.
 
 Where links have faults, an agent goes by what its links deliver, if they do. It sums over the
 in-neighbours of whom it has a sample, with their weights divided by what these add up to; with
@@ -18,15 +20,20 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from bus.links.links import Links
 from bus.messages import FAULT, Codec
+from bus.topologies import Topologies, edges_among
 from bus.topology import Topology
 from estimator_agents.algorithm import Algorithm
 from estimator_agents.estimate import Disagreement, Estimate
 from estimator_agents.hearing import Hearing, Missing
 
+Array = NDArray[np.float64]
+Shares = tuple[Array, Array | None]
+"""The weights of what there is to sum, (E, 1), and what each row's sum is divided by, (rows, 1)."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
-    """The in-edges of some robots, sorted by (robot, in-neighbour)."""
+    """The in-edges of some robots in one digraph, sorted by (robot, in-neighbour)."""
 
     source: NDArray[np.intp]
     """(E,) the node that is heard."""
@@ -34,16 +41,26 @@ class Edges:
     """(E,) the row of the robot that hears."""
     start: NDArray[np.intp]
     """(rows,) where each row's edges begin; no row is without any."""
-    weight: NDArray[np.float64]
+    weight: Array
     """(E, 1) w_ij / ϖ_i."""
+    faulty: NDArray[np.intp]
+    """(G,) which of the edges have faults."""
+    link: NDArray[np.intp]
+    """(G,) the number of each of them among all links that have faults."""
 
     @classmethod
-    def into(cls, robots: NDArray[np.integer], topology: Topology) -> "Edges":
+    def into(cls, robots: NDArray[np.integer], topology: Topology, links: Links | None) -> "Edges":
         """Return the in-edges of robots (rows,), ascending."""
         mine = np.isin(topology.sink, robots)
-        row = np.searchsorted(robots, topology.sink[mine])
+        source, sink = topology.source[mine], topology.sink[mine]
+        row = np.searchsorted(robots, sink)
         start = np.searchsorted(row, np.arange(len(robots)))
-        return cls(topology.source[mine], row, start, topology.normalised[mine, None])
+        faulty = link = np.zeros(0, np.intp)
+        if links:
+            edge = edges_among(topology, links.source, links.sink)
+            link = np.flatnonzero(edge >= 0)
+            faulty = np.searchsorted(np.flatnonzero(mine), edge[link])
+        return cls(source, row, start, topology.normalised[mine, None], faulty, link)
 
 
 class Agents:
@@ -57,7 +74,7 @@ class Agents:
     def __init__(
         self,
         robots: NDArray[np.integer],
-        topology: Topology,
+        topologies: Topologies,
         algorithm: Algorithm,
         initial: Estimate,
         links: Links | None = None,
@@ -66,12 +83,16 @@ class Agents:
         self.robots = robots
         self.estimate = initial
         self._algorithm = algorithm
-        self._edges = Edges.into(robots, topology)
-        self.in_neighbours = np.unique(self._edges.source)
+        self._exchange_at = topologies.at
+        into = {t: Edges.into(robots, t, links) for t in topologies.digraphs}
+        self._edges = [(into[e.position], into[e.velocity]) for e in topologies.exchanges]
+        """Of positions and of velocities, by exchange."""
+        self.in_neighbours = np.unique(np.concatenate([edges.source for edges in into.values()]))
+        """Who is heard at some time, ascending."""
         m = initial.position.shape[1]
-        self._position = np.zeros((topology.n + 1, m))
-        self._velocity = np.zeros((topology.n + 1, m))
-        self._heard_at = np.zeros(topology.n + 1, np.int64)
+        self._position = np.zeros((topologies.n + 1, m))
+        self._velocity = np.zeros((topologies.n + 1, m))
+        self._heard_at = np.zeros(topologies.n + 1, np.int64)
         self._hearing = Hearing(links, robots, m, missing) if links else None
         self._no_faults = Codec(FAULT, m).blank(np.array([], np.intp))
 
@@ -129,52 +150,52 @@ class Agents:
                 f"were expected; give one that was kept under the same faults"
             )
 
-    def heard_by(self, robot: int) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def heard_by(self, robot: int) -> dict[int, tuple[Array, Array]]:
         """Return what one robot was last told: position and velocity, (m,), by in-neighbour."""
-        edges = self._edges
-        mine = edges.source[edges.row == np.searchsorted(self.robots, robot)]
-        return {int(j): (self._position[j].copy(), self._velocity[j].copy()) for j in mine}
+        row = np.searchsorted(self.robots, robot)
+        sources = [edges.source[edges.row == row] for both in self._edges for edges in both]
+        heard = np.unique(np.concatenate(sources))
+        return {int(j): (self._position[j].copy(), self._velocity[j].copy()) for j in heard}
 
     def jump(self, k: int, left: Estimate) -> None:
         """Jump at t_k, k after k, from the left limits there; none may be `missing`."""
-        edges = self._edges
-        position, velocity = self._position[edges.source], self._velocity[edges.source]
-        weights, rest = edges.weight, None
+        positions, velocities = self._edges[self._exchange_at(k)]
+        position = self._position[positions.source]
+        velocity = self._velocity[velocities.source]
         if self._hearing:
-            faulty = self._hearing.links.faulty
-            self._hearing.take(k, np.stack([position[faulty], velocity[faulty]], axis=1))
-            position[faulty], velocity[faulty] = self._hearing.values.swapaxes(0, 1)
-            weights, rest = self._shares(self._hearing)
+            source = self._hearing.links.source
+            self._hearing.take(k, np.stack([self._position[source], self._velocity[source]], 1))
+            delivered = self._hearing.values
+            position[positions.faulty] = delivered[positions.link, 0]
+            velocity[velocities.faulty] = delivered[velocities.link, 1]
+        shares = self._shares(positions)
+        apart = shares if velocities is positions else self._shares(velocities)
         self.estimate = self._algorithm.jump(
             left,
             Disagreement(
-                self._sum(weights, rest, position - left.position[edges.row]),
-                self._sum(weights, rest, velocity - left.velocity[edges.row]),
+                _summed(positions, shares, position - left.position[positions.row]),
+                _summed(velocities, apart, velocity - left.velocity[velocities.row]),
             ),
         )
 
-    def _shares(self, hearing: Hearing) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    def _shares(self, edges: Edges) -> Shares:
         """Return the weights (E, 1) of what is there, else 0, and what each row's is divided by.
 
         A row that has all, or nothing, is divided by 1; the divisor is None when all have all.
         """
-        if hearing.there.all():
-            return self._edges.weight, None
-        there = np.ones(len(self._edges.source), bool)
-        there[hearing.links.faulty] = hearing.there
-        weights = np.where(there[:, None], self._edges.weight, 0)
-        rest = np.add.reduceat(weights, self._edges.start, axis=0)
-        whole = np.logical_and.reduceat(there, self._edges.start)[:, None]
+        hearing = self._hearing
+        if hearing is None or hearing.there[edges.link].all():
+            return edges.weight, None
+        there = np.ones(len(edges.source), bool)
+        there[edges.faulty] = hearing.there[edges.link]
+        weights = np.where(there[:, None], edges.weight, 0)
+        rest = np.add.reduceat(weights, edges.start, axis=0)
+        whole = np.logical_and.reduceat(there, edges.start)[:, None]
         return weights, np.where(whole | (rest == 0), 1, rest)
 
-    def _sum(
-        self,
-        weights: NDArray[np.float64],
-        rest: NDArray[np.float64] | None,
-        differences: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Return Σ_j w_ij/ϖ_i (x_j − x_i) for each row: an order that depends on the row alone."""
-        total: NDArray[np.float64] = np.add.reduceat(
-            weights * differences, self._edges.start, axis=0
-        )
-        return total if rest is None else total / rest
+
+def _summed(edges: Edges, shares: Shares, differences: Array) -> Array:
+    """Return Σ_j w_ij/ϖ_i (x_j − x_i) for each row: an order that depends on the row alone."""
+    weights, rest = shares
+    total: Array = np.add.reduceat(weights * differences, edges.start, axis=0)
+    return total if rest is None else total / rest

@@ -40,6 +40,25 @@ class Algorithm(Protocol):
         """Return the stability conditions for the eigenvalues s_i of D and the period h (s)."""
 
 
+class Hetero(Algorithm, Protocol):
+    """An algorithm whose positions and velocities may come over different digraphs; optional.
+
+    One that says so has an empty `one_digraph`, and its jump of either quantity depends on that
+    alone. Others have no `one_digraph`, or say in it why not.
+    """
+
+    one_digraph: ClassVar[str]
+    """Why positions and velocities must be heard over one digraph; empty where they need not."""
+
+    def modes(self, spectrum: Spectrum, h: float, velocity: Spectrum | None = None) -> Spectrum:
+        """Return the same of the positions' D, and of the velocities' where that is another."""
+
+    def conditions(
+        self, spectrum: Spectrum, h: float, velocity: Spectrum | None = None
+    ) -> Sequence[Condition]:
+        """Return the same of the positions' D, and of the velocities' where that is another."""
+
+
 @runtime_checkable
 class Demanding(Protocol):
     """An algorithm whose conditions are also on the target's motion; this is optional."""
@@ -76,6 +95,17 @@ def policies_of(name: str) -> tuple[Missing, ...]:
             f"class have an attribute missing with some of {', '.join(POLICIES)}"
         )
     return policies
+
+
+def why_one_digraph(name: str) -> str:
+    """Return why an algorithm must hear positions and velocities over one digraph; empty if not.
+
+    Raises `InputError` if there is no such algorithm.
+    """
+    why: str = getattr(
+        _installed(name), "one_digraph", "it does not say that it can, by an empty one_digraph"
+    )
+    return why
 
 
 def _installed(name: str) -> Any:

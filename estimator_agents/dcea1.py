@@ -22,6 +22,7 @@ class FirstOrder:
     """The first-order algorithm with gains α on position and β on velocity."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
+    one_digraph: ClassVar[str] = ""
 
     alpha: float
     beta: float
@@ -33,14 +34,25 @@ class FirstOrder:
             estimate.velocity + self.beta * heard.velocity,
         )
 
-    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002, Λ's do not depend on h
+    def modes(
+        self,
+        spectrum: Spectrum,
+        h: float,  # noqa: ARG002, Λ's do not depend on h
+        velocity: Spectrum | None = None,
+    ) -> Spectrum:
         """Return σ(Λ) for m = 1: the roots 1 − α + α s_i and 1 − β + β s_i of φ_i (appendix A)."""
-        return np.concatenate([1 - gain * (1 - spectrum) for gain in (self.alpha, self.beta)])
+        other = spectrum if velocity is None else velocity
+        return np.concatenate([1 - self.alpha * (1 - spectrum), 1 - self.beta * (1 - other)])
 
-    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:  # noqa: ARG002
-        """Return Theorem 1's bound on both gains (equation 0.8)."""
-        bound = smallest_theta(spectrum)
+    def conditions(
+        self,
+        spectrum: Spectrum,
+        h: float,  # noqa: ARG002
+        velocity: Spectrum | None = None,
+    ) -> list[Condition]:
+        """Return Theorem 1's bound on both gains (equation 0.8), each by its own digraph."""
+        other = spectrum if velocity is None else velocity
         return [
-            Condition("alpha", "Theorem 1, equation 0.8", self.alpha, bound),
-            Condition("beta", "Theorem 1, equation 0.8", self.beta, bound),
+            Condition("alpha", "Theorem 1, equation 0.8", self.alpha, smallest_theta(spectrum)),
+            Condition("beta", "Theorem 1, equation 0.8", self.beta, smallest_theta(other)),
         ]

@@ -22,6 +22,10 @@ class SecondOrder:
     """The second-order algorithm with gains α on position and β on velocity."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
+    one_digraph: ClassVar[str] = (
+        "it corrects the velocity by positions and velocities at once, and Theorem 3 is about the "
+        "eigenvalues of the one D that weighs both"
+    )
 
     alpha: float
     beta: float

@@ -32,8 +32,8 @@ class Hearing:
 
     def __init__(self, links: Links, robots: NDArray[np.integer], m: int, missing: Missing) -> None:
         self.links = links
-        self.there = np.zeros(len(links.faulty), bool)
-        """(F,) whether there is a sample to go by."""
+        self.there = np.zeros(len(links.sink), bool)
+        """(F,) whether there is a sample to go by, where an edge asks for one."""
         self._codec = Codec(FAULT, m)
         self.faults = self._codec.blank(np.array([], np.intp))
         """What befell the samples of the last tick: records of `FAULT`, by robot and source."""

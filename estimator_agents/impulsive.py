@@ -25,6 +25,7 @@ class Impulsive:
     """The law with gain α on positions, per s, and damping β of the own velocity."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
+    one_digraph: ClassVar[str] = "it hears no velocities, so that one digraph is all that it has"
 
     alpha: float
     beta: float

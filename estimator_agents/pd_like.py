@@ -28,6 +28,7 @@ class PdLike:
     """The law with gain α, per s; it has no second gain, and β must be 1."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
+    one_digraph: ClassVar[str] = SecondOrder.one_digraph
 
     alpha: float
     beta: float

@@ -26,6 +26,7 @@ class Sliding:
     """The observer with steps α of position and β of velocity at each sampling time."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
+    one_digraph: ClassVar[str] = ""
 
     alpha: float
     beta: float
@@ -37,12 +38,22 @@ class Sliding:
             estimate.velocity + self.beta * np.sign(heard.velocity),
         )
 
-    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002, there are none
+    def modes(
+        self,
+        spectrum: Spectrum,  # noqa: ARG002, there are none
+        h: float,  # noqa: ARG002
+        velocity: Spectrum | None = None,  # noqa: ARG002
+    ) -> Spectrum:
         """Return none."""
         return np.zeros(0, np.complex128)
 
-    def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:  # noqa: ARG002
-        """Return none: the observer asks nothing of the digraph beyond A2."""
+    def conditions(
+        self,
+        spectrum: Spectrum,  # noqa: ARG002
+        h: float,  # noqa: ARG002
+        velocity: Spectrum | None = None,  # noqa: ARG002
+    ) -> list[Condition]:
+        """Return none: the observer asks nothing of the digraphs beyond A2."""
         return []
 
     def demands(self, h: float, gamma_1: float, gamma_2: float) -> list[Condition]:  # noqa: ARG002

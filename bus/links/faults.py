@@ -24,7 +24,7 @@ def told(
     `sent` and `received` are (F, 2, m); a sample is told of when it is gone, late or altered.
     """
     altered = (received != sent).any(axis=(1, 2))
-    of = np.flatnonzero(fate.gone | (fate.delay > 0) | altered)
+    of = np.flatnonzero((fate.gone | (fate.delay > 0) | altered) & ~fate.absent)
     silent = np.intersect1d(robots, links.silent(k))
     records = codec.blank(np.concatenate([links.sink[of], silent]))
     records["k"], records["time_ns"] = k, k * links.period_ns

@@ -3,9 +3,10 @@
 The sample of t_s arrives at t_{s + delay(s)}, as Q(x + noise(s)), where Q rounds to multiples of
 the quantisation. It never arrives when it is lost, when the link is in an outage at t_s, when j or
 i is in one at t_s (a robot in an outage neither sends nor hears), or when i is in one at its
-arrival. All of that is known at t_s. Loss, delay and noise are drawn apart from one another, each
-keyed by (seed, purpose, j, i, s): a draw depends neither on who asks, nor on the order, nor on the
-other links and faults. Only the links that have faults are kept here.
+arrival. None is sent at a t_s whose digraphs have no such link; what is under way then goes on. All
+of that is known at t_s. Loss, delay and noise are drawn apart from one another, each keyed by
+(seed, purpose, j, i, s): a draw depends neither on who asks, nor on the order, nor on the other
+links and faults. Only the links that have faults are kept here.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.links.outages import Outages, Spans
-from bus.topology import Topology
+from bus.topologies import Topologies, edges_among
 
 BLOCK = 64
 """Draws are made for so many sampling times of a link at once, and only these are kept."""
@@ -52,11 +53,13 @@ class Fate:
     """Of the link or an end of it, then or at the arrival."""
     delay: NDArray[np.int64]
     """Sampling periods."""
+    absent: Mask
+    """Whether there is no sample, for the digraphs of the tick have no such link."""
 
     @property
     def gone(self) -> Mask:
-        """Whether the sample never arrives."""
-        return self.lost | self.outage
+        """Whether no sample ever arrives."""
+        return self.lost | self.outage | self.absent
 
 
 class Links:
@@ -68,7 +71,7 @@ class Links:
 
     def __init__(
         self,
-        topology: Topology,
+        topologies: Topologies,
         robots: NDArray[np.integer],
         faults: Mapping[tuple[int, int], LinkFault],
         silences: Mapping[int, Spans],
@@ -78,6 +81,7 @@ class Links:
         m: int,
     ) -> None:
         self.period_ns = period_ns
+        topology = topologies.links
         self._nodes = topology.n + 1
         self._silences = Outages.of(silences, period_ns)
         sound = LinkFault()
@@ -88,11 +92,17 @@ class Links:
             for edge, link in enumerate(links)
             if faults.get(link, sound) != sound or any(silences.get(end) for end in link)
         ]
-        self.faulty = np.array(faulty, np.intp)
-        """(F,) which of the robots' in-links have faults."""
         links = [links[edge] for edge in faulty]
         self.source, self.sink = np.array(links, np.intp).reshape(-1, 2).T
         """(F,) each, j and i of each link."""
+        self._exchange_at = topologies.at
+        self._absent = [
+            np.all(
+                [edges_among(t, self.source, self.sink) < 0 for t in (e.position, e.velocity)],
+                axis=0,
+            )
+            for e in topologies.exchanges
+        ]
         theirs = [faults.get(link, sound) for link in links]
         self._cuts = Outages.of({f: fault.outages for f, fault in enumerate(theirs)}, period_ns)
         delays = np.array([fault.delay for fault in theirs], np.int64).reshape(-1, 2)
@@ -127,16 +137,16 @@ class Links:
 
     def fate(self, k: int) -> Fate:
         """Return what becomes of the samples of t_k."""
-        lost = np.zeros(len(self.faulty), bool)
+        lost = np.zeros(len(self.sink), bool)
         lost[self._lossy] = self._losses.at(k) < self._loss
         delay = self._least.copy()
         delay[self._late] = self._delays.at(k)
         silent = self._silences.mask(k, self._nodes)
-        outage = self._cuts.mask(k, len(self.faulty)) | silent[self.source] | silent[self.sink]
+        outage = self._cuts.mask(k, len(self.sink)) | silent[self.source] | silent[self.sink]
         for periods in np.unique(delay[delay > 0]).tolist():
             then = self._silences.mask(k + periods, self._nodes)
             outage |= then[self.sink] & (delay == periods)
-        return Fate(lost, outage, delay)
+        return Fate(lost, outage, delay, self._absent[self._exchange_at(k)])
 
     def received(self, k: int, sent: Array) -> Array:
         """Return what arrives of the samples of t_k, where any does: (F, 2, m) as `sent`."""

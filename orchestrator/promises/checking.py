@@ -12,7 +12,7 @@ from estimator_agents.theory.network import Network, network_of
 from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from estimator_agents.theory.tracking import TRACKING
 from orchestrator.promises.bounding import tracking_conditions
-from orchestrator.scenario.setting import gain, target_of, topology_of
+from orchestrator.scenario.setting import gain, target_of, topologies_of
 from orchestrator.scenario.tables import Scenario
 
 
@@ -93,7 +93,7 @@ class Check:
 
 def check(scenario: Scenario) -> Check:
     """Return what the theory says of a scenario."""
-    topology = topology_of(scenario)
+    topology = topologies_of(scenario).links
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum, target = spectrum_of(topology), target_of(scenario)

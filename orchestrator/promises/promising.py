@@ -22,7 +22,7 @@ from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from estimator_agents.theory.tracking import balls, proven, worst
 from orchestrator.promises.bounding import Bounded, bounded
 from orchestrator.promises.checking import finite
-from orchestrator.scenario.setting import links_of, target_of, topology_of
+from orchestrator.scenario.setting import links_of, target_of, topologies_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
 
 
@@ -117,7 +117,7 @@ TRACKED = ("paper", "sharp", "proven")
 
 def promises(scenario: Scenario, radius: float | None = None) -> Promises:
     """Return what is promised of a run of a scenario; ρ is found again unless it is given."""
-    topology, target = topology_of(scenario), target_of(scenario)
+    topology, target = topologies_of(scenario).links, target_of(scenario)
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     recursion = recursion_of(algorithm, topology, h)
@@ -151,7 +151,7 @@ def promises(scenario: Scenario, radius: float | None = None) -> Promises:
 
 def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
     """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
-    topology, whole = topology_of(scenario), target_of(scenario).bounds()
+    topology, whole = topologies_of(scenario).links, target_of(scenario).bounds()
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum = spectrum_of(topology)

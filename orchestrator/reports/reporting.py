@@ -8,7 +8,7 @@ import numpy as np
 from orchestrator.promises.checking import Check, check
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.setting import target_of, topology_of
+from orchestrator.scenario.setting import target_of, topologies_of
 from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.bundled.declaration import bundled_models, declaration
 from recordings.measuring import Array, SteadyState
@@ -35,7 +35,7 @@ def subject_of(scenario: Scenario) -> Subject:
     return Subject(
         estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
         target_at=at,
-        topology=topology_of(scenario),
+        topology=topologies_of(scenario).links,
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
         unit=_unit(scenario.plant),
         verdicts=_verdicts(checked),

@@ -24,7 +24,7 @@ from orchestrator.scenario.setting import (
     links_of,
     missing_of,
     silent_of,
-    topology_of,
+    topologies_of,
 )
 from orchestrator.scenario.tables import Scenario
 from plant_fmu.archives.archive import Archive
@@ -104,7 +104,7 @@ def agents_of(scenario: Scenario, numbers: Sequence[int]) -> Agents:
     robots = np.array(numbers)
     return Agents(
         robots,
-        topology_of(scenario),
+        topologies_of(scenario),
         algorithm_of(scenario),
         initial_estimates(scenario, numbers),
         links_of(scenario, robots),

@@ -25,7 +25,7 @@ from orchestrator.runs.pace import NO_PACE, Pace
 from orchestrator.runs.restart import AT_ONCE
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topology_of
+from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
 from recordings.container import Closing, Compression, Message
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
@@ -99,7 +99,7 @@ def run(
     `pace` is the fastest at which ticks close.
     """
     scenario = file.scenario
-    clock, topology, n = clock_of(scenario), topology_of(scenario), scenario.n
+    clock, n = clock_of(scenario), scenario.n
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, hosts = (man or alone(file))(stack, clock, watch)
         wire = hosts.wire()
@@ -128,7 +128,7 @@ def run(
             target,
             hosts,
             recorder,
-            _needs(topology, hosts.homes),
+            _needs(topologies_of(scenario).links, hosts.homes),
             ahead,
             deadline or scenario.bus.deadline,
             watch,
@@ -186,11 +186,11 @@ def past_of(reader: Reader) -> Iterator[list[Message]]:
             k += 1
 
 
-def _needs(topology: Topology, homes: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
+def _needs(links: Topology, homes: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
     """Return the hosts whose samples each host needs."""
     nodes = {host: np.array(robots) for host, robots in homes.items()}
     return {
-        host: needed(np.unique(topology.source[np.isin(topology.sink, robots)]), nodes)
+        host: needed(np.unique(links.source[np.isin(links.sink, robots)]), nodes)
         for host, robots in nodes.items()
     }
 

@@ -11,14 +11,14 @@ from pydantic import BaseModel, ValidationError
 
 from bus.errors import InputError
 from bus.network.access import expect_host_name
-from estimator_agents.algorithm import algorithm_names, policies_of
+from estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import nanoseconds
 from orchestrator.scenario.faults import wrong_faults
 from orchestrator.scenario.graphs import with_edges
 from orchestrator.scenario.inlining import inline_target
 from orchestrator.scenario.moving import with_motion
-from orchestrator.scenario.networks import topology_of, wrong_form, wrong_network
+from orchestrator.scenario.networks import hetero_at, topologies_of
 from orchestrator.scenario.numbers import parse_robots
 from orchestrator.scenario.tables import (
     FORMS,
@@ -31,6 +31,7 @@ from orchestrator.scenario.tables import (
     Uniform,
 )
 from orchestrator.scenario.targets import unsampled_times, wrong_target
+from orchestrator.scenario.wrong_networks import wrong_form, wrong_network
 from plant_fmu.archives.variables import MOTION, UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
@@ -180,7 +181,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             for i, row in enumerate(value):
                 yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
     if scenario.faults != Faults():
-        yield from wrong_faults(scenario, None if network_faults else topology_of(scenario))
+        yield from wrong_faults(scenario, None if network_faults else topologies_of(scenario).links)
     yield from _robot_faults(scenario)
     yield from _hosts_faults(scenario.bus.tls, n)
 
@@ -231,13 +232,19 @@ def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
             f"got {scenario.algorithm.name!r}"
         )
-    elif scenario.algorithm.missing:
-        known = policies_of(scenario.algorithm.name)
-        if scenario.algorithm.missing not in known:
-            yield (
-                f"algorithm.missing: expected one of {', '.join(known)}, which "
-                f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
-            )
+        return
+    apart, why = hetero_at(scenario.network), why_one_digraph(scenario.algorithm.name)
+    if apart and why:
+        yield (
+            f"{apart}.velocity: {scenario.algorithm.name} cannot hear positions and velocities "
+            f"over different digraphs: {why}; give {apart} one digraph, or take dcea1"
+        )
+    known = policies_of(scenario.algorithm.name)
+    if scenario.algorithm.missing and scenario.algorithm.missing not in known:
+        yield (
+            f"algorithm.missing: expected one of {', '.join(known)}, which "
+            f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
+        )
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:

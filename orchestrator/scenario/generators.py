@@ -24,8 +24,11 @@ REWIRE = 0.1
 """The part of a small world's edges that go elsewhere, unless it is given."""
 
 
-def generated(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
-    """Return source and sink, (E,), of all edges, those from the target first."""
+def generated(generator: Generator, seed: int, where: str = "network") -> tuple[Nodes, Nodes]:
+    """Return source and sink, (E,), of all edges, those from the target first.
+
+    `where` the generator stands in the scenario is part of the key of what it draws.
+    """
     n = generator.n
     robots = np.arange(1, n + 1)
     match generator.kind:
@@ -36,9 +39,9 @@ def generated(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
         case "star":
             among = np.ones(n - 1, np.intp), robots[1:]
         case "random_k_in":
-            among = _random_k_in(generator, seed)
+            among = _random_k_in(generator, seed, where)
         case "small_world":
-            among = _small_world(generator, seed)
+            among = _small_world(generator, seed, where)
     pinned = np.array(generator.pinned, np.intp)
     return (
         np.concatenate([np.zeros(len(pinned), np.intp), among[0]]),
@@ -46,12 +49,12 @@ def generated(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
     )
 
 
-def _random_k_in(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
+def _random_k_in(generator: Generator, seed: int, where: str) -> tuple[Nodes, Nodes]:
     """Return n k edges; ranks count from 0."""
     n, k, first = generator.n, generator.k or 0, generator.pinned[0]
     heard = np.empty((n, k), np.intp)
     for rank in range(n):
-        draw = chance(seed, "network.random_k_in", (first - 1 + rank) % n + 1)
+        draw = chance(seed, f"{where}.random_k_in", (first - 1 + rank) % n + 1)
         taken = [rank]
         if rank:
             heard[rank, 0] = draw.integers(rank)
@@ -64,14 +67,14 @@ def _random_k_in(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
     return (first - 1 + heard.ravel()) % n + 1, (first - 1 + sink) % n + 1
 
 
-def _small_world(generator: Generator, seed: int) -> tuple[Nodes, Nodes]:
+def _small_world(generator: Generator, seed: int, where: str) -> tuple[Nodes, Nodes]:
     """Return 2 n k edges: n k, both ways."""
     n, k = generator.n, generator.k or 0
     rewire = REWIRE if generator.rewire is None else generator.rewire
     near = [*range(-k, 0), *range(1, k + 1)]
     beside = [{(i + d) % n for d in near} for i in range(n)]
     for i in range(n if rewire else 0):
-        draw = chance(seed, "network.small_world", i + 1)
+        draw = chance(seed, f"{where}.small_world", i + 1)
         for d, luck in zip(range(2, k + 1), draw.random(k - 1), strict=True):
             free = n - 1 - len(beside[i])
             if luck >= rewire or not free:

@@ -5,7 +5,7 @@ when its file is read, the edges take the place of the name of the file that the
 """
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,13 @@ from orchestrator.errors import ScenarioError
 
 Weighted = tuple[int, int, float]
 """Source, 0 for the target; sink; weight."""
-_HOLE = "the edges that take the place of a file's name"
+_HOLE = "edges {} that take the place of a file's name"
+_BESIDE = ("from", "repeat")
+"""Keys of a network that are no form of it."""
 
 
 def with_edges(text: str, folder: Path, origin: str) -> str:
-    """Return a scenario's text with the edges of the file that it names, if it names one.
+    """Return a scenario's text with the edges of the files that it names, if it names any.
 
     What else is wrong with the text is left to whoever parses it. `ScenarioError` names the field,
     the file and what is wrong in it.
@@ -32,15 +34,41 @@ def with_edges(text: str, folder: Path, origin: str) -> str:
         document = tomlkit.parse(text)
     except (TOMLKitError, ValueError, RecursionError):
         return text
-    network: Any = document.get("network")
-    if not isinstance(network, dict) or len(network) != 1:
+    tables: list[str] = []
+    for where, digraph in _digraphs("network", document.get("network")):
+        given = [(key, value) for key, value in digraph.items() if key not in _BESIDE]
+        if len(given) != 1:
+            continue
+        ((form, name),) = given
+        if form not in _READ or not isinstance(name, str):
+            continue
+        edges = _edges_of(folder / name, form, f"{origin}: {where}.{form}: {name}")
+        del digraph[form]
+        digraph["edge_list"] = _HOLE.format(len(tables))
+        tables.append(_rows(edges))
+    if not tables:
         return text
-    ((form, name),) = network.items()
-    if form not in _READ or not isinstance(name, str):
-        return text
-    where = f"{origin}: network.{form}: {name}"
+    text = tomlkit.dumps(document)
+    for number, table in enumerate(tables):
+        text = text.replace(f'"{_HOLE.format(number)}"', table, 1)
+    return text
+
+
+def _digraphs(where: str, given: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the tables in and below one that may name a file, with where they stand."""
+    if not isinstance(given, dict):
+        return
+    yield where, given
+    for name in ("position", "velocity"):
+        yield from _digraphs(f"{where}.{name}", given.get(name))
+    turns = given.get("switching")
+    for i, turn in enumerate(turns if isinstance(turns, list) else ()):
+        yield from _digraphs(f"{where}.switching[{i}]", turn)
+
+
+def _edges_of(path: Path, form: str, where: str) -> list[Weighted]:
     try:
-        data = (folder / name).read_bytes()
+        data = path.read_bytes()
     except FileNotFoundError:
         raise ScenarioError(f"{where}: no such file; it is relative to the scenario's") from None
     except (OSError, ValueError) as error:
@@ -49,9 +77,7 @@ def with_edges(text: str, folder: Path, origin: str) -> str:
     edges = _READ[form](data, where)
     if not edges:
         raise ScenarioError(f"{where}: has no edge; robot 1 at least must hear the target, 0")
-    del network[form]
-    network["edge_list"] = _HOLE
-    return tomlkit.dumps(document).replace(f'"{_HOLE}"', _rows(edges), 1)
+    return edges
 
 
 def _rows(edges: Iterable[Weighted]) -> str:

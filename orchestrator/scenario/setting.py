@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bus.links.links import LinkFault, Links
 from bus.links.outages import Outages
-from bus.topology import Topology
+from bus.topologies import Topologies
 from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from estimator_agents.estimate import Estimate
 from estimator_agents.hearing import Missing
@@ -44,9 +44,9 @@ def clock_of(scenario: Scenario) -> Clock:
     return Clock(period, output, nanoseconds(run.duration) // period)
 
 
-def topology_of(scenario: Scenario) -> Topology:
-    """Return who hears whom; it is made once."""
-    return networks.topology_of(scenario)
+def topologies_of(scenario: Scenario) -> Topologies:
+    """Return who hears whom, and when; it is made once."""
+    return networks.topologies_of(scenario)
 
 
 def target_of(scenario: Scenario) -> Target:
@@ -61,13 +61,13 @@ def target_of(scenario: Scenario) -> Target:
 
 def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
     """Return the faults on the links into some robots; None if the scenario has none at all."""
-    topology = topology_of(scenario)
-    faults, quiet = link_faults(scenario, topology), silences(scenario)
+    topologies = topologies_of(scenario)
+    faults, quiet = link_faults(scenario, topologies.links), silences(scenario)
     if not quiet and all(fault == LinkFault() for fault in faults.values()):
         return None
     period = nanoseconds(scenario.run.sampling_period)
     return Links(
-        topology, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
+        topologies, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
     )
 
 

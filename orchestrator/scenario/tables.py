@@ -25,6 +25,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 Weight = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=0)]
+Tick = Annotated[int, Field(strict=True, ge=1)]
 MOST_ROBOTS = 100_000
 Node = Annotated[int, Field(strict=True, ge=0, le=MOST_ROBOTS)]
 RobotNumber = Annotated[int, Field(strict=True, ge=1, le=MOST_ROBOTS)]
@@ -211,7 +212,7 @@ class Generator(Table):
     weight: Positive = Field(1.0, description="of every edge")
 
 
-class Network(Table):
+class Digraph(Table):
     """Who hears whom, in one of these forms: adjacency with pinning, or one of the others."""
 
     adjacency: tuple[tuple[Weight, ...], ...] | None = Field(
@@ -250,6 +251,51 @@ class Network(Table):
         if self.edge_list:
             return max(max(edge[:2]) for edge in self.edge_list)
         return len(self.adjacency or ())
+
+
+class Exchange(Digraph):
+    """Who hears whom: one digraph, or one for positions and one for velocities."""
+
+    position: Digraph | None = Field(None, description="over which positions travel")
+    velocity: Digraph | None = Field(None, description="over which velocities travel")
+
+    @property
+    def forms(self) -> list[str]:
+        """The forms that are given, where there must be one."""
+        apart = [name for name in ("position", "velocity") if getattr(self, name) is not None]
+        return [*super().forms, *(["position"] if len(apart) == 2 else apart)]
+
+    @cached_property
+    def n(self) -> int:
+        """The number of robots."""
+        return self.position.n if self.position else super().n
+
+
+class Turn(Exchange):
+    """Who hears whom from a tick on."""
+
+    from_: Tick = Field(alias="from", description="the first tick of it, k; 1 in the first entry")
+
+
+class Network(Exchange):
+    """Who hears whom, always the same or by turns."""
+
+    switching: tuple[Turn, ...] | None = Field(
+        None, min_length=1, description="networks in turn, each from a tick to the next one's"
+    )
+    repeat: Tick | None = Field(
+        None, description="ticks after which the turns come again; by default the last one stays"
+    )
+
+    @property
+    def forms(self) -> list[str]:
+        """The forms that are given, where there must be one."""
+        return [*super().forms, *(["switching"] if self.switching else [])]
+
+    @cached_property
+    def n(self) -> int:
+        """The number of robots."""
+        return self.switching[0].n if self.switching else super().n
 
 
 class Wave(Table):

@@ -14,7 +14,10 @@ BLOCK = 64
 
 @dataclass
 class Network:
-    """w[i][j] of robot i + 1 and node j; `links` as keys of a scenario's entry, by (j, i)."""
+    """w[i][j] of robot i + 1 and node j; `links` as keys of a scenario's entry, by (j, i).
+
+    `turns` are [from tick, w of positions, w of velocities] in place of w from then on.
+    """
 
     w: list[list[float]]
     links: dict[tuple[int, int], dict] = field(default_factory=dict)
@@ -23,6 +26,29 @@ class Network:
     seed: int = 0
     m: int = 2
     missing: str = "hold"
+    turns: list[tuple[int, list[list[float]], list[list[float]]]] = field(default_factory=list)
+    repeat: int | None = None
+
+    def weights(self, k):
+        """Return w at t_k, of positions and of velocities."""
+        if self.repeat:
+            k = (k - 1) % self.repeat + 1
+        now = (self.w, self.w)
+        for since, *both in self.turns:
+            if since <= k:
+                now = both
+        return now
+
+    def has(self, j, i, k):
+        return any(w[i - 1][j] for w in self.weights(k))
+
+    def pairs(self):
+        """Return all (j, i) between which there is a link at some time."""
+        every = [self.w, *(w for _, *both in self.turns for w in both)]
+        n = len(self.w)
+        return [
+            (j, i) for i in range(1, n + 1) for j in range(n + 1) if any(w[i - 1][j] for w in every)
+        ]
 
     def block(self, purpose, j, i, k):
         key = np.random.SeedSequence([self.seed, crc32(purpose.encode()), j, i, k // BLOCK])
@@ -72,7 +98,7 @@ def simulate(network, jump, start, targets, h, ticks):
     """
     n = len(network.w)
     now = {i: [list(part) for part in start[i]] for i in range(1, n + 1)}
-    on_way = {(j, i): [] for i in range(1, n + 1) for j in range(n + 1) if network.w[i - 1][j]}
+    on_way = {link: [] for link in network.pairs()}
     last = dict.fromkeys(on_way)
     story = []
     for k in range(1, ticks + 1):
@@ -82,11 +108,12 @@ def simulate(network, jump, start, targets, h, ticks):
         told = [(i, i, 0, 1, 0, zeros, zeros) for i in now if network.silent(i, k)]
         there = {}
         for (j, i), samples in on_way.items():
-            lost, outage, delay, arriving = network.way(j, i, k, sent[j])
-            if not (lost or outage):
-                samples.append((k + delay, k, arriving))
-            if lost or outage or delay or arriving != sent[j]:
-                told.append((i, j, int(lost), int(outage), delay, *arriving))
+            if network.has(j, i, k):
+                lost, outage, delay, arriving = network.way(j, i, k, sent[j])
+                if not (lost or outage):
+                    samples.append((k + delay, k, arriving))
+                if lost or outage or delay or arriving != sent[j]:
+                    told.append((i, j, int(lost), int(outage), delay, *arriving))
             newest = max((s for s in samples if s[0] == k), key=lambda s: s[1], default=None)
             delivered = newest and (last[j, i] is None or newest[1] > last[j, i][1])
             if delivered:
@@ -95,29 +122,31 @@ def simulate(network, jump, start, targets, h, ticks):
                 there[j, i] = newest[2] if delivered else None
             else:
                 there[j, i] = last[j, i] and last[j, i][2]
-        now = {i: jump(left[i], *_disagreement(network, i, left[i], there)) for i in now}
+        weights = network.weights(k)
+        now = {i: jump(left[i], *_disagreement(weights, i, left[i], there)) for i in now}
         story.append((left, now, sorted(told)))
     return story
 
 
-def _disagreement(network, i, own, there):
+def _disagreement(weights, i, own, there):
     """Sum in the order in which NumPy's reduceat does: the first, plus the sum of the rest."""
+    return [
+        _sums(w[i - 1], own[part], {j: x and x[part] for (j, to), x in there.items() if to == i})
+        for part, w in enumerate(weights)
+    ]
+
+
+def _sums(row, own, there):
     degree = 0.0
-    for weight in network.w[i - 1]:
+    for weight in row:
         degree += weight
-    terms = [(weight / degree, there[j, i]) for j, weight in enumerate(network.w[i - 1]) if weight]
+    terms = [(weight / degree, there[j]) for j, weight in enumerate(row) if weight]
     rest = 1.0
     if any(x is None for _, x in terms) and any(x is not None for _, x in terms):
         rest = _total([0.0 if x is None else weight for weight, x in terms])
     return [
-        [
-            _total(
-                [0.0 if x is None else weight * (x[part][a] - own[part][a]) for weight, x in terms]
-            )
-            / rest
-            for a in range(network.m)
-        ]
-        for part in range(2)
+        _total([0.0 if x is None else weight * (x[a] - own[a]) for weight, x in terms]) / rest
+        for a in range(len(own))
     ]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bus.topologies import Topologies
 from bus.topology import Topology
 from estimator_agents.agents import Agents
 from estimator_agents.algorithm import algorithm_names, load_algorithm
@@ -45,7 +46,9 @@ def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
     ids=["first 0.1", "first 0.5", "second 0.1", "second 0.45"],
 )
 def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
-    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), algorithm, initial(3))
+    agents = Agents(
+        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), algorithm, initial(3)
+    )
     story = estimates(agents, h, TICKS)
     x1 = np.concatenate([story[0].position - target(h)[0], story[0].velocity - target(h)[1]])
     oracle = recursion(matrix(algorithm.alpha, algorithm.beta, h), x1, h, TICKS)
@@ -57,7 +60,11 @@ def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
 
 
 def test_robots_apart_jump_to_the_same_bits_as_together():
-    topology, algorithm, start = Topology.of(*PAPER), FirstOrder(0.9, 1.1), initial(5)
+    topology, algorithm, start = (
+        Topologies.constant(Topology.of(*PAPER)),
+        FirstOrder(0.9, 1.1),
+        initial(5),
+    )
     together = Agents(np.arange(1, 7), topology, algorithm, start)
     left = start.after(0.1)
     position, velocity = target(0.1)
@@ -77,7 +84,7 @@ def test_robots_apart_jump_to_the_same_bits_as_together():
 
 
 def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
-    topology, start = Topology.of(*PAPER), initial(5)
+    topology, start = Topologies.constant(Topology.of(*PAPER)), initial(5)
     left = start.after(0.1)
     heard_by = {}
     for loud in range(7):
@@ -104,7 +111,9 @@ def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
 
 
 def test_missing_names_the_silent_until_they_speak():
-    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), FirstOrder(0.9, 1.1), initial(1))
+    agents = Agents(
+        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), FirstOrder(0.9, 1.1), initial(1)
+    )
     assert agents.missing(1) == [0, 1, 2, 3, 4]
     agents.hear(1, np.array([0, 2, 3]), np.zeros((3, 2)), np.zeros((3, 2)))
     assert agents.missing(1) == [1, 4]
@@ -113,7 +122,9 @@ def test_missing_names_the_silent_until_they_speak():
 
 def test_second_order_positions_are_continuous():
     start = initial(2)
-    agents = Agents(np.arange(1, 7), Topology.of(*PAPER), SecondOrder(1.1, 0.9), start)
+    agents = Agents(
+        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), SecondOrder(1.1, 0.9), start
+    )
     left = start.after(0.1)
     agents.hear(1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
     agents.jump(1, left)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from bus.errors import InputError
 from bus.links.links import LinkFault, Links
+from bus.topologies import Exchange, Topologies
 from bus.topology import Topology
 from estimator_agents.agents import Agents
 from estimator_agents.dcea1 import FirstOrder
@@ -61,25 +62,42 @@ faults = st.fixed_dictionaries(
 def networks(draw):
     n = draw(st.integers(1, 6))
     weights = st.sampled_from([0.0, 0.0, 0.3, 1.0, 2.5])
-    w = [[draw(weights) if j != i else 0.0 for j in range(n + 1)] for i in range(1, n + 1)]
-    for i, row in enumerate(w):
-        if not any(row):
-            row[0 if i == 0 else i] = 1.0
-    links = [(j, i) for i in range(1, n + 1) for j in range(n + 1) if w[i - 1][j]]
-    return Network(
-        w,
-        draw(st.dictionaries(st.sampled_from(links), faults, min_size=1)),
-        draw(st.dictionaries(st.integers(1, n), spans, max_size=2)),
-        PERIOD,
-        draw(st.integers(0, 2**40)),
-        draw(st.integers(1, 3)),
-        draw(st.sampled_from(["hold", "drop"])),
-    )
+
+    def digraph():
+        w = [[draw(weights) if j != i else 0.0 for j in range(n + 1)] for i in range(1, n + 1)]
+        for i, row in enumerate(w):
+            if not any(row):
+                row[0 if i == 0 else i] = 1.0
+        return w
+
+    network = Network(digraph(), period=PERIOD)
+    for since in sorted(draw(st.sets(st.integers(1, 40), max_size=3))):
+        w = digraph()
+        network.turns.append((since, w, digraph() if draw(st.booleans()) else w))
+    last = network.turns[-1][0] if network.turns else 1
+    network.repeat = draw(st.one_of(st.none(), st.integers(last, last + 20)))
+    link = st.sampled_from(network.pairs())
+    network.links = draw(st.dictionaries(link, faults, min_size=1))
+    network.robots = draw(st.dictionaries(st.integers(1, n), spans, max_size=2))
+    network.seed = draw(st.integers(0, 2**40))
+    network.m = draw(st.integers(1, 3))
+    network.missing = draw(st.sampled_from(["hold", "drop"]))
+    return network
 
 
-def topology_of(network):
-    full = np.array(network.w)
-    return Topology.of(full[:, 1:], full[:, 0])
+def topologies_of(network):
+    def topology(w):
+        full = np.array(w)
+        return Topology.of(full[:, 1:], full[:, 0])
+
+    exchanges, since = [Exchange.of(topology(network.w))], [1]
+    for tick, positions, velocities in network.turns:
+        one = topology(positions)
+        exchanges.append(Exchange(one, one if velocities is positions else topology(velocities)))
+        since.append(tick)
+    if since[1:2] == [1]:
+        exchanges, since = exchanges[1:], since[1:]
+    return Topologies.of(exchanges, since, network.repeat)
 
 
 def start_of(network):
@@ -90,13 +108,13 @@ def start_of(network):
 
 def agents_of(network, robots, algorithm, start):
     """Return the agents of some robots of a network."""
-    topology, rows = topology_of(network), robots - 1
+    topologies, rows = topologies_of(network), robots - 1
     given = {link: LinkFault(**fault) for link, fault in network.links.items()}
     links = Links(
-        topology, robots, given, network.robots, period_ns=PERIOD, seed=network.seed, m=network.m
+        topologies, robots, given, network.robots, period_ns=PERIOD, seed=network.seed, m=network.m
     )
     mine = Estimate(start.position[rows], start.velocity[rows])
-    return Agents(robots, topology, algorithm, mine, links, network.missing)
+    return Agents(robots, topologies, algorithm, mine, links, network.missing)
 
 
 def advance(parts, k, target):
@@ -245,7 +263,7 @@ def test_links_that_have_no_faults_leave_every_bit_alone():
     start, targets = start_of(network)
     robots = np.array([1, 2])
     with_links = agents_of(network, robots, ALGORITHMS[1], start)
-    without = Agents(robots, topology_of(network), ALGORITHMS[1], start)
+    without = Agents(robots, topologies_of(network), ALGORITHMS[1], start)
     for k in range(1, 20):
         for agents in (with_links, without):
             advance([agents], k, targets[k])

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
+from bus.topologies import Topologies
 from bus.topology import Topology
 from estimator_agents.agents import Agents
 from estimator_agents.dcea1 import FirstOrder
@@ -126,7 +127,7 @@ def test_jumps_of_agents_are_the_recursion(topology, alpha, beta, h, seed):
         recursion = recursion_of(algorithm, topology, h)
         A = recursion.matrix.toarray()
         start = Estimate(*rng.normal(size=(2, n, 2)))
-        agents = Agents(np.arange(1, n + 1), topology, algorithm, start)
+        agents = Agents(np.arange(1, n + 1), Topologies.constant(topology), algorithm, start)
         states = [HARMONIC.at(k * h) for k in range(8)]
         x = error(start.after(h), states[1])
         for k in range(1, 7):
@@ -211,7 +212,10 @@ def ends_of_a_run(algorithm, h, ticks):
     """Return ‖x‖∞ at t_1 and t_ticks of agents that look for a target that rests at 0."""
     rng = np.random.default_rng(1)
     agents = Agents(
-        np.arange(1, 7), TOPOLOGY, algorithm, Estimate(*rng.uniform(-25, 25, (2, 6, 2)))
+        np.arange(1, 7),
+        Topologies.constant(TOPOLOGY),
+        algorithm,
+        Estimate(*rng.uniform(-25, 25, (2, 6, 2))),
     )
     sizes = []
     for k in range(1, ticks + 1):

@@ -16,7 +16,7 @@ from orchestrator.runs.robots import wire_of
 from orchestrator.runs.running import run
 from orchestrator.scenario.faults import link_faults
 from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import links_of, missing_of, topology_of
+from orchestrator.scenario.setting import links_of, missing_of, topologies_of
 from orchestrator.scenario.tables import json_schema
 from recordings.export import export
 from recordings.reading import Reader
@@ -257,7 +257,7 @@ def test_what_a_silent_robot_says_is_refused(paper):
 
 def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
     scenario = paper(with_faults(FAULTY)).scenario
-    faults = link_faults(scenario, topology_of(scenario))
+    faults = link_faults(scenario, topologies_of(scenario).links)
     assert len(faults) == 10
     assert faults[1, 2] == LinkFault(loss=0.3, noise=(0.5, 0.5))
     late = {"loss": 0.3, "noise": (0.0, 0.25), "quantisation": (0.5, 0.5)}

@@ -9,7 +9,7 @@ from orchestrator.errors import ScenarioError
 from orchestrator.runs.running import run
 from orchestrator.scenario import graphs
 from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import topology_of
+from orchestrator.scenario.setting import topologies_of
 from orchestrator.scenario.tables import json_schema
 from recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -36,7 +36,7 @@ def generator(**keys):
 
 def edges_of(scenario):
     """Return the edges (j, i) of a scenario with their weights."""
-    t = topology_of(scenario)
+    t = topologies_of(scenario).links
     edges = zip(t.source.tolist(), t.sink.tolist(), strict=True)
     return dict(zip(edges, t.weight.tolist(), strict=True))
 
@@ -243,7 +243,7 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
 @pytest.mark.parametrize(
     ("network", "told"),
     [
-        ("", "expected one of adjacency (with pinning), generator, edge_list, edges and graphml"),
+        ("", "expected one of adjacency (with pinning), generator, edge_list, edges, graphml, p"),
         ("edge_list = [[0, 1]]\npinning = [1]", "got pinning and edge_list; keep one of them"),
         ("adjacency = [[0]]", "network.pinning: missing, it has no default beside"),
         ("pinning = [1]", "network.adjacency: missing, it has no default beside"),
@@ -280,8 +280,8 @@ def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, told)
 
 def test_a_topology_is_made_once_and_cannot_be_written():
     scenario = scenario_of(generator(kind="ring", n=10_000))
-    topology = topology_of(scenario)
-    assert topology_of(scenario) is topology
+    topology = topologies_of(scenario).links
+    assert topologies_of(scenario).links is topology
     assert len(topology.source) == 10_001
     assert topology.steps().tolist() == list(range(1, 10_001))
     with pytest.raises(ValueError, match="read-only"):

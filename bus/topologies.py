@@ -1,0 +1,115 @@
+"""Who hears whom at t_k: digraphs that take turns, and one for positions apart from velocities'.
+
+Exchange e holds from tick since[e] on, until the next does; the last one for ever or, where the
+turns repeat after T ticks, up to T, and tick k is then as tick (k − 1) mod T + 1. A sample carries
+position and velocity: it travels at t_k over each edge that either digraph of t_k has, and a robot
+takes of it what its own digraphs have the edge for.
+"""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.topology import Topology
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exchange:
+    """Over which digraph positions are heard, and over which velocities; mostly they are one."""
+
+    position: Topology
+    velocity: Topology
+
+    @classmethod
+    def of(cls, topology: Topology) -> "Exchange":
+        """Return what hears both over one digraph."""
+        return cls(topology, topology)
+
+    @property
+    def hetero(self) -> bool:
+        """Whether there are two digraphs: sampled hetero-information."""
+        return self.position is not self.velocity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Topologies:
+    """The exchanges of a run, and when each holds."""
+
+    exchanges: tuple[Exchange, ...]
+    since: tuple[int, ...]
+    """The tick from which each holds, ascending from 1."""
+    repeat: int | None
+    """After how many ticks the turns come again; None where the last one stays."""
+    links: Topology
+    """The edges that some digraph has, each with its largest weight."""
+
+    @classmethod
+    def of(
+        cls, exchanges: Sequence[Exchange], since: Sequence[int] = (1,), repeat: int | None = None
+    ) -> "Topologies":
+        """Return exchanges of the same n robots in turn."""
+        return cls(tuple(exchanges), tuple(since), repeat, united(_digraphs(exchanges)))
+
+    @classmethod
+    def constant(cls, topology: Topology) -> "Topologies":
+        """Return one digraph for all, at all times."""
+        return cls.of([Exchange.of(topology)])
+
+    @property
+    def n(self) -> int:
+        """The number of robots."""
+        return self.links.n
+
+    @property
+    def digraphs(self) -> list[Topology]:
+        """All digraphs, each once."""
+        return _digraphs(self.exchanges)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether one exchange holds at all times."""
+        return len(self.exchanges) == 1
+
+    def at(self, k: int) -> int:
+        """Return which exchange holds at t_k, k ≥ 1, from 0."""
+        tick = (k - 1) % self.repeat + 1 if self.repeat else k
+        return bisect_right(self.since, tick) - 1
+
+    def turns(self) -> list[tuple[int, int]]:
+        """Return exchange and number of ticks of each turn of one period, in order."""
+        if not self.repeat:
+            return []
+        ends = (*self.since[1:], self.repeat + 1)
+        return [(e, end - self.since[e]) for e, end in enumerate(ends)]
+
+
+def _digraphs(exchanges: Sequence[Exchange]) -> list[Topology]:
+    return [*dict.fromkeys(t for e in exchanges for t in (e.position, e.velocity))]
+
+
+def united(topologies: Sequence[Topology]) -> Topology:
+    """Return the digraph of all edges of some of the same robots, each with its largest weight."""
+    if len(topologies) == 1:
+        return topologies[0]
+    source, sink, weight = (
+        np.concatenate([getattr(topology, name) for topology in topologies])
+        for name in ("source", "sink", "weight")
+    )
+    order = np.lexsort((-weight, source, sink))
+    source, sink, weight = source[order], sink[order], weight[order]
+    first = np.append(True, (np.diff(source) != 0) | (np.diff(sink) != 0))
+    return Topology(topologies[0].n, source[first], sink[first], weight[first])
+
+
+def edges_among(
+    topology: Topology, source: NDArray[np.integer], sink: NDArray[np.integer]
+) -> NDArray[np.intp]:
+    """Return the number of each edge (j, i) in a digraph, (…) as given; −1 where it has none."""
+    nodes = topology.n + 1
+    keys = topology.sink * nodes + topology.source
+    wanted = sink * nodes + source
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[at] == wanted, at, -1)
