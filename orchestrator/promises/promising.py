@@ -187,6 +187,8 @@ def _source(scenario: Scenario) -> str:
 def _why_not(scenario: Scenario, recursion: Recursion | None, radius: float) -> str:
     if links_of(scenario, np.arange(1, scenario.n + 1)) is not None:
         return "links have faults, and the theory is of links without"
+    if len(topologies_of(scenario).digraphs) > 1:
+        return "there are several digraphs, and the theory here is of one"
     if recursion is None:
         return "the algorithm does not jump linearly"
     if recursion.drag[:, 0].any():
