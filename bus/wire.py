@@ -80,6 +80,8 @@ class Wire:
         self._seal, self._silent = seal, silent
         self.none = self.faults.blank(np.empty(0, np.int64))
         """No faults."""
+        self._believed_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
+        """Of each host the last samples, as they came and as what they are."""
         most = max(len(times.outputs(0)), len(times.outputs(1)))
         self._owed_samples = {host: self.samples.blank(nodes) for host, nodes in homes.items()}
         self._owed_states = {
@@ -91,7 +93,13 @@ class Wire:
         return self._seal.closed(wire_key(SAMPLES, host), _K.pack(k) + records.tobytes())
 
     def unpack_samples(self, host: str, payload: bytes) -> tuple[int, Records]:
-        """Return k and the samples that a host put; `RefusedError` when they are not believed."""
+        """Return k and the samples that a host put; `RefusedError` when they are not believed.
+
+        Bytes that two hear on one wire are judged once.
+        """
+        known, believed = self._believed_last.get(host, (b"", None))
+        if believed and payload == known:
+            return believed
         data, nodes = self._open(SAMPLES, host, payload)
         k = self._tick(data, 1)
         silent = self._silent(k)
@@ -99,7 +107,9 @@ class Wire:
         if silent.size:
             owed = owed[~np.isin(nodes, silent)]
         owed["k"], owed["time_ns"] = k, self.times.t(k)
-        return k, self._believed(self.samples, data[_K.size :], owed)
+        believed = k, self._believed(self.samples, data[_K.size :], owed)
+        self._believed_last[host] = payload, believed
+        return believed
 
     def pack_tick(self, host: str, k: int, tick: Tick) -> bytes:
         """Return the batch of all else that is recorded of a host's tick."""
