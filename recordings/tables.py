@@ -26,6 +26,9 @@ RUN = "nrs.run"
 SCENARIO = "scenario.toml"
 """The attachment that holds the scenario's text."""
 
+SPENT, REFUSED = "spent", "refused"
+"""What is said at the end: where wall time went, and what was not believed, as JSON."""
+
 
 @dataclass(frozen=True, slots=True)
 class Table:

@@ -25,6 +25,22 @@ def test_tools_have_no_complaint(command):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.parametrize(
+    ("module", "unneeded"),
+    [
+        ("orchestrator.commands.cli", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
+        ("orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
+        ("orchestrator.hosts.process", {"mcap", "rich", "scipy", "tomlkit", "typer"}),
+    ],
+)
+def test_a_process_starts_without_what_it_need_not_wait_for(module, unneeded):
+    program = f"import sys, {module}; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert not unneeded & set(done.stdout.split())
+
+
 def volatile(line: str) -> str:
     """Mask what a machine decides: times, speeds, digests; and trailing blanks."""
     line = re.sub(r"in [\d.]+ s, [\d.e+]+ x real time", "in … s", line.rstrip())

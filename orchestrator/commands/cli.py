@@ -2,22 +2,21 @@
 
 0 done; 1 the run failed, with who and when; 2 the input is bad, with the field and the value;
 130 interrupted, with the recording closed and valid.
+
+The modules `cli` and `*_cli` declare commands and their options; what one does is loaded when it is
+called, for a user waits for all that is loaded.
 """
 
 from contextlib import ExitStack
 from dataclasses import asdict
-from importlib.metadata import version as installed
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-import numpy as np
 import typer
 
 from bus.errors import CosimError, InputError
-from estimator_agents.theory.estimates import Pair
-from orchestrator.commands import replay_cli, run_cli, showing
-from orchestrator.commands.doctor import diagnose
+from orchestrator.commands import replay_cli, run_cli
 from orchestrator.commands.fmu_cli import fmu
 from orchestrator.commands.options import (
     Listen,
@@ -26,22 +25,9 @@ from orchestrator.commands.options import (
     TlsCa,
     TlsCertificate,
     TlsKey,
-    tls_of,
 )
 from orchestrator.commands.report_cli import report
-from orchestrator.promises.checking import check as check_scenario
-from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import designed, promises
-from orchestrator.runs.plants import group_by_archive, open_fleet
-from orchestrator.runs.summary import describe, lines, measure, scenario_of
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.setting import bodies
-from orchestrator.scenario.tables import json_schema
 from orchestrator.terminal import AsJson, out, print_json, say
-from recordings.export import Format
-from recordings.export import export as export_tables
-from recordings.reading import Reader
-from recordings.recovering import recover as recover_recording
 
 FAILED, BAD_INPUT = 1, 2
 
@@ -56,6 +42,8 @@ app.add_typer(fmu, name="fmu")
 
 def _print_version(asked: bool) -> None:
     if asked:
+        from importlib.metadata import version as installed
+
         out.print(f"nrs-cosim {installed('nrs-cosim')}")
         raise typer.Exit
 
@@ -70,6 +58,9 @@ def nrs(
     ] = False,
 ) -> None:
     """Co-simulate networked robots under sampled interaction."""
+    import numpy as np
+
+    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
 
 
 app.command()(run_cli.run)
@@ -83,6 +74,11 @@ app.command()(report)
 @app.command()
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
+    from orchestrator.commands import showing
+    from orchestrator.promises.judging import judge
+    from orchestrator.runs.summary import describe, lines, measure, scenario_of
+    from recordings.reading import Reader
+
     with Reader(recording) as reader:
         told, measured = describe(reader), measure(reader)
         judged = judge(reader, scenario_of(reader).scenario, measured)
@@ -102,12 +98,16 @@ def export(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
     ],
     form: Annotated[
-        Format, typer.Option("--format", help="Parquet needs the extra `analysis`.")
+        Literal["csv", "parquet"],
+        typer.Option("--format", help="Parquet needs the extra `analysis`."),
     ] = "csv",
 ) -> None:
     """Write a recording's samples, states and faults as tables."""
+    from recordings.export import export as tables
+    from recordings.reading import Reader
+
     with Reader(recording) as reader:
-        for path in export_tables(reader, output, form):
+        for path in tables(reader, output, form):
             out.print(str(path), markup=False)
         for damage in reader.damage:
             say("yellow", "damage", damage)
@@ -121,8 +121,13 @@ def recover(
     ],
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    from orchestrator.commands import showing
+    from orchestrator.runs.summary import describe, lines, measure
+    from recordings.reading import Reader
+    from recordings.recovering import recover as whole
+
     with Reader(recording) as reader:
-        recover_recording(reader, output)
+        whole(reader, output)
         for damage in reader.damage:
             say("yellow", "damage", damage)
     with Reader(output) as reader:
@@ -137,8 +142,11 @@ def scene(
     ],
 ) -> None:
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    from orchestrator.runs.summary import scenario_of
+    from recordings.reading import Reader
+
     try:
-        from orchestrator.reports.shapes import shapes_of, write_scene  # noqa: PLC0415 (an extra)
+        from orchestrator.reports.shapes import shapes_of, write_scene
     except ImportError as error:
         raise InputError(
             "scene: foxglove-schemas-protobuf is missing; pip install 'nrs-cosim[scene]'"
@@ -175,8 +183,16 @@ def check(
         raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
+    from estimator_agents.theory.estimates import Pair
+    from orchestrator.commands import showing
+    from orchestrator.promises.checking import check as theory_of
+    from orchestrator.promises.promising import bounds, designed, promises
+    from orchestrator.runs.plants import group_by_archive, open_fleet
+    from orchestrator.scenario.file import read_scenario
+    from orchestrator.scenario.setting import bodies
+
     file = read_scenario(scenario)
-    checked = check_scenario(file.scenario)
+    checked = theory_of(file.scenario)
     promised = promises(file.scenario, checked.spectral_radius)
     with ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
@@ -187,7 +203,7 @@ def check(
         design = {"design": asdict(found) if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})
         return
-    showing.check(out, checked, promised)
+    showing.check(out, checked, promised, bounds(promised))
     if wanted:
         showing.design(out, found, wanted)
 
@@ -201,6 +217,10 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Try all that a run needs of this machine, and say what to do where something fails."""
+    from orchestrator.commands import showing
+    from orchestrator.commands.doctor import diagnose
+    from orchestrator.commands.tls import tls_of
+
     made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
     if as_json:
         print_json(made.as_json())
@@ -212,12 +232,13 @@ def doctor(
 @app.command()
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
+    from orchestrator.scenario.tables import json_schema
+
     print_json(json_schema())
 
 
 def main() -> None:
     """Run the command line and exit with its status."""
-    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     try:
         app()
     except OSError as error:

@@ -2,25 +2,17 @@
 
 from math import isfinite, nan
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bus.errors import InputError
-from orchestrator.commands import showing
-from orchestrator.commands.places import expect_replaceable
-from orchestrator.runs.plants import Group
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.setting import bodies
-from orchestrator.scenario.tables import Scenario
 from orchestrator.terminal import AsJson, out, print_json, say
-from plant_fmu.archives.archive import Archive, find_archive
-from plant_fmu.bundled.building import write as write_fmu
-from plant_fmu.bundled.declaration import bundled_models, declaration
-from plant_fmu.bundled.urdf import read_urdf
-from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
-from plant_fmu.checking.apart import check as check_fmu
-from plant_fmu.checking.findings import Task
+
+if TYPE_CHECKING:
+    from orchestrator.scenario.tables import Scenario
+    from plant_fmu.archives.archive import Archive
+    from plant_fmu.checking.findings import Task
 
 fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 
@@ -28,6 +20,8 @@ fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 @fmu.command("list")
 def fmu_list() -> None:
     """List the bundled models."""
+    from plant_fmu.bundled.declaration import bundled_models, declaration
+
     for name in bundled_models():
         out.print(f"{name:<16}{declaration(name).description}", markup=False)
 
@@ -38,6 +32,9 @@ def fmu_info(
     as_json: AsJson = False,
 ) -> None:
     """Say what an FMU offers."""
+    from orchestrator.commands import showing
+    from plant_fmu.archives.archive import find_archive
+
     told = find_archive(name, Path()).told()
     if as_json:
         print_json(told)
@@ -55,9 +52,15 @@ def fmu_check(
     as_json: AsJson = False,
 ) -> None:
     """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
+    from orchestrator.commands import showing
+    from orchestrator.scenario.file import read_scenario
+    from plant_fmu.archives.archive import find_archive
+    from plant_fmu.checking.apart import check
+    from plant_fmu.checking.findings import Task
+
     archive = find_archive(name, Path())
     task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario).scenario)
-    checked = check_fmu(task)
+    checked = check(task)
     if as_json:
         print_json(checked.as_json())
     else:
@@ -74,8 +77,11 @@ def fmu_build(
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
+    from orchestrator.commands.places import expect_replaceable
+    from plant_fmu.bundled.building import write
+
     expect_replaceable(output, "FMU", b"PK")
-    write_fmu(name, fmi, output)
+    write(name, fmi, output)
     out.print(str(output), markup=False)
 
 
@@ -87,15 +93,24 @@ def fmu_from_urdf(
     ],
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
     gravity: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="In m/s2, in the frame of the base link.")
-    ] = ",".join(map("{:g}".format, GRAVITY)),
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="In m/s2, in the frame of the base link; 0,0,-9.80665 unless given.",
+        ),
+    ] = None,
 ) -> None:
     """Write the rigid-body dynamics of a URDF's joints as an FMU."""
+    from orchestrator.commands.places import expect_replaceable
+    from plant_fmu.bundled.urdf import read_urdf
+    from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
+
     robot = read_urdf(urdf)
     for warning in robot.warnings():
         say("yellow", "warning", f"{urdf}: {warning}")
     expect_replaceable(output, "FMU", b"PK")
-    write_urdf(robot, fmi, _three_numbers("--gravity", gravity), output)
+    pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
+    write_urdf(robot, fmi, pull, output)
     out.print(str(output), markup=False)
 
 
@@ -109,8 +124,12 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _task(archive: Archive, scenario: Scenario) -> Task:
+def _task(archive: "Archive", scenario: "Scenario") -> "Task":
     """Return the check of an FMU in the place of robot 1's."""
+    from orchestrator.runs.plants import Group
+    from orchestrator.scenario.setting import bodies
+    from plant_fmu.checking.findings import Task
+
     own = [robot.plant for robot in scenario.robots if robot.id == 1 and robot.plant]
     group = Group("plant", (own or [scenario.plant])[0], archive, [0])
     return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)

@@ -1,16 +1,20 @@
 """Arguments and options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from bus.errors import InputError
-from bus.network.certificates import Tls
-from orchestrator.scenario.tables import TlsTable
-
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+Output = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
+]
+Compressed = Annotated[
+    Literal["zstd", "lz4", "none"],
+    typer.Option("--compression", help="Of the recording's chunks."),
+]
 
 _PANEL = "Beyond this machine"
 
@@ -65,34 +69,6 @@ TlsKey = Annotated[
         help="Private key of the certificate, without a passphrase.",
     ),
 ]
-
-
-def tls_of(
-    ca: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    table: TlsTable | None = None,
-    folder: Path = Path(),
-) -> Tls | None:
-    """Return the certificates that were given; an option goes before the scenario's table.
-
-    Paths of the table are relative to `folder`. None without any; `InputError` when only some of
-    the three are given.
-    """
-    given = {"ca": ca, "certificate": certificate, "key": key}
-    if table is not None:
-        for name, path in given.items():
-            given[name] = folder / getattr(table, name) if path is None else path
-    missing = [f"--tls-{name}" for name, path in given.items() if path is None]
-    if len(missing) == len(given):
-        return None
-    if missing:
-        raise InputError(
-            f"{' and '.join(missing)}: missing; certificate, key and authority go together"
-        )
-    return Tls(**{name: path for name, path in given.items() if path is not None})
-
-
 Hosts = Annotated[
     str | None,
     typer.Option(

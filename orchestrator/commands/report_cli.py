@@ -2,17 +2,14 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from orchestrator.commands.places import expect_replaceable
-from orchestrator.reports.reporting import story_of
 from orchestrator.terminal import out, say
-from recordings.errors import MissingExtraError, UncreatableError
-from recordings.reading import Reader
-from recordings.report.page import page
-from recordings.report.story import Story
+
+if TYPE_CHECKING:
+    from recordings.report.story import Story
 
 Format = Literal["html", "png", "pdf"]
 _BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF"}
@@ -31,6 +28,12 @@ def report(
     ] = "html",
 ) -> None:
     """Draw recordings: a page with everything that moves, or figures for print."""
+    from orchestrator.commands.places import expect_replaceable
+    from orchestrator.reports.reporting import story_of
+    from recordings.errors import UncreatableError
+    from recordings.reading import Reader
+    from recordings.report.page import page
+
     with ExitStack() as stack:
         stories = []
         for path in recordings:
@@ -52,9 +55,11 @@ def report(
     out.print(str(output), markup=False)
 
 
-def _print(stories: list[Story], path: Path, form: Literal["png", "pdf"]) -> None:
+def _print(stories: "list[Story]", path: Path, form: Literal["png", "pdf"]) -> None:
+    from recordings.errors import MissingExtraError
+
     try:
-        from recordings.report.printing import write_figures  # noqa: PLC0415, needs an extra
+        from recordings.report.printing import write_figures
     except ImportError:
         raise MissingExtraError(
             f"--format {form}: figures need matplotlib, which is not installed: "

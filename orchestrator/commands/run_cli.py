@@ -1,23 +1,14 @@
 """`nrs run`, `nrs resume` and `nrs host`: a run as its user starts, continues and joins it."""
 
-import json
-import signal
 import socket
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import partial
-from math import inf
-from pathlib import Path
-from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from bus.errors import InputError
-from bus.network.endpoints import Endpoints
-from bus.network.vetting import common_name
-from orchestrator.commands import showing
 from orchestrator.commands.options import (
+    Compressed,
     Connect,
     Deadline,
     Expect,
@@ -25,6 +16,7 @@ from orchestrator.commands.options import (
     InsecureTcp,
     Listen,
     NoRestart,
+    Output,
     Port,
     Realtime,
     RecordingPath,
@@ -36,41 +28,8 @@ from orchestrator.commands.options import (
     TlsCertificate,
     TlsKey,
     Wait,
-    tls_of,
 )
-from orchestrator.commands.places import place_for
-from orchestrator.errors import Interrupted
-from orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
-from orchestrator.hosts.member import Membership, serve
-from orchestrator.promises.checking import check as check_scenario
-from orchestrator.promises.judging import judge
-from orchestrator.reports.live import Live
-from orchestrator.runs.alone import alone
-from orchestrator.runs.lockstep import Manning
-from orchestrator.runs.pace import NO_PACE, Pace, RealTime
-from orchestrator.runs.plants import group_by_archive
-from orchestrator.runs.running import Outcome, past_of
-from orchestrator.runs.running import run as run_scenario
-from orchestrator.runs.summary import describe, lines, measure, scenario_of
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.file import ScenarioFile, read_scenario
-from orchestrator.scenario.numbers import parse_robots
-from orchestrator.scenario.setting import clock_of
-from orchestrator.terminal import err, out, say
-from recordings.container import Compression, Message
-from recordings.reading import Reader
-from recordings.tables import RUN
-
-EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
-
-Output = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
-]
-Compressed = Annotated[
-    Literal["zstd", "lz4", "none"],
-    typer.Option("--compression", help="Of the recording's chunks."),
-]
+from orchestrator.terminal import say
 
 
 def run(
@@ -95,19 +54,32 @@ def run(
     stay: Stay = False,
 ) -> None:
     """Run a scenario and record all that was said."""
-    pace = _pace(realtime)
+    from bus.network.endpoints import Endpoints
+    from orchestrator.commands import performing
+    from orchestrator.commands.tls import tls_of
+    from orchestrator.promises.checking import check
+    from orchestrator.scenario.file import read_scenario
+
+    pace = performing.pace_of(realtime)
     if not live and (stay or port is not None):
         raise InputError(f"{'--stay' if stay else '--port'}: is of --live, which is not given")
     file = read_scenario(scenario)
-    for warning in check_scenario(file.scenario).warnings():
+    for warning in check(file.scenario).warnings():
         say("yellow", "warning", warning)
     tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-    handling = _handling(no_restart, wait, expect, deadline)
-    man = _manning(file, hosts, handling, listen, connect, ends)
-    with Live(port or 0, stay) as page:
-        begin = page.begin if live else None
-        perform(file, output, man, compression, profile, deadline, pace=pace, begin=begin)
+    handling = performing.handling_of(no_restart, wait, expect, deadline)
+    man = performing.manning_of(file, hosts, handling, listen, connect, ends)
+    start = partial(
+        performing.perform, file, output, man, compression, profile, deadline, pace=pace
+    )
+    if not live:
+        start()
+    else:
+        from orchestrator.reports.live import Live
+
+        with Live(port or 0, stay) as page:
+            start(begin=page.begin)
 
 
 def resume(
@@ -128,13 +100,19 @@ def resume(
     insecure_tcp: InsecureTcp = False,
 ) -> None:
     """Continue a run that did not come to its end, in a new recording that holds all of it."""
+    from bus.network.endpoints import Endpoints
+    from orchestrator.commands import performing
+    from orchestrator.commands.tls import tls_of
+    from orchestrator.runs.running import past_of
+    from recordings.reading import Reader
+
     with Reader(recording) as reader:
-        file = _resumable(reader, output)
+        file = performing.resumable(reader, output)
         tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-        handling = _handling(no_restart, wait, expect, deadline)
-        man = _manning(file, hosts, handling, listen, connect, ends)
-        perform(file, output, man, compression, profile, deadline, past_of(reader))
+        handling = performing.handling_of(no_restart, wait, expect, deadline)
+        man = performing.manning_of(file, hosts, handling, listen, connect, ends)
+        performing.perform(file, output, man, compression, profile, deadline, past_of(reader))
 
 
 def host(
@@ -167,178 +145,16 @@ def host(
     insecure_tcp: InsecureTcp = False,
 ) -> None:
     """Run some robots of a run that an orchestrator elsewhere listens for."""
+    from bus.network.endpoints import Endpoints
+    from bus.network.vetting import common_name
+    from orchestrator.commands.performing import show
+    from orchestrator.commands.tls import tls_of
+    from orchestrator.hosts.member import Membership, serve
+    from orchestrator.scenario.numbers import parse_robots
+
     tls = tls_of(tls_ca, tls_certificate, tls_key)
     endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     wanted = None if robots is None else parse_robots(robots, "--robots")
     own = name or (common_name(tls) if tls else None) or socket.gethostname()
-    member = Membership(own, wanted, run_id, wait, allow_fmus, True, _show)
+    member = Membership(own, wanted, run_id, wait, allow_fmus, True, show)
     serve(member, endpoints)
-
-
-def _handling(no_restart: bool, wait: float, expect: int, deadline: float | None) -> Handling:
-    """Return what is done about hosts; `InputError` for a time that is none."""
-    for option, seconds_given in (("--wait", wait), ("--deadline", deadline)):
-        if seconds_given is not None and not seconds_given > 0:
-            raise InputError(f"{option}: expected more than 0 s, got {seconds_given:g}")
-    return Handling(not no_restart, wait, _show, expect)
-
-
-def _manning(
-    file: ScenarioFile,
-    hosts: str | None,
-    handling: Handling,
-    listen: list[str] | None,
-    connect: list[str] | None,
-    ends: Callable[..., Endpoints],
-) -> Manning:
-    """Return how a run gets the hosts that were asked for."""
-    n = file.scenario.n
-    if not 1 <= handling.expected <= n:
-        raise InputError(f"--expect: expected 1 to {n} hosts, got {handling.expected}")
-    if handling.expected > 1 and not (listen or connect):
-        raise InputError(f"--expect {handling.expected}: needs --listen or --connect")
-    if listen or connect:
-        if hosts is not None:
-            option = "--listen" if listen else "--connect"
-            raise InputError(f"--hosts {hosts}: starts hosts here, {option} waits for others")
-        tls = file.scenario.bus.tls
-        places = {
-            name: parse_robots(robots, f"bus.tls.hosts.{name}", n)
-            for name, robots in (tls.hosts if tls else {}).items()
-        }
-        endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), hosts=places)
-        return elsewhere(file, endpoints, places, handling)
-    if hosts == "auto":
-        count = hosts_worth_it(n)
-    elif hosts is None or (hosts.isdecimal() and 1 <= int(hosts) <= n):
-        count = int(hosts or 1)
-    else:
-        raise InputError(f"--hosts: expected auto or 1 to {n}, a robot each at least, got {hosts}")
-    return alone(file) if count == 1 else here(file, count, handling)
-
-
-def perform(
-    file: ScenarioFile,
-    output: Path | None,
-    man: Manning | None,
-    compression: Compression = "zstd",
-    profile: bool = False,
-    deadline: float | None = None,
-    past: Iterator[list[Message]] | None = None,
-    metadata: Mapping[str, Mapping[str, str]] | None = None,
-    pace: Pace = NO_PACE,
-    begin: Callable[[Path], None] | None = None,
-) -> None:
-    """Run with everything that a person sees of it, and exit with its status."""
-    clock = clock_of(file.scenario)
-    with (
-        place_for(output, file.name) as path,
-        _signals() as stopped,
-        showing.progress(err, clock) as show,
-    ):
-
-        def watch(time_ns: int) -> None:
-            show(seconds(time_ns))
-            if stopped():
-                raise Interrupted
-
-        whole = path.absolute()  # an FMU may change the working directory
-        if begin:
-            begin(whole)
-        outcome = run_scenario(
-            file,
-            whole,
-            man,
-            compression=compression,
-            watch=watch,
-            deadline=deadline,
-            past=past,
-            metadata=metadata,
-            pace=pace,
-        )
-    with Reader(whole) as reader:
-        measured = measure(reader)
-        told = {**lines(describe(reader), measured), "recording": str(path)}
-        judged = judge(reader, file.scenario, measured)
-    simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
-    took = outcome.wall_seconds
-    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
-    if outcome.copied:
-        told["ticks"] += f"; {outcome.copied} are the earlier recording's"
-    last = {name: told.pop(name) for name in ("digest", "recording")}
-    told["time"] = showing.shares(outcome.profile, took)
-    if outcome.restarts:
-        told["lost"] = f"{outcome.restarts} x a host was gone"
-    if outcome.refused:
-        told["refused"] = _counted(outcome)
-    showing.summary(out, told | last)
-    showing.judgement(out, judged)
-    if profile:
-        showing.profile(out, outcome.profile, took)
-    if outcome.status == "failed":
-        say("red", "failed", outcome.reason)
-    raise typer.Exit(EXIT[outcome.status])
-
-
-def _pace(factor: float | None) -> Pace:
-    if factor is None:
-        return NO_PACE
-    if not 0 < factor < inf:
-        raise InputError(f"--realtime: expected a number above 0, got {factor:g}")
-    return RealTime(factor)
-
-
-def _counted(outcome: Outcome) -> str:
-    """Say what was refused, and why."""
-    reasons = ", ".join(f"{count} {why}" for why, count in sorted(outcome.refused.items()))
-    return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
-
-
-def _resumable(reader: Reader, output: Path | None) -> ScenarioFile:
-    """Return the scenario of a recording that can be continued; `InputError` where it cannot."""
-    if reader.status == "completed" and not reader.damage:
-        raise InputError(f"{reader.path}: is completed: there is nothing to resume")
-    if output is not None and output.exists() and output.samefile(reader.path):
-        raise InputError(f"-o {output}: is the recording to resume; give another name")
-    file = scenario_of(reader)
-    plants = json.loads(reader.metadata[RUN]["plants"])
-    recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
-    for group in group_by_archive(file.scenario, file.folder):
-        sha256 = recorded.get(group.plant.fmu)
-        if sha256 != group.archive.sha256:
-            raise InputError(
-                f"{group.field}: {group.archive.label} is not the FMU that the recording was made "
-                f"with: its SHA-256 is {group.archive.sha256}, not {sha256}"
-            )
-    return file
-
-
-def _show(text: str) -> None:
-    say("blue", "host", text)
-
-
-@contextmanager
-def _signals() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all.
-
-    As long as nobody has asked, a run is still being set up, and the first one ends all.
-    """
-    asked = stopped = False
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal stopped
-        if stopped or not asked:
-            raise KeyboardInterrupt
-        stopped = True
-
-    def ask() -> bool:
-        nonlocal asked
-        asked = True
-        return stopped
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield ask
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from itertools import groupby
 from math import inf, isnan, prod
 from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,18 +13,20 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
-from estimator_agents.theory.design import Design
-from estimator_agents.theory.estimates import Pair
-from estimator_agents.theory.network import Network
-from orchestrator.commands.doctor import Diagnosis
-from orchestrator.promises.bounding import Bounded
-from orchestrator.promises.checking import Check
-from orchestrator.promises.judging import Judgement
-from orchestrator.promises.promising import Promises, bounds
-from orchestrator.replays.comparing import Comparison
-from orchestrator.runs.running import Profile
 from orchestrator.scenario.clock import Clock, seconds
-from plant_fmu.checking.findings import FmuCheck
+
+if TYPE_CHECKING:
+    from estimator_agents.theory.design import Design
+    from estimator_agents.theory.estimates import Pair
+    from estimator_agents.theory.network import Network
+    from orchestrator.commands.doctor import Diagnosis
+    from orchestrator.promises.bounding import Bounded
+    from orchestrator.promises.checking import Check
+    from orchestrator.promises.judging import Judgement
+    from orchestrator.promises.promising import Bound, Promises
+    from orchestrator.replays.comparing import Comparison
+    from orchestrator.runs.running import Profile
+    from plant_fmu.checking.findings import FmuCheck
 
 _VERDICTS = {
     "holds": "[green]holds[/]",
@@ -69,7 +71,9 @@ def summary(console: Console, lines: Mapping[str, str]) -> None:
         console.print(f"[bold]{name:<10}[/] {escape(line)}")
 
 
-def check(console: Console, checked: Check, promised: Promises) -> None:
+def check(
+    console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
+) -> None:
     """Show the theory's verdict on a scenario."""
     summary(console, _verdict(checked) | _grounds(promised))
     table = Table(box=None, pad_edge=False)
@@ -87,13 +91,13 @@ def check(console: Console, checked: Check, promised: Promises) -> None:
     table.add_column("in the long run")
     for title in ("this target", "any target", "paper"):
         table.add_column(title, justify="right")
-    for row in bounds(promised):
+    for row in rows:
         table.add_row(row.name, *map(_number, (row.exact, row.sharp, row.paper)))
     console.print()
     console.print(table)
 
 
-def judgement(console: Console, judged: Judgement) -> None:
+def judgement(console: Console, judged: "Judgement") -> None:
     """Show a run's measurements beside the theory's promises, and whether they are kept."""
     if judged.why_not:
         summary(console, {"theory": f"says nothing of this run: {judged.why_not}"})
@@ -116,7 +120,7 @@ def judgement(console: Console, judged: Judgement) -> None:
         summary(console, {"settling": f"up to {rest:.4g} is left of the beginning"})
 
 
-def design(console: Console, found: Design | None, wanted: Pair) -> None:
+def design(console: Console, found: "Design | None", wanted: "Pair") -> None:
     """Show what gains and period promise an accuracy."""
     if found is None:
         told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
@@ -133,7 +137,7 @@ def design(console: Console, found: Design | None, wanted: Pair) -> None:
     summary(console, told)
 
 
-def _verdict(checked: Check) -> dict[str, str]:
+def _verdict(checked: "Check") -> dict[str, str]:
     """Return lines of what the network and the algorithm are."""
     network, radius = checked.network, checked.spectral_radius
     if isnan(radius):
@@ -157,7 +161,7 @@ def _verdict(checked: Check) -> dict[str, str]:
     return told
 
 
-def _parts(network: Network) -> str:
+def _parts(network: "Network") -> str:
     """Say which robots depend on one another."""
     loops = [part for part in network.components if len(part) > 1]
     if not loops:
@@ -171,7 +175,7 @@ def _robots(robots: Sequence[int]) -> str:
     return f"robot{'s' * (len(robots) > 1)} {numbers}"
 
 
-def _spectrum(checked: Check) -> str:
+def _spectrum(checked: "Check") -> str:
     if len(checked.spectrum) <= 24:
         return ", ".join(_complex(*s) for s in checked.spectrum)
     real = [s[0] for s in checked.spectrum]
@@ -183,7 +187,7 @@ def _spectrum(checked: Check) -> str:
     )
 
 
-def _grounds(promised: Promises) -> dict[str, str]:
+def _grounds(promised: "Promises") -> dict[str, str]:
     """Return lines of what bounds are made of."""
     told = {
         "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
@@ -205,7 +209,7 @@ def _grounds(promised: Promises) -> dict[str, str]:
     return told
 
 
-def _mechanics(part: Bounded) -> str:
+def _mechanics(part: "Bounded") -> str:
     p3, of = part.bounds, part.constants
     if p3 is None or of is None:
         return part.why
@@ -240,7 +244,7 @@ def archive(console: Console, told: Mapping[str, Any]) -> None:
         console.print(escape(line + first["description"]))
 
 
-def fmu_check(console: Console, checked: FmuCheck) -> None:
+def fmu_check(console: Console, checked: "FmuCheck") -> None:
     """Show what was found of an FMU, by topic."""
     for topic, found in groupby(checked.findings, lambda finding: finding.topic):
         console.print(f"[bold]{topic}[/]")
@@ -250,7 +254,7 @@ def fmu_check(console: Console, checked: FmuCheck) -> None:
             console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
 
 
-def diagnosis(console: Console, made: Diagnosis) -> None:
+def diagnosis(console: Console, made: "Diagnosis") -> None:
     """Show what a machine is fit for, by topic, and what is to be done where it is not."""
     for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
         console.print(f"[bold]{topic}[/]")
@@ -264,7 +268,7 @@ def _complex(real: float, imaginary: float) -> str:
     return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
 
 
-def comparison(console: Console, found: Comparison) -> None:
+def comparison(console: Console, found: "Comparison") -> None:
     """Show what is not the same in two recordings."""
     if found.is_same:
         console.print("the same run: scenario, samples and states, to the last bit")
@@ -291,7 +295,7 @@ def _short(value: Any, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[:most]} …"
 
 
-def shares(told: Profile, wall: float) -> str:
+def shares(told: "Profile", wall: float) -> str:
     """Say in a line on what the hosts spent the wall time, s, on average, and the recorder.
 
     Hosts that were stopped did not say.
@@ -307,7 +311,7 @@ def shares(told: Profile, wall: float) -> str:
     return f"{shares}{whose} {recording}" if shares else recording
 
 
-def profile(console: Console, told: Profile, wall: float) -> None:
+def profile(console: Console, told: "Profile", wall: float) -> None:
     """Show where the wall time, s, of each process of a run went."""
     table = Table(box=None, pad_edge=False)
     table.add_column("s of wall time")

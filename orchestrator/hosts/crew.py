@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from secrets import token_bytes
-from struct import Struct
 from time import monotonic
 from typing import Any
 
@@ -36,7 +35,7 @@ from bus.transport import Cut, Item, Message, Presence, Question
 from bus.wire import Wire
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import LocalHost
-from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Welcome
 from orchestrator.runs.host import Spent
 from orchestrator.runs.restart import AT_ONCE, point_of
 from orchestrator.runs.robots import wire_of
@@ -45,8 +44,6 @@ from orchestrator.scenario.numbers import named
 from orchestrator.scenario.setting import clock_of
 from recordings.recorder import Recorder
 
-END = b"end"
-TICK = Struct("<I")
 _MOST_DEATHS = 3
 _COMING = 10.0
 """s: how long a host that is let in may take to be present."""

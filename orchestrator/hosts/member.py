@@ -34,8 +34,7 @@ from bus.parts import parted
 from bus.seal import Seal
 from bus.transport import Answer, Cut, Item, Message, Presence
 from bus.wire import RefusedError, Wire
-from orchestrator.hosts.crew import END, TICK
-from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Told, Welcome
+from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Told, Welcome
 from orchestrator.runs.host import Heard
 from orchestrator.runs.restart import AT_ONCE
 from orchestrator.runs.robots import Robots, wire_of

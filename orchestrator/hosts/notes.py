@@ -7,12 +7,18 @@ stranger may be let in while robots are free, and may lure a host into a run of 
 """
 
 from collections.abc import Sequence
+from struct import Struct
 from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bus.errors import BusError
 from bus.parts import joined, parted
+
+END = b"end"
+"""What ends a host."""
+TICK = Struct("<I")
+"""A tick by number, in a question and in its answer."""
 
 
 class Note(BaseModel):

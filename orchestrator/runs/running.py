@@ -29,11 +29,8 @@ from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topolo
 from recordings.container import Closing, Compression, Message
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
-from recordings.tables import RUN, SCENARIO
+from recordings.tables import REFUSED, RUN, SCENARIO, SPENT
 from recordings.writing import Writer
-
-SPENT, REFUSED = "spent", "refused"
-"""What the recording says at its end of where wall time went, and of what was not believed."""
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 

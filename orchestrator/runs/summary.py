@@ -5,13 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from orchestrator.runs.running import REFUSED, SPENT
 from orchestrator.scenario.clock import NS_PER_S
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from orchestrator.scenario.setting import target_of
 from recordings.measuring import Array, SteadyState, steady_state
 from recordings.reading import Reader
-from recordings.tables import SCENARIO
+from recordings.tables import REFUSED, SCENARIO, SPENT
 from recordings.tables import about as about_run
 
 PARENT = "nrs.parent"

@@ -32,7 +32,7 @@ from orchestrator.scenario.tables import (
 )
 from orchestrator.scenario.targets import unsampled_times, wrong_target
 from orchestrator.scenario.wrong_networks import wrong_form, wrong_network
-from plant_fmu.archives.variables import MOTION, UNITS
+from plant_fmu.archives.quantities import MOTION, UNITS
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 SHORTEST = 1e-6

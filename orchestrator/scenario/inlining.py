@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 
 from bus.errors import InputError
 from estimator_agents.target import Sampled
 from orchestrator.errors import ScenarioError
-from recordings.foreign import read_columns
 
 Array = NDArray[np.float64]
 
@@ -35,6 +33,8 @@ def inline_target(text: str, folder: Path, origin: str) -> str:
     name = _file_of(text)
     if name is None:
         return text
+    import tomlkit  # noqa: PLC0415, 0.05 s that other texts need not wait for
+
     try:
         times, positions = _samples(folder / name)
     except InputError as error:
@@ -71,6 +71,8 @@ def written(rows: list[Any]) -> str:
 
 def _samples(path: Path) -> tuple[Array, Array]:
     """Return times (s,) and positions (s, m) of a file, whose velocities agree with them."""
+    from recordings.foreign import read_columns  # noqa: PLC0415, as above
+
     found = read_columns(path)
     for name in ("t", "position_1"):
         if name not in found:

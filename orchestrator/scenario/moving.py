@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 
 from bus.errors import CosimError
 from orchestrator.errors import ScenarioError
@@ -19,9 +18,7 @@ from orchestrator.scenario.inlining import expect_agreement, written
 from orchestrator.scenario.setting import clock_of, names_of
 from orchestrator.scenario.tables import FmuTarget, Scenario
 from orchestrator.scenario.targets import wrong_variables
-from plant_fmu.archives.archive import find_archive
 from plant_fmu.drives.grid import parts
-from plant_fmu.motion import motion_of
 
 PARTS = 4
 """Of a sampling period, at least, unless the scenario says otherwise."""
@@ -53,6 +50,11 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
             f"{origin}: target.step: expected up to {MOST} samples of the FMU, got "
             f"{target.step or 'a quarter of the sampling period'}; give a longer step"
         )
+    import tomlkit  # noqa: PLC0415, as in `inlining`
+
+    from plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it loads FMPy
+    from plant_fmu.motion import motion_of  # noqa: PLC0415, as above
+
     names = names_of(target.variables)
     try:
         archive = find_archive(target.fmu, folder)

@@ -10,7 +10,7 @@ from estimator_agents.target import Sampled
 from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.setting import clock_of, target_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
-from plant_fmu.archives.variables import MOTION
+from plant_fmu.archives.quantities import MOTION
 
 
 def wrong_target(scenario: Scenario) -> Iterator[str]:

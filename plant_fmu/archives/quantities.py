@@ -11,6 +11,22 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+MOTION = ("position", "velocity")
+"""What is looked for in a target; all else is a robot's."""
+UNITS = {
+    **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
+    **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),
+    **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
+    **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
+    "disturbance_rate": ("N.m/s", "N/s"),
+    "disturbance_frequency": ("rad/s",),
+    "disturbance_phase": ("rad",),
+    "kp": ("N.m/rad", "N/m"),
+    "kd": ("N.m.s/rad", "N.s/m"),
+}
+"""What our quantities are in, of revolute and of prismatic joints."""
+INTEGRALS = {"qd": "q", "velocity": "position"}
+
 
 @dataclass(frozen=True, slots=True)
 class Part:

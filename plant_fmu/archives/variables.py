@@ -16,25 +16,10 @@ from fmpy.model_description import ModelVariable
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
 from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
-from plant_fmu.archives.quantities import Part, Quantity
+from plant_fmu.archives.quantities import INTEGRALS, MOTION, UNITS, Part, Quantity
 from plant_fmu.archives.units import si_factor
 from plant_fmu.errors import FmuError
 
-MOTION = ("position", "velocity")
-"""What is looked for in a target; all else is a robot's."""
-UNITS = {
-    **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
-    **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),
-    **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
-    **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
-    "disturbance_rate": ("N.m/s", "N/s"),
-    "disturbance_frequency": ("rad/s",),
-    "disturbance_phase": ("rad",),
-    "kp": ("N.m/rad", "N/m"),
-    "kd": ("N.m.s/rad", "N.s/m"),
-}
-"""What our quantities are in, of revolute and of prismatic joints."""
-INTEGRALS = {"qd": "q", "velocity": "position"}
 MOST_NUMBERS = 1_000_000
 """That one variable may hold."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.variables import MOTION
+from plant_fmu.archives.quantities import MOTION
 from plant_fmu.drives.checkpoint import decode, encode
 from plant_fmu.drives.exchanged import Exchanged
 from plant_fmu.drives.law import Law

@@ -7,9 +7,8 @@ from pathlib import Path
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.presence import expect_apart
-from plant_fmu.archives.variables import MOTION
+from plant_fmu.archives.quantities import MOTION
 from plant_fmu.drives import stability
-from plant_fmu.drives.cvode import Cvode
 from plant_fmu.drives.driving import RTOL, STEP, Driving, Undriven, choose
 from plant_fmu.drives.exchanged import Exchanged
 from plant_fmu.drives.free import FreePlants
@@ -88,6 +87,8 @@ def _by_cvode(
     *,
     free: bool = False,
 ) -> DrivenPlants:
+    from plant_fmu.drives.cvode import Cvode  # noqa: PLC0415, it loads SUNDIALS' libraries
+
     def solve(robot: Exchanged) -> Cvode:
         solver = Cvode(robot, rtol)
         library.ending.callback(solver.close)

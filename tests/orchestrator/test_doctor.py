@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.serialization import PrivateFormat
 from bus.errors import InputError
 from bus.network.vetting import vet
 from orchestrator.commands.doctor import diagnose
-from orchestrator.commands.options import tls_of
+from orchestrator.commands.tls import tls_of
 from orchestrator.scenario.tables import TlsTable
 from tests.network.authority import LONG_AGO, Authority
 

@@ -1,0 +1,98 @@
+"""What is done with a recording: it is verified, put back on the bus, changed, or drawn apart."""
+
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, Queue
+
+import typer
+
+from bus.errors import InputError
+from bus.network.endpoints import Endpoints
+from bus.network.zenoh_bus import ZenohBus
+from orchestrator.commands.performing import perform
+from orchestrator.commands.places import expect_another
+from orchestrator.replays.comparing import QUANTITIES, Comparison
+from orchestrator.replays.publishing import publish
+from orchestrator.replays.verifying import verify
+from orchestrator.replays.what_if import Change, changed, parent, run_again
+from orchestrator.runs.summary import scenario_of
+from orchestrator.scenario.clock import NS_PER_S
+from orchestrator.terminal import out, say
+from recordings.errors import MissingExtraError, UncreatableError
+from recordings.reading import Reader
+
+FAILED = 1
+
+
+def draw(found: Comparison, picture: Path) -> None:
+    try:
+        from recordings.report.apart import write_distances  # noqa: PLC0415, needs an extra
+    except ImportError:
+        raise MissingExtraError(
+            "--picture: needs matplotlib, which is not installed: pip install 'nrs-cosim[report]'"
+        ) from None
+    try:
+        write_distances(found.times, found.apart, QUANTITIES, picture)
+    except OSError as error:
+        raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
+
+
+def verify_again(reader: Reader, *, plants: bool) -> None:
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
+    verdict = verify(reader, scenario_of(reader), plants=plants)
+    what = "agents and plants" if plants else "agents"
+    if verdict.difference:
+        say("red", "differs", verdict.difference.between("the recording", "the replay"))
+        raise typer.Exit(FAILED)
+    out.print(
+        f"identical: {what} say the same {verdict.messages} messages again, to the last bit, "
+        f"in ticks 0 to {verdict.ticks}"
+    )
+
+
+def put_back(
+    reader: Reader,
+    endpoints: Endpoints,
+    speed: float | None,
+    between: tuple[float | None, float | None],
+    wait: float,
+) -> None:
+    start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
+    last = reader.end_ns or 0
+    if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
+        raise InputError(
+            f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
+            f"{last / NS_PER_S:g} s, lies there"
+        )
+    topic = reader.channels[0].topic
+
+    def ready(bus: ZenohBus) -> None:
+        where = ", ".join(endpoints.listen or endpoints.connect)
+        say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for somebody who listens")
+        if not bus.wait_for_listener(topic, wait):
+            raise InputError(f"--wait: nobody listened to nrs/{bus.run_id}/{topic} in {wait:g} s")
+
+    nothing: Queue[None] = Queue()
+
+    def pause(seconds: float) -> None:
+        with suppress(Empty):
+            nothing.get(timeout=seconds)
+
+    count = publish(
+        reader, endpoints, speed=speed, start_ns=start_ns, end_ns=end_ns, ready=ready, wait=pause
+    )
+    out.print(f"{count} messages were put")
+
+
+def what_if(reader: Reader, plant: list[str], algorithm: list[str], output: Path | None) -> None:
+    if reader.status != "completed" or reader.damage:
+        raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
+    expect_another(output, Path(reader.path))
+    plants = [Change.of("--plant", text) for text in plant]
+    algorithms = [Change.of("--algorithm", text) for text in algorithm]
+    file = changed(scenario_of(reader), plants, algorithms)
+    every = tuple(range(1, file.scenario.n + 1))
+    robots = {robot for change in plants for robot in change.robots or every}
+    man = None if algorithms else run_again(reader, file, sorted(robots))
+    perform(file, output, man, metadata=parent(reader, [*plants, *algorithms]))
