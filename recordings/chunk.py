@@ -31,7 +31,7 @@ _REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
 _SIZES = struct.Struct("<QQ")  # compressed, uncompressed
 _ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
 _ZSTD = 2
-"""The level: the next one takes two thirds longer for a fortieth less, the one below adds a sixth."""
+"""The level: the next takes two thirds longer for a fortieth less, the one below adds a sixth."""
 _COMPRESS: Mapping[Compression, Callable[..., bytes]] = {
     "zstd": partial(zstandard.compress, level=_ZSTD),
     "lz4": lz4.frame.compress,
