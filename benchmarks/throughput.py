@@ -27,7 +27,7 @@ from benchmarks.work import H, Motion, keep_motion, scenario
 TICKS = {6: 500, 100: 500, 1_000: 200, 10_000: 30}
 """Robots, and the ticks of a timed run unless they are given."""
 OURS, OURS_2, FMPY, PREBOUND = "1 host", "2 hosts", "FMPy loop", "pre-bound loop"
-ZENOH, WRITER = "Zenoh, put and received", "writer, of messages"
+ZENOH, WRITER = "Zenoh, put and received", "writer, messages"
 PUTS, TICKS_WRITTEN = 200_000, 50
 
 

@@ -1,5 +1,7 @@
 """Ticks of encoded messages, as hosts say them, and writers that take them one by one."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,9 @@ from mcap.writer import Writer as McapWriter
 
 from bus.keys import sample_key, state_key
 from bus.messages import SAMPLE, STATE, Codec
+from recordings.columns import Columns
 from recordings.container import Message
+from recordings.gathering import columns_of
 from recordings.recorder import channels, schemas
 from recordings.tables import RUN
 from recordings.writing import CHUNK_BYTES, Writer
@@ -36,23 +40,44 @@ def ticks_of(n: int, count: int) -> Ticks:
     return made
 
 
-def ours(path: Path, n: int, ticks: Ticks, flush: bool = False) -> None:
-    """Write by this project's writer."""
+def as_columns(n: int, ticks: Ticks) -> list[Columns]:
+    """Return the same ticks as runs hand them over: columns, on the channels of n robots."""
+    numbers = {channel.topic: number for number, channel in enumerate(channels(n, (), False), 1)}
+    return [columns_of(tick, numbers) for tick in ticks]
+
+
+@contextmanager
+def recording(path: Path, n: int) -> Iterator[Writer]:
+    """Open this project's writer for n robots, and finish what it wrote."""
     used = channels(n, (), False)
     about = {RUN: {"robots": str(n), "joints": "2"}}
     with Writer(
         path, version="0", channels=used, schemas=schemas(used), metadata=about, attachments={}
     ) as writer:
+        yield writer
+        writer.finish("completed")
+
+
+def ours(path: Path, n: int, ticks: Ticks) -> None:
+    """Write by this project's writer, message by message."""
+    with recording(path, n) as writer:
         for tick in ticks:
             writer.write(tick)
-            if flush:
-                writer.flush()
-        writer.finish("completed")
 
 
 def ours_flushed(path: Path, n: int, ticks: Ticks) -> None:
     """The same, and every tick is in the file when the next one begins."""
-    ours(path, n, ticks, flush=True)
+    with recording(path, n) as writer:
+        for tick in ticks:
+            writer.write(tick)
+            writer.flush()
+
+
+def ours_of_columns(path: Path, n: int, ticks: Sequence[Columns]) -> None:
+    """Write by this project's writer, as runs do."""
+    with recording(path, n) as writer:
+        for tick in ticks:
+            writer.put([tick])
 
 
 def mcaps(path: Path, n: int, ticks: Ticks) -> None:

@@ -1,0 +1,13 @@
+"""Speed is kept, as ratios within one run against those in benchmarks/floors.json."""
+
+from benchmarks.ratios import fallen, floors, measured
+
+
+def test_no_ratio_has_fallen_by_more_than_a_third(tmp_path):
+    assert fallen(measured(tmp_path), floors()) == []
+
+
+def test_a_fall_is_told_from_a_third_on():
+    kept = {"recorded": 0.9, "flat": 1.2, "writer": 3.0}
+    found = {"recorded": 0.59, "flat": 0.81, "writer": 9.0}
+    assert fallen(found, kept) == ["recorded fell from 0.90 to 0.59"]
