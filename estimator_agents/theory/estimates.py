@@ -150,18 +150,23 @@ class SteadyMotion:
 
     h: float
     """s"""
+    copies: int
+    """c: how many ticks it takes until the digraphs come again."""
     constant: Array
-    """(2, n, m) of ε̄ and ῡ."""
+    """(2, c n, m) of ε̄ and ῡ: of n robots, at each of these ticks."""
     frequency: Array
     """(w,) rad/s"""
     phasor: NDArray[np.complex128]
-    """(w, 2, n, m)"""
+    """(w, 2, c n, m)"""
 
     def at(self, k: int) -> Array:
         """Return ε̄ and ῡ at t_k, (2, n, m)."""
+        n = self.constant.shape[1] // self.copies
+        first = (k - 1) % self.copies * n
+        here = slice(first, first + n)
         turned = np.exp(1j * self.frequency * (k * self.h))
-        swing: Array = np.tensordot(turned, self.phasor, axes=1).imag
-        return self.constant + swing
+        swing: Array = np.tensordot(turned, self.phasor[:, :, here], axes=1).imag
+        return self.constant[:, here] + swing
 
     @property
     def bound(self) -> Pair:
@@ -188,4 +193,4 @@ def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> Stea
     if recursion.drag.any():
         X = solve(unit - A, np.kron(recursion.drag[:, 1], ones))
         constant = X.reshape(2, n, 1) * target.rate
-    return SteadyMotion(h, constant, frequency, phasor)
+    return SteadyMotion(h, recursion.copies, constant, frequency, phasor)

@@ -5,6 +5,8 @@ then comes the flow F = [[1, h], [0, 1]]. Hence, one axis of m (paper, equations
 
     A = F K ⊗ I + F G ⊗ (D − I),   Δ(k) = 1 ⊗ (F K x_0(t_k) − x_0(t_{k+1})),  x_0 = [ε_0; υ_0].
 
+Where positions and velocities have digraphs of their own, each has its D in its column of G.
+
 K and G are found by asking the algorithm itself to jump: what is promised is of what runs.
 """
 
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bus.topologies import Exchange
 from bus.topology import Topology
 from estimator_agents.algorithm import Algorithm
 from estimator_agents.estimate import Disagreement, Estimate
@@ -32,11 +35,17 @@ class Recursion:
     gain: Array
     """(2, 2) G; diag(α, β) for the first-order DCEA."""
     D: sparse.csr_array
-    """(n, n)"""
+    """(n, n), over which positions travel."""
+    D_velocity: sparse.csr_array
+    """(n, n), over which velocities travel; the same but for hetero-information."""
+    own: sparse.csr_array
+    """(n, n), whose state a jump is added to: mostly the identity."""
+    copies: int = 1
+    """How often each robot is among the n: once for each tick of a `theory.switching.period`."""
 
     @property
     def n(self) -> int:
-        """The number of robots."""
+        """The number of robots, with their copies."""
         return int(self.D.shape[0])
 
     @property
@@ -53,15 +62,20 @@ class Recursion:
     @property
     def jump(self) -> sparse.csr_array:
         """K ⊗ I + G ⊗ (D − I), (2 n, 2 n): x right after a sampling time from x there."""
-        alone = sparse.kron(self.keep - self.gain, sparse.eye_array(self.n))
-        return sparse.csr_array(alone + sparse.kron(self.gain, self.D))
+        return self._of(self.keep, self.gain)
 
     @property
     def matrix(self) -> sparse.csr_array:
         """A, (2 n, 2 n)."""
-        gain, keep = self.flow @ self.gain, self.flow @ self.keep
-        alone = sparse.kron(keep - gain, sparse.eye_array(self.n))
-        return sparse.csr_array(alone + sparse.kron(gain, self.D))
+        return self._of(self.flow @ self.keep, self.flow @ self.gain)
+
+    def _of(self, keep: Array, gain: Array) -> sparse.csr_array:
+        alone = sparse.kron(keep - gain, self.own)
+        if self.D is self.D_velocity:
+            return sparse.csr_array(alone + sparse.kron(gain, self.D))
+        of_position, of_velocity = gain * [1, 0], gain * [0, 1]
+        heard = sparse.kron(of_position, self.D) + sparse.kron(of_velocity, self.D_velocity)
+        return sparse.csr_array(alone + heard)
 
     @property
     def velocities_alone(self) -> bool:
@@ -74,10 +88,15 @@ class Recursion:
         return sparse.csr_array(self.matrix[self.n :, self.n :])
 
 
-def recursion_of(algorithm: Algorithm, topology: Topology, h: float) -> Recursion | None:
-    """Return an algorithm's recursion on a digraph; None where its jump is not linear."""
+def recursion_of(algorithm: Algorithm, over: Topology | Exchange, h: float) -> Recursion | None:
+    """Return an algorithm's recursion on a digraph, or on two; None if its jump is not linear."""
     found = linear_jump(algorithm)
-    return Recursion(h, *found, topology.D) if found else None
+    if found is None:
+        return None
+    exchange = over if isinstance(over, Exchange) else Exchange.of(over)
+    D = exchange.position.D
+    other = exchange.velocity.D if exchange.hetero else D
+    return Recursion(h, *found, D, other, sparse.eye_array(D.shape[0], format="csr"))
 
 
 def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:

@@ -1,15 +1,16 @@
-"""Random digraphs with a spanning tree from the target, as a strategy, and rings."""
+"""Random digraphs with a spanning tree from the target, alone and in turn, and rings."""
 
 import numpy as np
 from hypothesis import strategies as st
 
+from bus.topologies import Exchange
 from bus.topology import Topology
 
 
 @st.composite
-def digraphs(draw: st.DrawFn, most: int = 7) -> Topology:
+def digraphs(draw: st.DrawFn, most: int = 7, least: int = 1) -> Topology:
     """Draw weights for a random tree from the target, and for some more edges."""
-    n = draw(st.integers(1, most))
+    n = draw(st.integers(least, most))
     weight = st.floats(0.1, 5.0)
     adjacency, pinning = np.zeros((n, n)), np.zeros(n)
     for i in range(n):
@@ -24,6 +25,18 @@ def digraphs(draw: st.DrawFn, most: int = 7) -> Topology:
             adjacency[i, j] = draw(weight)
     order = np.array(draw(st.permutations(range(n))))
     return Topology.of(adjacency[np.ix_(order, order)], pinning[order])
+
+
+@st.composite
+def exchanges(draw: st.DrawFn, most: int = 5, turns: int = 3) -> list[Exchange]:
+    """Draw some exchanges of the same robots, of one digraph or of two."""
+    n = draw(st.integers(1, most))
+    found = []
+    for _ in range(draw(st.integers(1, turns))):
+        position = draw(digraphs(n, n))
+        apart = draw(st.booleans())
+        found.append(Exchange(position, draw(digraphs(n, n)) if apart else position))
+    return found
 
 
 def ring(n: int, both: bool) -> Topology:

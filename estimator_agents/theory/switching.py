@@ -1,0 +1,152 @@
+"""Digraphs that take turns: x(t_{k+1}) = A_σ(k) x(t_k) + Δ(k), with the exchange σ(k) of tick k.
+
+- Turns that repeat after T ticks: z(t_{k+T}) = A_T ⋯ A_1 z(t_k) without the target's part, so that
+  the factor per tick is ρ(A_T ⋯ A_1)^{1/T}, exactly. With one copy of the robots for each tick of a
+  period, of which each is told by the copy before, all is one recursion with one matrix 𝒜 again:
+  𝒜 has A_p from copy p to copy p + 1, ρ(𝒜) is that factor, and whatever holds of A holds of 𝒜.
+- The last turn stays: in the long run it alone counts.
+- Any order: the joint spectral radius of the A_e (`varying`). It is below 1 when K = I and
+  G = diag(α, β) with 0 < α, β < 1, whatever the digraphs, if each has a spanning tree from the
+  target (docs/theory.md).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
+
+from estimator_agents.theory.recursion import Array, Recursion
+from estimator_agents.theory.varying import LARGEST, JointRadius, joint_spectral_radius
+
+DENSE = 1000
+"""The order of a block up to which the product of a period is made."""
+WORK = 1e9
+"""Numbers that Arnoldi's method may multiply to find the largest eigenvalue of a larger one."""
+MOST_COPIES = 20_000
+"""Robots, with all their copies, up to which a period is made one recursion."""
+
+Turns = Sequence[tuple[int, int]]
+"""Which exchange, and for how many ticks, of one period."""
+
+
+def period(recursions: Sequence[Recursion], turns: Turns) -> Recursion | None:
+    """Return the recursion of all T copies of the robots; None where these are too many.
+
+    Robot i of copy p is number p n + i: copy p is the robots at ticks k with (k − 1) mod T = p.
+    """
+    first = recursions[0]
+    ticks = [e for e, count in turns for _ in range(count)]
+    if len(ticks) * first.n > MOST_COPIES:
+        return None
+
+    def copied(blocks: Sequence[sparse.csr_array]) -> sparse.csr_array:
+        grid: list[list[sparse.csr_array | None]] = [[None] * len(ticks) for _ in ticks]
+        for p, e in enumerate(ticks):
+            grid[(p + 1) % len(ticks)][p] = blocks[e]
+        return sparse.csr_array(sparse.block_array(grid))
+
+    D = copied([one.D for one in recursions])
+    hetero = any(one.D is not one.D_velocity for one in recursions)
+    other = copied([one.D_velocity for one in recursions]) if hetero else D
+    own = copied([one.own for one in recursions])
+    return Recursion(first.h, first.keep, first.gain, D, other, own, len(ticks))
+
+
+def period_factor(recursions: Sequence[Recursion], turns: Turns) -> float:
+    """Return ρ(A_T ⋯ A_1)^{1/T}; not a number where it is not found.
+
+    All A_e have one block triangular form over the strongly connected parts of their sum.
+    """
+    matrices = [one.matrix for one in recursions]
+    ticks = sum(count for _, count in turns)
+    count, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
+    sizes = np.bincount(label, minlength=count)
+    lone = sizes[label] == 1
+    with np.errstate(divide="ignore"):
+        logs = sum(n * np.log(np.abs(matrices[e].diagonal()[lone])) for e, n in turns)
+    found = [float(np.exp(np.max(logs) / ticks))] if lone.any() else []
+    for part in np.flatnonzero(sizes > 1):
+        rows = np.flatnonzero(label == part)
+        blocks = [A[rows][:, rows] for A in matrices]
+        found.append(_of_block(blocks, turns, ticks))
+    return max(found, key=lambda factor: (np.isnan(factor), factor))
+
+
+def _of_block(blocks: Sequence[sparse.csr_array], turns: Turns, ticks: int) -> float:
+    if blocks[0].shape[0] > DENSE:
+        return _of_large_block(blocks, turns, ticks)
+    product, size = np.eye(blocks[0].shape[0]), 0.0
+    for e, count in turns:
+        power, more = _power(blocks[e].toarray(), count)
+        product, most = _scaled(power @ product)
+        size += more + most
+    return float(np.exp((size + np.log(_radius(product))) / ticks)) if product.any() else 0.0
+
+
+def _of_large_block(blocks: Sequence[sparse.csr_array], turns: Turns, ticks: int) -> float:
+    order = [blocks[e] for e, count in turns for _ in range(count)]
+
+    def through(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        for A in order:
+            x = A @ x
+        return x
+
+    p = blocks[0].shape[0]
+    once = sum(A.nnz for A in order)
+    try:
+        found = eigs(
+            LinearOperator((p, p), matvec=through, dtype=float),
+            1,
+            v0=np.ones(p),
+            maxiter=int(1 + WORK / (20 * once)),
+            return_eigenvectors=False,
+        )
+    except ArpackError:
+        return float("nan")
+    return float(np.abs(found).max() ** (1 / ticks))
+
+
+def _power(A: Array, count: int) -> tuple[Array, float]:
+    """Return A^count as a matrix of size 1 and the logarithm of what it is divided by."""
+    power, size, square, of_square = np.eye(len(A)), 0.0, A, 0.0
+    while count:
+        if count % 2:
+            power, more = _scaled(square @ power)
+            size += of_square + more
+        square, more = _scaled(square @ square)
+        of_square = 2 * of_square + more
+        count //= 2
+    return power, size
+
+
+def _scaled(A: Array) -> tuple[Array, float]:
+    most = float(np.abs(A).max())
+    return (A / most, float(np.log(most))) if most else (A, 0.0)
+
+
+def _radius(product: Array) -> float:
+    """Return ρ; what is zero in the product by its structure is not left to rounding."""
+    count, label = connected_components(product != 0, connection="strong")
+    parts = (np.flatnonzero(label == part) for part in range(count))
+    sizes = (np.abs(np.linalg.eigvals(product[np.ix_(part, part)])).max() for part in parts)
+    return float(max(sizes))
+
+
+def any_order(recursions: Sequence[Recursion]) -> JointRadius | None:
+    """Return bounds on the joint spectral radius; None where it is too large to be looked for."""
+    matrices = [one.matrix for one in recursions]
+    _, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
+    if matrices[0].shape[0] > DENSE or np.bincount(label).max() > LARGEST:
+        return None
+    return joint_spectral_radius([A.toarray() for A in matrices])
+
+
+def contracts_in_any_order(recursion: Recursion) -> bool:
+    """Return whether it is proven that every order converges, by the gains alone, given A2."""
+    gains = np.diag(recursion.gain)
+    diagonal = np.array_equal(recursion.gain, np.diag(gains))
+    kept = np.array_equal(recursion.keep, np.eye(2))
+    return kept and diagonal and bool(np.all((gains > 0) & (gains < 1)))

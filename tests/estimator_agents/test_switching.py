@@ -1,0 +1,288 @@
+"""Digraphs in turn, and apart for positions and velocities, against dense products."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from bus.topologies import Exchange, Topologies
+from bus.topology import Topology
+from estimator_agents.agents import Agents
+from estimator_agents.algorithm import algorithm_names, load_algorithm, why_one_digraph
+from estimator_agents.dcea1 import FirstOrder
+from estimator_agents.dcea2 import SecondOrder
+from estimator_agents.estimate import Estimate
+from estimator_agents.impulsive import Impulsive
+from estimator_agents.sliding import Sliding
+from estimator_agents.theory import switching
+from estimator_agents.theory.estimates import sharp, sharp_always, steady_motion
+from estimator_agents.theory.recursion import recursion_of
+from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.switching import (
+    any_order,
+    contracts_in_any_order,
+    period,
+    period_factor,
+)
+from tests.estimator_agents.digraphs import exchanges, ring
+from tests.estimator_agents.paper import HARMONIC
+
+quick = settings(max_examples=40, deadline=None, derandomize=True, database=None)
+gains = st.floats(0.05, 2.5)
+periods = st.floats(0.01, 2.0)
+counts = st.lists(st.integers(1, 4), min_size=3, max_size=3)
+
+CHAIN, OTHER_WAY = Topology.of([[0, 0], [1, 0]], [1, 0]), Topology.of([[0, 1], [0, 0]], [0, 1])
+"""Two robots, of which now one and now the other hears the target, and is heard."""
+
+
+def dense(algorithm, exchange, h):
+    """Return A of one axis, (2 n, 2 n), written out: Λ or Γ with a D for each quantity."""
+    D, other = exchange.position.D.toarray(), exchange.velocity.D.toarray()
+    one, zero, a, b = np.eye(len(D)), np.zeros_like(D), algorithm.alpha, algorithm.beta
+    if isinstance(algorithm, FirstOrder):
+        jump = np.block([[one + a * (D - one), zero], [zero, one + b * (other - one)]])
+    else:
+        jump = np.block([[one, zero], [a * (D - one), one + b * (other - one)]])
+    return np.block([[one, h * one], [zero, one]]) @ jump
+
+
+def in_turn(counts, given):
+    return [(e, count) for e, (count, _) in enumerate(zip(counts, given, strict=False))]
+
+
+def topologies_of(given, counts):
+    """Return the topologies in which each exchange holds for so many ticks, over and over."""
+    ends = np.cumsum([1, *(count for _, count in in_turn(counts, given))]).tolist()
+    return Topologies.of(given, ends[:-1], ends[-1] - 1)
+
+
+def whole_period(algorithm, given, turns, h):
+    A = np.eye(2 * given[0].position.n)
+    for e, count in turns:
+        A = np.linalg.matrix_power(dense(algorithm, given[e], h), count) @ A
+    return A
+
+
+# Who hears whom, and when
+
+
+def test_turns_begin_where_they_say_and_come_again():
+    given = [Exchange.of(CHAIN), Exchange.of(OTHER_WAY)]
+    once = Topologies.of(given, [1, 4])
+    again = Topologies.of(given, [1, 4], 5)
+    assert [once.at(k) for k in range(1, 13)] == [0, 0, 0, *[1] * 9]
+    assert [again.at(k) for k in range(1, 13)] == [0, 0, 0, 1, 1] * 2 + [0, 0]
+    assert again.turns() == [(0, 3), (1, 2)]
+    links = [*zip(again.links.source.tolist(), again.links.sink.tolist(), strict=True)]
+    assert links == [(0, 1), (2, 1), (0, 2), (1, 2)]
+    assert Topologies.constant(CHAIN).links is CHAIN
+
+
+@quick
+@given(exchanges())
+def test_the_links_are_the_edges_of_all_with_their_largest_weights(given):
+    both = [t for e in given for t in (e.position, e.velocity)]
+    full = np.zeros((both[0].n + 1, both[0].n + 1))
+    for t in both:
+        full[t.sink, t.source] = np.maximum(full[t.sink, t.source], t.weight)
+    links = Topologies.of(given, range(1, len(given) + 1)).links
+    sink, source = np.nonzero(full)
+    assert links.sink.tolist() == sink.tolist()
+    assert links.source.tolist() == source.tolist()
+    assert links.weight.tolist() == full[sink, source].tolist()
+
+
+# Jumps
+
+
+@quick
+@given(exchanges(), counts, gains, gains, periods, st.integers(0, 9))
+def test_jumps_of_agents_are_the_recursion_of_their_tick(given, counts, alpha, beta, h, seed):
+    """Agents that hear one another and a moving target, against dense matrices in turn."""
+    rng, n = np.random.default_rng(seed), given[0].position.n
+    topologies = topologies_of(given, counts)
+    for algorithm in (FirstOrder(alpha, beta), SecondOrder(alpha, beta)):
+        matrices = [dense(algorithm, exchange, h) for exchange in given]
+        for exchange, matrix in zip(given, matrices, strict=True):
+            ours = recursion_of(algorithm, exchange, h)
+            np.testing.assert_allclose(ours.matrix.toarray(), matrix, atol=1e-12)
+        agents = Agents(
+            np.arange(1, n + 1), topologies, algorithm, Estimate(*rng.normal(size=(2, n, 2)))
+        )
+        order = [e for e, count in in_turn(counts, given) for _ in range(count)]
+        x = None
+        for k in range(1, 15):
+            now, then = HARMONIC.at(k * h), HARMONIC.at((k + 1) * h)
+            left = agents.estimate.after(h)
+            error = np.concatenate([left.position - now.position, left.velocity - now.velocity])
+            if x is not None:
+                scale = 1 + np.abs(x).max() + np.abs(now.position).max()
+                np.testing.assert_allclose(error, x, atol=1e-11 * scale)
+            agents.hear(k, np.array([0]), now.position[None], now.velocity[None])
+            agents.hear(k, agents.robots, left.position, left.velocity)
+            agents.jump(k, left)
+            slip = [now.position + h * now.velocity - then.position, now.velocity - then.velocity]
+            x = matrices[order[(k - 1) % len(order)]] @ error + np.repeat(slip, n, axis=0)
+
+
+# What settles
+
+
+@quick
+@given(exchanges(), counts, gains, gains, periods)
+def test_the_factor_of_a_period_is_that_of_its_product(given, counts, alpha, beta, h):
+    turns = in_turn(counts, given)
+    ticks = sum(count for _, count in turns)
+    for algorithm in (FirstOrder(alpha, beta), SecondOrder(alpha, beta)):
+        recursions = [recursion_of(algorithm, exchange, h) for exchange in given]
+        product = whole_period(algorithm, given, turns, h)
+        expected = np.abs(np.linalg.eigvals(product)).max()
+        ours = period_factor(recursions, turns)
+        # An eigenvalue of a defective product of order p is off by as much as eps^(1/p).
+        assert ours**ticks == pytest.approx(expected, rel=1e-3, abs=0.02)
+        copies = np.abs(np.linalg.eigvals(period(recursions, turns).matrix.toarray())).max()
+        assert ours == pytest.approx(copies, rel=1e-3, abs=0.15)
+
+
+def test_a_factor_is_found_without_the_product_of_a_period_too(monkeypatch):
+    """Of large digraphs it is Arnoldi's method that finds it, where the largest stands out."""
+    rng, n = np.random.default_rng(2), 60
+    given = []
+    for _ in range(2):
+        adjacency = (rng.random((n, n)) < 0.1) * (1 - np.eye(n)) + np.eye(n, k=-1)
+        given.append(Exchange.of(Topology.of(adjacency, np.eye(n)[0])))
+    turns = [(0, 3), (1, 2)]
+    recursions = [recursion_of(SecondOrder(0.5, 0.5), exchange, 0.1) for exchange in given]
+    dense = period_factor(recursions, turns)
+    monkeypatch.setattr(switching, "DENSE", 10)
+    assert period_factor(recursions, turns) == pytest.approx(dense, rel=1e-9)
+    monkeypatch.setattr(switching, "WORK", 0)
+    both_ways = [recursion_of(SecondOrder(0.5, 0.5), ring(300, both=True), 0.1)] * 2
+    assert np.isnan(period_factor(both_ways, turns))
+
+
+@quick
+@given(exchanges(), gains, gains)
+def test_positions_and_velocities_settle_each_by_its_own_digraph(given, alpha, beta):
+    """Theorem 1, necessary and sufficient, for hetero-information: α and β have bounds apart."""
+    algorithm, exchange = FirstOrder(alpha, beta), given[0]
+    own = [spectrum_of(t) for t in (exchange.position, exchange.velocity)]
+    conditions = algorithm.conditions(own[0], 0.1, own[1])
+    for gain, condition, s in zip((alpha, beta), conditions, own, strict=True):
+        assert condition.right == smallest_theta(s)
+        assume(abs(gain / condition.right - 1) > 1e-3)
+    radius = spectral_radius(algorithm.modes(own[0], 0.1, own[1]))
+    expected = np.abs(np.linalg.eigvals(dense(algorithm, exchange, 0.1))).max()
+    assert radius == pytest.approx(expected, abs=0.02)
+    assert all(c.holds for c in conditions) == (radius < 1)
+    for factor, settles in ((0.999, True), (1.001, False)):
+        bounds = [smallest_theta(s) for s in own]
+        at_bounds = FirstOrder(factor * bounds[0], factor * bounds[1])
+        assert (spectral_radius(at_bounds.modes(own[0], 0.1, own[1])) < 1) == settles
+
+
+@pytest.mark.parametrize(("gain", "settles"), [(0.97, True), (0.999, True), (1.001, False)])
+def test_gains_below_1_settle_in_any_order_and_above_1_not_though_each_digraph_would(gain, settles):
+    """The digraphs' own bounds are 2; in turn, the position's blocks have trace g² + 2 (1 − g)²."""
+    algorithm = FirstOrder(gain, gain)
+    recursions = [recursion_of(algorithm, t, 0.1) for t in (CHAIN, OTHER_WAY)]
+    assert all(c.holds for t in (CHAIN, OTHER_WAY) for c in algorithm.conditions(spectrum_of(t), 1))
+    trace, determinant = gain**2 + 2 * (1 - gain) ** 2, (1 - gain) ** 4
+    factor = np.sqrt(trace / 2 + np.sqrt(trace**2 / 4 - determinant))
+    assert period_factor(recursions, [(0, 1), (1, 1)]) == pytest.approx(factor, rel=1e-12)
+    assert (factor < 1) == settles
+    assert contracts_in_any_order(recursions[0]) == settles
+    bounds = any_order(recursions)
+    assert bounds.lower == pytest.approx(factor, rel=1e-9)
+    assert bounds.upper == pytest.approx(factor, rel=1.1e-3)
+
+
+@quick
+@given(exchanges(most=4), st.floats(0.05, 0.95), st.floats(0.05, 0.95), st.floats(0.01, 1))
+def test_in_any_order_n_ticks_bring_the_target_to_all(given, alpha, beta, h):
+    """‖P_n ⋯ P_1‖∞ ≤ 1 − μ^n of every order: what docs/theory.md proves, by trying all."""
+    n = given[0].position.n
+    algorithm = FirstOrder(alpha, beta)
+    assert contracts_in_any_order(recursion_of(algorithm, given[0], h))
+    for gain, part in ((alpha, "position"), (beta, "velocity")):
+        digraphs = [getattr(exchange, part) for exchange in given]
+        blocks = [np.eye(n) - gain * (np.eye(n) - t.D.toarray()) for t in digraphs]
+        mu = min(1 - gain, *(float(gain * t.normalised.min()) for t in digraphs))
+        for order in product(blocks, repeat=n):
+            whole = np.linalg.multi_dot([np.eye(n), *order])
+            assert np.abs(whole).sum(axis=1).max() <= 1 - mu**n + 1e-12
+    bounds = any_order([recursion_of(algorithm, exchange, h) for exchange in given])
+    assert bounds.lower < 1
+
+
+def test_of_other_algorithms_no_order_is_proven_by_the_gains():
+    for algorithm in (SecondOrder(0.5, 0.5), Impulsive(0.5, 0.5), FirstOrder(0.5, 1.0)):
+        assert not contracts_in_any_order(recursion_of(algorithm, CHAIN, 0.1))
+
+
+# How near
+
+
+@pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 0.8), SecondOrder(1.1, 0.9)])
+def test_what_a_period_settles_to_is_where_long_runs_end_and_within_the_sharp_bound(algorithm):
+    given = [Exchange.of(Topology.of([[0, 1, 0], [0.5, 0, 0], [1, 1, 0]], [1, 0, 0]))]
+    given += [Exchange.of(Topology.of([[0, 0, 2], [0.5, 0, 1], [0, 0, 0]], [0, 0, 1]))]
+    h, turns, n = 0.1, [(0, 2), (1, 1)], 3
+    recursions = [recursion_of(algorithm, exchange, h) for exchange in given]
+    factor = period_factor(recursions, turns)
+    assert factor < 1
+    whole = period(recursions, turns)
+    motion = steady_motion(whole, HARMONIC, factor)
+    bound, always = (of(whole, *HARMONIC.bounds(), factor) for of in (sharp, sharp_always))
+    x = np.zeros((2 * n, 2))
+    for k in range(1, 600):
+        now, then = HARMONIC.at(k * h), HARMONIC.at((k + 1) * h)
+        slip = [now.position + h * now.velocity - then.position, now.velocity - then.velocity]
+        x = dense(algorithm, given[0 if k % 3 else 1], h) @ x + np.repeat(slip, n, axis=0)
+        if k > 400:
+            np.testing.assert_allclose(motion.at(k + 1), x.reshape(2, n, 2), atol=1e-9)
+    sizes = np.abs(x.reshape(2, n, 2)).max(axis=(1, 2))
+    assert sizes[0] <= motion.bound.position <= bound.position <= always.position
+    assert sizes[1] <= motion.bound.velocity <= bound.velocity <= always.velocity
+
+
+def test_the_sharp_bound_of_a_period_is_come_near_by_a_target_that_tries():
+    """|a_0| ≤ 1 with the sign that is worst for one robot at the end, and γ1 out of the way."""
+    algorithm, h = FirstOrder(0.9, 0.8), 0.1
+    recursions = [recursion_of(algorithm, t, h) for t in (CHAIN, OTHER_WAY)]
+    whole = period(recursions, [(0, 1), (1, 1)])
+    bound = sharp(whole, 1e6, 1.0, period_factor(recursions, [(0, 1), (1, 1)]))
+    A = [dense(algorithm, Exchange.of(t), h) for t in (CHAIN, OTHER_WAY)]
+    worst = np.zeros(2)
+    for last in (0, 1):
+        through, total = np.eye(4), np.zeros(4)
+        for j in range(400):
+            p, r = through[:, :2].sum(axis=1), through[:, 2:].sum(axis=1)
+            u = (np.arange(200) + 0.5) / 200 * h
+            total += np.abs(u[:, None] * p + r).mean(axis=0) * h
+            through = through @ A[(last - j) % 2]
+        worst = np.maximum(worst, total.reshape(2, 2).max(axis=1))
+    assert bound.position == pytest.approx(worst[0], rel=1e-4)
+    assert bound.velocity == pytest.approx(worst[1], rel=1e-4)
+
+
+# Who may hear over two digraphs
+
+
+def test_algorithms_say_whether_they_hear_over_two_digraphs():
+    apart = {name for name in algorithm_names() if not why_one_digraph(name)}
+    assert apart & {"dcea1", "dcea2", "impulsive", "pd_like", "sliding"} == {"dcea1", "sliding"}
+    assert "one D that weighs both" in why_one_digraph("dcea2")
+    rng = np.random.default_rng(4)
+    for name in apart & {"dcea1", "sliding"}:
+        algorithm = load_algorithm(name, 0.7, 0.6)
+        left, heard = Estimate(*rng.normal(size=(2, 5, 2))), rng.normal(size=(2, 5, 2))
+        whole = algorithm.jump(left, Estimate(*heard))
+        position = algorithm.jump(left, Estimate(heard[0], 0 * heard[1]))
+        velocity = algorithm.jump(left, Estimate(0 * heard[0], heard[1]))
+        assert np.array_equal(whole.position, position.position)
+        assert np.array_equal(whole.velocity, velocity.velocity)
+    assert len(Sliding(1, 1).modes(np.zeros(2), 0.1, np.zeros(2))) == 0
