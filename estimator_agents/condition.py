@@ -11,6 +11,8 @@ class Condition:
     source: str
     left: float
     right: float
+    sampled: bool = False
+    """Whether the left side is the worst that was seen, in place of a bound; it may be greater."""
 
     @property
     def margin(self) -> float:

@@ -186,26 +186,28 @@ def check(
     from estimator_agents.theory.estimates import Pair
     from orchestrator.commands import showing
     from orchestrator.promises.checking import check as theory_of
+    from orchestrator.promises.probing import Sampling
     from orchestrator.promises.promising import bounds, designed, promises
     from orchestrator.runs.plants import group_by_archive, open_fleet
     from orchestrator.scenario.file import read_scenario
     from orchestrator.scenario.setting import bodies
 
     file = read_scenario(scenario)
-    checked = theory_of(file.scenario)
-    promised = promises(file.scenario, checked.spectral_radius)
     with ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
+    find = Sampling(file)
+    checked = theory_of(file.scenario, find)
+    promised = promises(file.scenario, checked.spectral_radius, find)
     wanted = Pair(*accuracy) if accuracy else None
-    found = designed(file.scenario, wanted, share) if wanted else None
+    found = designed(file.scenario, wanted, share, find) if wanted else None
     if as_json:
         design = {"design": asdict(found) if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})
         return
     showing.check(out, checked, promised, bounds(promised))
     if wanted:
-        showing.design(out, found, wanted)
+        showing.design(out, found, wanted, sampled=promised.sampled)
 
 
 @app.command()

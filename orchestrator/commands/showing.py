@@ -84,7 +84,8 @@ def check(
     for c in checked.conditions:
         mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
         numbers = (f"{c.left:g}", f"{c.right:.6f}", f"{c.margin:+.6f}")
-        table.add_row(c.name, *numbers, mark, c.source)
+        source = f"{c.source}, [yellow]sampled[/]" if c.sampled else c.source
+        table.add_row(c.name, *numbers, mark, source)
     console.print()
     console.print(table)
     table = Table(box=None, pad_edge=False)
@@ -92,7 +93,8 @@ def check(
     for title in ("this target", "any target", "paper"):
         table.add_column(title, justify="right")
     for row in rows:
-        table.add_row(row.name, *map(_number, (row.exact, row.sharp, row.paper)))
+        name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
+        table.add_row(name, *map(_number, (row.exact, row.sharp, row.paper)))
     console.print()
     console.print(table)
 
@@ -120,7 +122,7 @@ def judgement(console: Console, judged: "Judgement") -> None:
         summary(console, {"settling": f"up to {rest:.4g} is left of the beginning"})
 
 
-def design(console: Console, found: "Design | None", wanted: "Pair") -> None:
+def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled: bool) -> None:
     """Show what gains and period promise an accuracy."""
     if found is None:
         told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
@@ -130,7 +132,8 @@ def design(console: Console, found: "Design | None", wanted: "Pair") -> None:
         told = {
             "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
             f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
-            "gains": f"kp >= {found.kp:.6g}, kd >= {found.kd:.6g} (equations 6.1, 6.2)",
+            "gains": f"kp >= {found.kp:.6g}, kd >= {found.kd:.6g} (equations 6.1, 6.2"
+            f"{', P3 sampled' * sampled})",
             "period": f"{period} enough by the paper's bounds; {sharper} by sharp ones",
         }
     console.print()
@@ -213,9 +216,10 @@ def _mechanics(part: "Bounded") -> str:
     p3, of = part.bounds, part.constants
     if p3 is None or of is None:
         return part.why
+    source = p3.source if p3.states is None else f"{p3.source}, {p3.states} states"
     return (
         f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
-        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({p3.source}); "
+        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({source}); "
         f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
     )
 

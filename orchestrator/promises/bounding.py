@@ -1,11 +1,13 @@
 """A scenario's robots by what bounds them: P3 of their plants, their gains and their disturbances.
 
-P3 is known of bundled models alone; of another FMU, what its inertia is over all postures cannot be
-told from outside, and nothing is promised of its tracking.
+P3 is known of bundled models alone. Of another FMU it can be sampled from outside, which never
+tells the worst: what rests on that is marked, and not proven. `nrs check` samples; a run and what
+is said after it do not, and promise nothing of tracking then.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import inf, sqrt
 from typing import Any
 
@@ -16,6 +18,9 @@ from estimator_agents.theory.tracking import Constants, Drive, constants
 from orchestrator.scenario.setting import gain, target_of
 from orchestrator.scenario.tables import Axis, Plant, Robot, Scenario
 from plant_fmu.bundled.bounds import Bounds, bounds_of
+
+Find = Callable[[Plant, int], Bounds | str]
+"""Returns P3 of a robot's plant that is not bundled, or why there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +37,17 @@ class Bounded:
     why: str
     """Why there are no constants; empty where there are."""
 
+    @property
+    def sampled(self) -> bool:
+        """Whether the constants rest on states that were looked at, and on no proof."""
+        return self.bounds is not None and self.bounds.states is not None
 
-def bounded(scenario: Scenario) -> list[Bounded]:
-    """Return a scenario's robots, those together of which the same can be promised."""
+
+def bounded(scenario: Scenario, find: Find | None = None) -> list[Bounded]:
+    """Return a scenario's robots, those together of which the same can be promised.
+
+    P3 of an FMU that is not bundled is what `find` finds.
+    """
     own = {robot.id: robot for robot in scenario.robots}
     alike: defaultdict[str, list[int]] = defaultdict(list)
     common: dict[str, Robot] = {}
@@ -44,23 +57,29 @@ def bounded(scenario: Scenario) -> list[Bounded]:
         alike[key].append(number)
         common.setdefault(key, robot)
     whole = target_of(scenario).bounds()
-    return [_bounded(scenario, common[key], robots, whole) for key, robots in alike.items()]
+    return [_bounded(scenario, common[key], robots, whole, find) for key, robots in alike.items()]
 
 
-def tracking_conditions(scenario: Scenario) -> list[Condition]:
+def tracking_conditions(scenario: Scenario, find: Find | None = None) -> list[Condition]:
     """Return the conditions of Theorems 2 and 3 on the gains, each of the robot nearest to it.
 
     None unless P3 is known of all robots.
     """
-    parts = bounded(scenario)
+    parts = bounded(scenario, find)
     known = [part.constants.conditions(part.drive) for part in parts if part.constants]
     if len(known) < len(parts):
         return []
-    return [min(same, key=lambda c: c.margin) for same in zip(*known, strict=True)]
+    sampled = any(part.sampled for part in parts)
+    nearest = [min(same, key=lambda c: c.margin) for same in zip(*known, strict=True)]
+    return [replace(condition, sampled=sampled) for condition in nearest]
 
 
 def _bounded(
-    scenario: Scenario, robot: Robot, robots: list[int], whole: tuple[float, float]
+    scenario: Scenario,
+    robot: Robot,
+    robots: list[int],
+    whole: tuple[float, float],
+    find: Find | None,
 ) -> Bounded:
     """Return what bounds some robots; `whole` are γ1 and γ2."""
     plant = robot.plant or scenario.plant
@@ -68,8 +87,13 @@ def _bounded(
     disturbance = robot.disturbance or scenario.disturbance
     kp, kd = (gain(value, scenario.m) for value in (controller.kp, controller.kd))
     lambda_d = _largest(disturbance.axes)
-    p3 = bounds_of(plant.fmu, _parameters(plant), scenario.m)
-    why = _unknown(plant, p3, kp, kd, lambda_d)
+    p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), scenario.m)
+    if p3 is None:
+        p3 = find(plant, robots[0]) if find else f"the bounds of P3 are not known of {plant.fmu}"
+    if isinstance(p3, str):
+        why, p3 = p3, None
+    else:
+        why = _inapplicable(kp, kd, lambda_d)
     found = None
     if p3 is not None and not why:
         found = constants(p3, scenario.m, lambda_d, *whole)
@@ -80,12 +104,8 @@ def _parameters(plant: Plant) -> dict[str, Any]:
     return {name: value for name, value in plant.parameters.items() if not isinstance(value, str)}
 
 
-def _unknown(
-    plant: Plant, p3: Bounds | None, kp: np.ndarray, kd: np.ndarray, lambda_d: float
-) -> str:
-    """Return why Theorems 2 and 3 say nothing; empty where they do."""
-    if p3 is None:
-        return f"the bounds of P3 are not known of {plant.fmu}"
+def _inapplicable(kp: np.ndarray, kd: np.ndarray, lambda_d: float) -> str:
+    """Return why Theorems 2 and 3 say nothing of a robot whose P3 is known; empty where they do."""
     if np.any(kp - np.diag(np.diag(kp))) or np.any(kd - np.diag(np.diag(kd))):
         return "their proof needs diagonal gains"
     return "the disturbance grows with time" if lambda_d == inf else ""

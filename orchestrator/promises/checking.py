@@ -11,7 +11,7 @@ from estimator_agents.condition import Condition
 from estimator_agents.theory.network import Network, network_of
 from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from estimator_agents.theory.tracking import TRACKING
-from orchestrator.promises.bounding import tracking_conditions
+from orchestrator.promises.bounding import Find, tracking_conditions
 from orchestrator.scenario.setting import gain, target_of, topologies_of
 from orchestrator.scenario.tables import Scenario
 
@@ -62,6 +62,7 @@ class Check:
                 "right": finite(condition.right),
                 "margin": finite(condition.margin),
                 "holds": condition.holds,
+                "sampled": condition.sampled,
             }
             for condition in self.conditions
         ]
@@ -91,8 +92,8 @@ class Check:
         return unmet
 
 
-def check(scenario: Scenario) -> Check:
-    """Return what the theory says of a scenario."""
+def check(scenario: Scenario, find: Find | None = None) -> Check:
+    """Return what the theory says of a scenario; `find` as `bounded` has it."""
     topology = topologies_of(scenario).links
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
@@ -101,7 +102,7 @@ def check(scenario: Scenario) -> Check:
         *algorithm.conditions(spectrum, h),
         *demands(algorithm, h, *target.bounds()),
         *_gain_conditions(scenario),
-        *tracking_conditions(scenario),
+        *tracking_conditions(scenario, find),
     )
     network = network_of(topology)
     periods = [c.right for c in conditions if c.name == "sampling_period"]

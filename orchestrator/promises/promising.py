@@ -20,7 +20,7 @@ from estimator_agents.theory.estimates import (
 from estimator_agents.theory.recursion import Recursion, recursion_of
 from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from estimator_agents.theory.tracking import balls, proven, worst
-from orchestrator.promises.bounding import Bounded, bounded
+from orchestrator.promises.bounding import Bounded, Find, bounded
 from orchestrator.promises.checking import finite
 from orchestrator.scenario.setting import links_of, target_of, topologies_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
@@ -65,6 +65,11 @@ class Promises:
         """The largest that the estimates' errors come to, for this target."""
         return self.motion.bound if self.motion else None
 
+    @property
+    def sampled(self) -> bool:
+        """Whether what is said of tracking rests on P3 of some robots as it was sampled."""
+        return any(part.sampled for part in self.robots)
+
     def as_json(self) -> dict[str, Any]:
         """Return the promises for JSON."""
         return {
@@ -93,37 +98,57 @@ class Bound:
     sharp: float | None
     """For any target within γ1 and γ2; of tracking, what is proven of sharp estimates."""
     paper: float | None
+    sampled: bool = False
+    """Whether it rests on P3 of some robots as it was sampled, and is no proven bound."""
 
 
 def bounds(promised: Promises) -> list[Bound]:
     """Return the promises by quantity: errors of estimates, then of tracking."""
-    paper = promised.paper.bound if promised.paper else None
-    ways = (
-        ((promised.exact, promised.sharp, paper), ("|eps - eps_0|inf", "|ups - ups_0|inf")),
-        (
-            (None, promised.tracking.proven, promised.tracking.paper),
-            ("|q - eps_0|2", "|qd - ups_0|2"),
-        ),
+    estimates, tracking = (
+        ("|eps - eps_0|inf", "|ups - ups_0|inf"),
+        ("|q - eps_0|2", "|qd - ups_0|2"),
     )
+    paper, told = promised.paper.bound if promised.paper else None, promised.tracking
     return [
-        Bound(name, *(getattr(pair, part) if pair else None for pair in pairs))
-        for pairs, names in ways
+        *_rows(estimates, promised.exact, promised.sharp, paper),
+        *_rows(tracking, None, told.proven, told.paper, sampled=promised.sampled),
+    ]
+
+
+def _rows(
+    names: tuple[str, str],
+    exact: Pair | None,
+    sharpest: Pair | None,
+    paper: Pair | None,
+    *,
+    sampled: bool = False,
+) -> list[Bound]:
+    """Return bounds of a pair of quantities, of positions and of velocities."""
+    return [
+        Bound(name, _of(exact, part), _of(sharpest, part), _of(paper, part), sampled)
         for name, part in zip(names, ("position", "velocity"), strict=True)
     ]
+
+
+def _of(pair: Pair | None, part: str) -> float | None:
+    return getattr(pair, part) if pair else None
 
 
 TRACKED = ("paper", "sharp", "proven")
 
 
-def promises(scenario: Scenario, radius: float | None = None) -> Promises:
-    """Return what is promised of a run of a scenario; ρ is found again unless it is given."""
+def promises(scenario: Scenario, radius: float | None = None, find: Find | None = None) -> Promises:
+    """Return what is promised of a run of a scenario; ρ is found again unless it is given.
+
+    `find` is as `bounded` has it.
+    """
     topology, target = topologies_of(scenario).links, target_of(scenario)
     choice, h = scenario.algorithm, scenario.run.sampling_period
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     recursion = recursion_of(algorithm, topology, h)
     if radius is None:
         radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
-    robots = bounded(scenario)
+    robots = bounded(scenario, find)
     whole = target.bounds()
     why_not = _why_not(scenario, recursion, radius)
     motion, sharpest, always, paper = None, None, None, None
@@ -149,13 +174,15 @@ def promises(scenario: Scenario, radius: float | None = None) -> Promises:
     )
 
 
-def designed(scenario: Scenario, wanted: Pair, epsilon: float) -> Design | None:
+def designed(
+    scenario: Scenario, wanted: Pair, epsilon: float, find: Find | None = None
+) -> Design | None:
     """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
     topology, whole = topologies_of(scenario).links, target_of(scenario).bounds()
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum = spectrum_of(topology)
-    parts = bounded(scenario)
+    parts = bounded(scenario, find)
     known = [part.constants for part in parts if part.constants]
     if len(known) < len(parts):
         return None

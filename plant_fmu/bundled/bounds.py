@@ -50,6 +50,8 @@ class Bounds:
     """N m s"""
     source: str
     """How they were found."""
+    states: int | None = None
+    """Of how many states they are the worst, where it was sampled; the truth may be worse."""
 
 
 def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | None:

@@ -21,14 +21,11 @@ from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import Layout, Part, Quantity
 from plant_fmu.archives.reading import NAME
 from plant_fmu.archives.variables import find_quantity
-from plant_fmu.checking.mechanics import HOLDING, SPANS, Mechanics
+from plant_fmu.checking.mechanics import HOLDING, SPANS, Mechanics, open_probe
 from plant_fmu.checking.resuming import resumed
-from plant_fmu.drives.driving import STEP, Driving, Offer, choose, offers
-from plant_fmu.drives.model_exchange import ModelExchangePlants
+from plant_fmu.drives.driving import Driving, choose, offers
 from plant_fmu.drives.opening import open_plants
-from plant_fmu.drives.probing import SEED, Probe
-from plant_fmu.drives.runge_kutta import RungeKutta
-from plant_fmu.drives.torque_held import TorqueHeldPlants
+from plant_fmu.drives.probing import SEED
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.library import Kind, Library
@@ -117,7 +114,8 @@ def findings(task: Task) -> Iterator[Finding]:
     yield Finding("drives", "chosen", "holds", chosen.way)
     with ExitStack() as stack:
         try:
-            mechanics = Mechanics(_probe(stack, task, body, offered, chosen), body)
+            probe = open_probe(stack, archive, body, task.names, offered, chosen)
+            mechanics = Mechanics(probe, body)
         except CosimError as error:
             physics = [Finding("physics", "mechanics", "unknown", f"cannot be probed: {error}")]
         else:
@@ -246,23 +244,6 @@ def _resuming(task: Task, body: Body) -> Finding:
         )
     text = f"another process goes on from its {found.size} bytes to the same bits"
     return finding("holds", text, 0.0)
-
-
-def _probe(
-    stack: ExitStack, task: Task, body: Body, offered: Sequence[Offer], chosen: Offer
-) -> Probe:
-    """Return a plant that takes any torque, of the interface that is chosen if it takes one."""
-    ways = [offer for offer in offered if offer.way in {"rk4", "hold"}]
-    if not ways:
-        raise FmuError("it takes no tau")
-    way = min(ways, key=lambda offer: offer.kind != chosen.kind)
-    folder = stack.enter_context(unpacked(task.archive))
-    library = stack.enter_context(Library(task.archive, folder, way.kind))
-    if way.kind == "CoSimulation":
-        return TorqueHeldPlants(library, [body], task.names, STEP, heun=False)
-    return ModelExchangePlants(
-        library, [body], task.names, lambda robot: RungeKutta(robot, STEP), drive="", why=""
-    )
 
 
 def _physics(mechanics: Mechanics, start: Array) -> Iterator[Finding]:

@@ -5,12 +5,21 @@ d/dt(½ q̇'Mq̇) = q̇'(tau − G − friction). What C is wrong by is odd in q
 that a pair of opposite q̇ tells one from the other.
 """
 
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plant_fmu.archives.archive import Archive, unpacked
+from plant_fmu.archives.naming import Spec
+from plant_fmu.drives.driving import STEP, Offer
+from plant_fmu.drives.model_exchange import ModelExchangePlants
 from plant_fmu.drives.probing import Probe
+from plant_fmu.drives.runge_kutta import RungeKutta
+from plant_fmu.drives.torque_held import TorqueHeldPlants
 from plant_fmu.errors import FmuError
+from plant_fmu.fmi.library import Library
 from plant_fmu.plants import Array, Body, Disturbance
 
 SPANS = (4e-3, 1e-3)
@@ -22,6 +31,31 @@ HOLDING, LOOKS = 1.0, 50
 """s, and how often it is looked meanwhile."""
 _FORWARD = np.array([-25 / 12, 4, -3, 4 / 3, -1 / 4])
 """The derivative at the first of five equally spaced numbers, of order 4."""
+
+
+def open_probe(
+    stack: ExitStack,
+    archive: Archive,
+    body: Body,
+    names: Mapping[str, Spec],
+    offered: Sequence[Offer],
+    chosen: Offer,
+) -> Probe:
+    """Return a plant that takes any torque, of the interface that is chosen if it takes one.
+
+    The stack ends it. `FmuError` where the FMU takes none.
+    """
+    ways = [offer for offer in offered if offer.way in {"rk4", "hold"}]
+    if not ways:
+        raise FmuError("it takes no tau")
+    way = min(ways, key=lambda offer: offer.kind != chosen.kind)
+    folder = stack.enter_context(unpacked(archive))
+    library = stack.enter_context(Library(archive, folder, way.kind))
+    if way.kind == "CoSimulation":
+        return TorqueHeldPlants(library, [body], names, STEP, heun=False)
+    return ModelExchangePlants(
+        library, [body], names, lambda robot: RungeKutta(robot, STEP), drive="", why=""
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +74,8 @@ class Mechanics:
     def __init__(self, probe: Probe, body: Body) -> None:
         """Find the pushes that change each joint's acceleration by about 1 rad/s²."""
         self._probe, self._body = probe, body
+        self.states = 0
+        """From how many states it was started."""
         self._pushes = np.ones(len(body.q))
         sizes = np.sqrt((self.mobility(body.q, SPANS[0]) ** 2).sum(axis=0))
         self._pushes[sizes > 0] /= sizes[sizes > 0]
@@ -56,17 +92,19 @@ class Mechanics:
 
     def mobility(self, q: Array, span: float) -> Array:
         """Return M⁻¹(q), (m, m)."""
+        return self.from_rest(q, span)[0]
+
+    def gravity(self, q: Array, span: float) -> Array:
+        """Return G(q), (m,)."""
+        return np.asarray(-np.linalg.solve(*self.from_rest(q, span)), float)
+
+    def from_rest(self, q: Array, span: float) -> tuple[Array, Array]:
+        """Return M⁻¹(q), (m, m), and q̈(q, 0, 0), (m,)."""
         none = np.zeros(len(q))
         rest = self.acceleration(q, none, none, span)
         pushed = [self.acceleration(q, none, push, span) for push in np.diag(self._pushes)]
         inverse: Array = (np.array(pushed) - rest).T / self._pushes
-        return inverse
-
-    def gravity(self, q: Array, span: float) -> Array:
-        """Return G(q), (m,)."""
-        none = np.zeros(len(q))
-        falling = self.acceleration(q, none, none, span)
-        return np.asarray(-np.linalg.solve(self.mobility(q, span), falling), float)
+        return inverse, rest
 
     def power_gained(self, q: Array, qd: Array, span: float) -> float:
         """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s."""
@@ -99,6 +137,7 @@ class Mechanics:
     def _start(self, q: Array, qd: Array, tau: Array) -> None:
         """Start anew under a constant torque alone."""
         m = len(q)
+        self.states += 1
         none, torque = np.zeros((m, m)), Disturbance(tau, np.zeros(m), *np.zeros((3, m, 0)))
         self._probe.start_again(
             [replace(self._body, q=q, qd=qd, kp=none, kd=none, disturbance=torque)]

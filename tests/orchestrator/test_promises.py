@@ -12,11 +12,13 @@ from estimator_agents.theory.estimates import Pair
 from orchestrator.promises.bounding import bounded, tracking_conditions
 from orchestrator.promises.checking import check
 from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import designed, promises
+from orchestrator.promises.probing import Sampling
+from orchestrator.promises.promising import bounds, designed, promises
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import measure
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import target_of
+from plant_fmu.bundled.building import build
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
 from recordings.tables import states
@@ -116,6 +118,39 @@ def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why
     assert part.constants is None
     assert tracking_conditions(scenario) == []
     assert promises(scenario).tracking.paper is None
+
+
+def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tmp_path):
+    (tmp_path / "theirs.fmu").write_bytes(build("two_link_arm", 2).read_bytes() + b"\0")
+    text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "theirs.fmu"')
+    file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
+    find = Sampling(file)
+    ours = read_scenario(PAPER).scenario
+    checked, promised = check(file.scenario, find), promises(file.scenario, find=find)
+    (part,), (exact,) = promised.robots, bounded(ours)
+    assert part.bounds.states > 1000
+    assert json.loads(json.dumps(promised.as_json()))["plants"][0]["bounds"]["source"] == "sampled"
+    for name in ("mu_1", "mu_2", "rho_1", "rho_2"):
+        true = getattr(exact.constants, name)
+        assert true * 0.99 < getattr(part.constants, name) < true * (1 + 1e-6)
+    marked = {c["name"]: c["sampled"] for c in checked.as_json()["conditions"]}
+    assert marked == {
+        "alpha": False, "beta": False, "kp": False, "kd": False,
+        "kp_tracking": True, "kd_tracking": True,
+    }  # fmt: skip
+    assert [row.sampled for row in bounds(promised)] == [False, False, True, True]
+    assert [row.sampled for row in bounds(promises(ours))] == [False] * 4
+    assert designed(file.scenario, Pair(0.5, 0.5), 0.5, find).kp == pytest.approx(
+        designed(ours, Pair(0.5, 0.5), 0.5).kp, rel=1e-3
+    )
+
+
+def test_what_cannot_be_sampled_says_why(tmp_path):
+    text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "none.fmu"')
+    file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
+    (part,) = bounded(file.scenario, Sampling(file))
+    assert "P3 cannot be sampled: " in part.why
+    assert "none.fmu: no such FMU" in part.why
 
 
 def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
