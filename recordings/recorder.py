@@ -177,8 +177,7 @@ class Recorder:
     def close(self, k: int) -> None:
         """Write tick k, of which nothing is missing."""
         tick = self._open.pop(k)
-        heard = (records for records in tick.samples.values() if len(records))
-        parts = [_columns(self._samples_on, records) for records in heard]
+        parts = [_columns(self._samples_on, records) for records in tick.samples.values()]
         checkpoints: list[bytes] = []
         for told in tick.told.values():
             parts.append(_columns(self._states_on, told.states))

@@ -140,7 +140,7 @@ class Writer:
                 raise ValueError(f"{self.path}: {error}") from None
 
     def put(self, tick: Tick) -> None:
-        """Write one closed tick, at least one message, in any order, on channels that there are.
+        """Write one closed tick: all of its messages, in any order, on channels that there are.
 
         Raises ValueError, and writes none of them, when the first in total order is not after
         all earlier ones by (log_time, topic); UnwritableError when the disk refused a chunk,
@@ -148,6 +148,9 @@ class Writer:
         """
         if self._file.closed:
             raise UnwritableError(f"{self.path}: is closed; nothing can be written any more")
+        tick = [part for part in tick if len(part.channel)]
+        if not tick:
+            return
         self._expect_later(tick)
         size = sum(HEAD.itemsize * len(part.channel) + len(part.data) for part in tick)
         if self._open_bytes + size > LIMIT:

@@ -131,7 +131,7 @@ class Crew:
                 home.process, home.since = self._terms.start(name, home.robots), monotonic()
         else:
             self._terms.show(f"run {self._bus.run_id} waits for hosts{self._homes.missing()}")
-        while self._homes.free() or not all(home.begin for home in self._homes.values()):
+        while self._homes.free or not all(home.begin for home in self._homes.values()):
             for item in self.inbox.take(_LOOK):
                 self.handle(item)
             self.look_after(0)
@@ -192,7 +192,7 @@ class Crew:
             if never_came or (home.process and home.process.ending() is not None):
                 self._lose(name, home)
         self._fail(k)
-        homeless = dict(self._homes.homeless()) | dict.fromkeys(self._homes.free(), self._began)
+        homeless = dict(self._homes.homeless()) | dict.fromkeys(self._homes.free, self._began)
         if homeless and monotonic() - min(homeless.values()) >= self._terms.wait:
             who = named(sorted(homeless))
             raise RunError(

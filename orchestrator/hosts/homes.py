@@ -67,17 +67,19 @@ class Homes(dict[str, Home]):
         """Let so many hosts share the robots, of those that name none."""
         super().__init__()
         self._n, self._expected = n, expected
+        self.free: Sequence[int] = range(1, n + 1)
+        """The robots that have no home yet, ascending."""
 
-    def free(self) -> list[int]:
-        """Return the robots that have no home yet, ascending."""
-        taken = {robot for home in self.values() for robot in home.robots}
-        return [robot for robot in range(1, self._n + 1) if robot not in taken]
+    def __setitem__(self, name: str, home: Home) -> None:
+        """Let a host have a home; its robots are free until then."""
+        super().__setitem__(name, home)
+        taken = {*home.robots}
+        self.free = [robot for robot in self.free if robot not in taken]
 
     def missing(self) -> str:
         """Say who is missing, as the end of a sentence; nothing when nobody is."""
-        free = self.free()
         vacant = [f"host {name}" for name, home in self.items() if home.incarnation is None]
-        missing = ([named(free)] if free else []) + vacant
+        missing = ([named(self.free)] if self.free else []) + vacant
         return f"; missing: {', '.join(missing)}" if missing else ""
 
     def homeless(self) -> Iterator[tuple[int, float]]:
@@ -109,7 +111,7 @@ class Homes(dict[str, Home]):
         return home
 
     def _new(self, hello: Hello) -> Home:
-        free = self.free()
+        free = self.free
         if not free:
             vacant = [
                 f"{name} ({named(home.robots)})"
