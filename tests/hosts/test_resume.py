@@ -15,6 +15,7 @@ import pytest
 from orchestrator.errors import Interrupted
 from orchestrator.runs.running import past_of, run
 from recordings.reading import Reader
+from tests.command import nrs
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
 from tests.plant_fmu.archives import rewritten
 
@@ -48,12 +49,6 @@ def watch(time_ns):
 man = here(file, int(hosts), Handling(True, 60.0, print)) if hosts != "1" else alone(file)
 run(file, Path(recording), man, watch=watch)
 """
-
-
-def nrs(*arguments, **options):
-    """Run the command; return it done, with its output as text."""
-    options = {"capture_output": True, "text": True, "timeout": 120, **options}
-    return subprocess.run([*NRS, *map(str, arguments)], check=False, **options)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +157,13 @@ def test_a_run_for_which_the_disk_was_too_small_is_resumed(tmp_path, toml, whole
     def limited():
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
-    failed = nrs("run", toml, "-o", cut, "--hosts", 2, preexec_fn=limited)
+    failed = subprocess.run(
+        [*NRS, "run", toml, "-o", cut, "--hosts", "2"],
+        check=False,
+        capture_output=True,
+        text=True,
+        preexec_fn=limited,
+    )
     assert failed.returncode == 1, failed.stderr
     assert "cannot be written: File too large" in failed.stderr
     assert "Traceback" not in failed.stderr

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
+from tests.command import nrs
 from tests.hosts.runs import lossy
-from tests.hosts.test_resume import nrs
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 

@@ -15,16 +15,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings.reading import Reader
+from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 NRS = Path(sys.executable).with_name("nrs")
 PAPER = SCENARIOS / "paper_first_order.toml"
-
-
-def nrs(*arguments, **options):
-    """Run the command; return it done, with its output as text."""
-    options = {"capture_output": True, "text": True, "timeout": 120, **options}
-    return subprocess.run([NRS, *map(str, arguments)], check=False, **options)
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +28,9 @@ def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli")
     scenario = folder / "short.toml"
     scenario.write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
-    done = nrs("run", scenario, "-o", folder / "short.mcap")
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    command = [NRS, "run", scenario, "-o", folder / "short.mcap"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
     return folder / "short.mcap", done.stdout
 
 

@@ -2,7 +2,6 @@
 
 import json
 import socket
-import subprocess
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -16,9 +15,8 @@ from bus.network.vetting import vet
 from orchestrator.commands.doctor import diagnose
 from orchestrator.commands.tls import tls_of
 from orchestrator.scenario.tables import TlsTable
+from tests.command import nrs
 from tests.network.authority import LONG_AGO, Authority
-
-NRS = Path(sys.executable).with_name("nrs")
 
 
 @pytest.fixture(scope="module")
@@ -73,12 +71,11 @@ class TestMachine:
     def test_the_command(self, authority):
         old = authority.issue("old", valid=LONG_AGO)
         options = {"ca": old.ca, "certificate": old.certificate, "key": old.key}
-        given = [word for name, path in options.items() for word in (f"--tls-{name}", str(path))]
-        command = [NRS, "doctor", *given]
-        shown = subprocess.run(command, check=False, capture_output=True, text=True)
+        given = [word for name, path in options.items() for word in (f"--tls-{name}", path)]
+        shown = nrs("doctor", *given)
         assert (shown.returncode, shown.stderr) == (1, "")
         assert "dates               fails    expired on 2021-01-01" in shown.stdout
-        told = subprocess.run([*command, "--json"], check=False, capture_output=True, text=True)
+        told = nrs("doctor", *given, "--json")
         assert told.returncode == 1
         report = json.loads(told.stdout)
         assert not report["fit"]

@@ -1,8 +1,6 @@
 """Runs beside what was promised of them: kept, broken, or not given; and the proof's own V."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ from plant_fmu.bundled.building import build
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
 from recordings.tables import states
+from tests.command import nrs
 from tests.plant_fmu.test_bounds import two_link
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -227,17 +226,10 @@ def test_a_target_that_rests_is_reached():
     assert told.tracking.paper.position < 0.2
 
 
-NRS = Path(sys.executable).with_name("nrs")
-
-
-def shown(*arguments):
-    return subprocess.run([NRS, *arguments], check=False, capture_output=True, text=True)
-
-
 def test_check_shows_and_tells_what_an_accuracy_takes():
     asked = ("check", PAPER, "--accuracy", "0.5", "0.5")
-    assert "kp >= 359.341" in shown(*asked).stdout
-    told = json.loads(shown(*asked, "--json").stdout)
+    assert "kp >= 359.341" in nrs(*asked).stdout
+    told = json.loads(nrs(*asked, "--json").stdout)
     assert told["design"]["kp"] == pytest.approx(359.3407, abs=1e-3)
     assert told.keys() >= {
         "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
@@ -252,6 +244,6 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
 )
 def test_an_accuracy_that_is_none_exits_2(wrong):
-    done = shown("check", PAPER, *wrong)
+    done = nrs("check", PAPER, *wrong)
     assert done.returncode == 2
     assert wrong[0] in done.stderr

@@ -17,6 +17,7 @@ from plant_fmu.checking.apart import check
 from plant_fmu.checking.findings import Task
 from plant_fmu.drives.driving import Driving
 from plant_fmu.plants import Body, Disturbance
+from tests.command import nrs
 from tests.plant_fmu.archives import renamed, rewritten
 
 pytestmark = [
@@ -24,12 +25,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning"),
 ]
 
-NRS = [sys.executable, "-m", "orchestrator", "fmu", "check"]
 PHYSICS = ("M symmetric", "M positive definite", "rests", "power")
-
-
-def nrs(*arguments):
-    return subprocess.run([*NRS, *map(str, arguments)], check=False, capture_output=True, text=True)
 
 
 def verdicts(checked, topic="physics"):
@@ -91,7 +87,8 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
 
 def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
     crash = changed(tmp_path, "planar_robot", ("(void)q;", "if (q[0] != 0.0) __builtin_trap();"))
-    done = nrs(crash, "--json")
+    command = [sys.executable, "-m", "orchestrator", "fmu", "check", crash, "--json"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 1
     assert not done.stderr
     *before, last = json.loads(done.stdout)["findings"]
@@ -214,20 +211,21 @@ def test_names_that_are_not_found_tell_what_to_write(tmp_path):
 
 
 def test_a_scenario_tells_names_gains_and_driving(tmp_path):
-    done = nrs("two_link_arm", "--json", "--scenario", "scenarios/paper_first_order.toml")
+    paper = Path("scenarios/paper_first_order.toml")
+    done = nrs("fmu", "check", "two_link_arm", "--json", "--scenario", paper)
     assert done.returncode == 0, done.stdout + done.stderr
-    text = Path("scenarios/paper_first_order.toml").read_text("utf-8")
+    text = paper.read_text("utf-8")
     scenario = tmp_path / "s.toml"
     scenario.write_text(
         re.sub(r'fmu = "two_link_arm".*', 'fmu = "x.fmu"\nsolver = "rk4"\nstep = 0.001', text)
     )
-    done = nrs("two_link_arm", "--json", "--scenario", scenario)
+    done = nrs("fmu", "check", "two_link_arm", "--json", "--scenario", scenario)
     (alone,) = (f for f in json.loads(done.stdout)["findings"] if f["name"] == "alone")
     assert alone["text"].startswith("1 s by Model Exchange, RK4 step 0.001 s: finite")
 
 
 def test_json_has_each_finding():
-    told = json.loads(nrs("planar_robot", "--json").stdout)
+    told = json.loads(nrs("fmu", "check", "planar_robot", "--json").stdout)
     assert set(told) == {"fmu", "sha256", "passes", "findings"}
     assert all(set(f) == {"topic", "name", "verdict", "text", "value"} for f in told["findings"])
     topics = list(dict.fromkeys(f["topic"] for f in told["findings"]))
@@ -235,12 +233,12 @@ def test_json_has_each_finding():
 
 
 def test_exit_statuses(tmp_path):
-    good = nrs("planar_robot")
+    good = nrs("fmu", "check", "planar_robot")
     assert good.returncode == 0
     assert "loses energy (damping)" in good.stdout
     negative = changed(tmp_path, "planar_robot", ("/ p->m", "/ -p->m"))
-    bad = nrs(negative)
+    bad = nrs("fmu", "check", negative)
     assert bad.returncode == 1
     assert re.search(r"M positive definite +does not hold", bad.stdout)
-    assert nrs("none.fmu").returncode == 2
-    assert nrs("planar_robot", "--scenario", "none.toml").returncode == 2
+    assert nrs("fmu", "check", "none.fmu").returncode == 2
+    assert nrs("fmu", "check", "planar_robot", "--scenario", "none.toml").returncode == 2

@@ -32,6 +32,7 @@ from plant_fmu.isolation.isolated import IsolatedPlants
 from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Body, Disturbance
 from recordings.reading import Reader
+from tests.command import nrs
 from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -182,10 +183,7 @@ def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, c
     assert f"failed: {expected}" in errors
     assert "Traceback" not in errors
     nothing_left(place, life.until(None))
-    done = subprocess.run(
-        [*NRS, "info", "run.mcap", "--json"], cwd=place, capture_output=True, check=True
-    )
-    told = json.loads(done.stdout)
+    told = json.loads(nrs("info", place / "run.mcap", "--json").stdout)
     assert (told["status"], told["ticks"], told["damage"]) == ("failed", 5, [])
     assert told["messages"] == 3 * 6 + 4 * 5
     assert told["reason"].startswith(expected)

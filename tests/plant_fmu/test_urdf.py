@@ -31,6 +31,7 @@ from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
 from plant_fmu.plants import Body, Disturbance
 from recordings.reading import Reader
+from tests.command import nrs
 
 Array = NDArray[np.float64]
 ROBOTS = Path(__file__).with_name("robots")
@@ -572,11 +573,6 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
 
 
 # The command
-
-
-def nrs(*arguments: str) -> subprocess.CompletedProcess[str]:
-    program = Path(sys.executable).with_name("nrs")
-    return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
 
 
 def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
