@@ -43,13 +43,15 @@ def blows(ticks: int, hosts: Sequence[str], kills: int, stop: float, seed: int) 
 class Mischief:
     """Deals blows, and reads memory, as a run's `watch`."""
 
-    def __init__(self, dealt: Sequence[Blow], period_ns: int, again: Callable[[str], None]) -> None:
-        """Deal blows in a run; `again` is told the name of each host that was killed."""
+    def __init__(
+        self, dealt: Sequence[Blow], t: Callable[[int], int], again: Callable[[str], None]
+    ) -> None:
+        """Deal blows in a run with t_k, ns; `again` is told the name of each killed host."""
         self.done: Counter[str] = Counter()
         """How often each thing was done."""
         self.peaks: Counter[str] = Counter()
         """The most memory, bytes, that any process of a host had."""
-        self._left, self._period_ns, self._again = list(dealt), period_ns, again
+        self._left, self._t, self._again = list(dealt), t, again
         self._looked = 0.0
         self._stopped: dict[int, float] = {}
         """Until when each process is stopped."""
@@ -64,7 +66,7 @@ class Mischief:
         for pid in [pid for pid, until in self._stopped.items() if until <= now]:
             os.kill(pid, signal.SIGCONT)
             del self._stopped[pid]
-        while self._left and self._left[0].tick * self._period_ns <= time_ns:
+        while self._left and self._t(self._left[0].tick) <= time_ns:
             if not self._fell(self._left[0]):
                 break
             del self._left[0]

@@ -130,7 +130,7 @@ def _spread(
 ) -> Row:
     clock = clock_of(file.scenario)
     dealt = blows(clock.ticks, ("local-1", "local-2"), KILLS, STOP, SEED)
-    mischief = Mischief(dealt, clock.period_ns, again)
+    mischief = Mischief(dealt, clock.t, again)
     crews: list[Hosts] = []
 
     def manned(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:

@@ -44,7 +44,7 @@ class Times(Protocol):
     def t(self, k: int) -> int:
         """Return t_k."""
 
-    def outputs(self, k: int) -> range:
+    def outputs(self, k: int) -> Sequence[int]:
         """Return the output times in (t_{k−1}, t_k]."""
 
 

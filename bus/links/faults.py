@@ -27,7 +27,7 @@ def told(
     of = np.flatnonzero((fate.gone | (fate.delay > 0) | altered) & ~fate.absent)
     silent = np.intersect1d(robots, links.silent(k))
     records = codec.blank(np.concatenate([links.sink[of], silent]))
-    records["k"], records["time_ns"] = k, k * links.period_ns
+    records["k"], records["time_ns"] = k, links.ticks.t(k)
     records["source"] = np.concatenate([links.source[of], silent])
     on_links, alone = records[: len(of)], records[len(of) :]
     on_links["lost"], on_links["outage"] = fate.lost[of], fate.outage[of]

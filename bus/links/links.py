@@ -11,7 +11,7 @@ links and faults. Only the links that have faults are kept here.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 from zlib import crc32
 
 import numpy as np
@@ -62,11 +62,21 @@ class Fate:
         return self.lost | self.outage | self.absent
 
 
+class Ticks(Protocol):
+    """When the sampling times are, ns; see `orchestrator.scenario.clock.Clock`."""
+
+    def t(self, k: int) -> int:
+        """Return t_k."""
+
+    def since(self, time: int) -> int:
+        """Return the first k with t_k >= a time."""
+
+
 class Links:
     """The links into some robots that have faults, sorted by (robot, in-neighbour).
 
     `faults` is by link, (j, i), and `silences` by robot; what is not named there has none. Vectors
-    have m numbers, and the sampling period is in ns.
+    have m numbers.
     """
 
     def __init__(
@@ -76,14 +86,14 @@ class Links:
         faults: Mapping[tuple[int, int], LinkFault],
         silences: Mapping[int, Spans],
         *,
-        period_ns: int,
+        ticks: Ticks,
         seed: int,
         m: int,
     ) -> None:
-        self.period_ns = period_ns
+        self.ticks = ticks
         topology = topologies.links
         self._nodes = topology.n + 1
-        self._silences = Outages.of(silences, period_ns)
+        self._silences = Outages.of(silences, ticks.since)
         sound = LinkFault()
         mine = np.isin(topology.sink, robots)
         links = [*zip(topology.source[mine].tolist(), topology.sink[mine].tolist(), strict=True)]
@@ -104,7 +114,8 @@ class Links:
             for e in topologies.exchanges
         ]
         theirs = [faults.get(link, sound) for link in links]
-        self._cuts = Outages.of({f: fault.outages for f, fault in enumerate(theirs)}, period_ns)
+        cuts = {f: fault.outages for f, fault in enumerate(theirs)}
+        self._cuts = Outages.of(cuts, ticks.since)
         delays = np.array([fault.delay for fault in theirs], np.int64).reshape(-1, 2)
         self._least, self.longest = delays.T
         """(F,) the longest delay on each link, sampling periods."""

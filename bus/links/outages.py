@@ -1,9 +1,6 @@
-"""An outage [from, to) covers the sampling times with from <= t_k < to.
+"""An outage [from, to) covers the sampling times with from <= t_k < to."""
 
-In ticks these are ⌈from / h⌉ <= k < ⌈to / h⌉, as t_k = k h.
-"""
-
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +24,10 @@ class Outages:
     """(s,) the tick at which it is over."""
 
     @classmethod
-    def of(cls, spans: Mapping[int, Spans], period_ns: int) -> "Outages":
-        """Return the outages of those that have any, at the sampling period h (ns)."""
+    def of(cls, spans: Mapping[int, Spans], since: Callable[[int], int]) -> "Outages":
+        """Return the outages of those that have any; `since` tells the first tick from a ns on."""
         rows = [
-            (who, *(min(-(-t // period_ns), _NEVER) for t in span))
+            (who, *(min(since(t), _NEVER) for t in span))
             for who, theirs in spans.items()
             for span in theirs
         ]

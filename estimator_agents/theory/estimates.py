@@ -78,7 +78,8 @@ def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -
     None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
     """
     seen = sparse.eye_array(2 * recursion.n, format="csr")
-    return _worst(recursion, gamma_1, gamma_2, radius, seen)
+    most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
+    return None if most is None else largest(most)
 
 
 def sharp_always(
@@ -89,9 +90,14 @@ def sharp_always(
     In between x is affine in time but for what the target does meanwhile, at most a convex part.
     """
     before = sharp(recursion, gamma_1, gamma_2, radius)
-    after = _worst(recursion, gamma_1, gamma_2, radius, recursion.jump)
-    if before is None or after is None:
+    most = worst(recursion, gamma_1, gamma_2, radius, recursion.jump, recursion.h)
+    if before is None or most is None:
         return None
+    return always(before, largest(most), recursion, gamma_1)
+
+
+def always(before: Pair, after: Pair, recursion: Recursion, gamma_1: float) -> Pair:
+    """Return bounds at all times from those before jumps, and after them but for the drag."""
     dragged = np.abs(recursion.keep - np.eye(2))[:, 1] * gamma_1
     return Pair(
         max(before.position, after.position + float(dragged[0])),
@@ -99,23 +105,37 @@ def sharp_always(
     )
 
 
-def _worst(
-    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, seen: sparse.csr_array
-) -> Pair | None:
-    """Return the sharp bounds on `seen` x at the sampling times, (2 n, 2 n)."""
+def largest(most: Array) -> Pair:
+    """Return the largest of bounds on positions and then velocities, (2 n,)."""
+    position, velocity = most.reshape(2, -1).max(axis=1).tolist()
+    return Pair(position, velocity)
+
+
+def worst(
+    recursion: Recursion,
+    gamma_1: float,
+    gamma_2: float,
+    radius: float,
+    seen: sparse.csr_array,
+    h: float,
+) -> Array | None:
+    """Return the sharp bounds, (p,), on `seen` x, (p, 2 n), at the sampling times.
+
+    The target moves for h, s, at most between two of them.
+    """
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
-    h, n, A = recursion.h, recursion.n, recursion.matrix
+    n, A = recursion.n, recursion.matrix
     sizes = [_slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
     unit = np.kron(np.eye(2), np.ones((n, 1)))
     if A.data.min() >= 0 and seen.data.min() >= 0 and not recursion.drag.any():
-        worst = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
-        return Pair(float(worst[:n].max()), float(worst[n:].max()))
+        found: Array = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
+        return found
     steps = log(REST) / log(radius) if radius > 0 else 2
     most_steps = int(WORK / (1 + A.nnz / 4000))
     if steps > most_steps:
         return None
-    kernel, most, free = unit, np.zeros(2 * n), np.zeros(2 * n)
+    kernel, most, free = unit, np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
     for _ in range(most_steps):
         told = seen @ kernel
         held = np.abs(told @ recursion.drag[:, 1]) * gamma_1
@@ -123,8 +143,8 @@ def _worst(
         driven = gamma_2 * _modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
         most, free = most + bounded, free + driven
         if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
-            worst = np.minimum(most, free)
-            return Pair(float(worst[:n].max()), float(worst[n:].max()))
+            least: Array = np.minimum(most, free)
+            return least
         kernel = A @ kernel
     return None
 

@@ -198,7 +198,7 @@ def check(
         open_fleet(stack, groups, bodies(file.scenario))
     find = Sampling(file)
     checked = theory_of(file.scenario, find)
-    promised = promises(file.scenario, checked.spectral_radius, find)
+    promised = promises(file.scenario, checked.growth, find)
     wanted = Pair(*accuracy) if accuracy else None
     found = designed(file.scenario, wanted, share, find) if wanted else None
     if as_json:

@@ -16,6 +16,7 @@ from rich.text import Text
 from orchestrator.scenario.clock import Clock, seconds
 
 if TYPE_CHECKING:
+    from estimator_agents.theory.aperiodic import Growth
     from estimator_agents.theory.design import Design
     from estimator_agents.theory.estimates import Pair
     from estimator_agents.theory.network import Network
@@ -142,26 +143,42 @@ def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled:
 
 def _verdict(checked: "Check") -> dict[str, str]:
     """Return lines of what the network and the algorithm are."""
-    network, radius = checked.network, checked.spectral_radius
-    if isnan(radius):
-        factor = "none: the algorithm does not jump linearly"
-    else:
-        settles = radius < 1
-        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
-        factor = f"{radius:.6f} on the error per sampling time: {verdict}"
+    network, periods = checked.network, checked.periods
     told = {
         "algorithm": checked.algorithm,
         "network": f"a path of at most {network.depth} links leads from the target to every robot "
         f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it",
         "parts": _parts(network),
         "spectrum": f"{_spectrum(checked)} (of D, the normalised adjacency)",
-        "factor": factor,
+        "factor": _factor(checked.growth),
     }
+    if periods.alike is None:
+        told["times"] = (
+            f"{periods.shortest:g} to {periods.longest:g} s after one another, "
+            f"{periods.mean:g} s in the mean"
+        )
     if 0 < checked.rate < inf:
         told["rate"] = (
             f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
         )
     return told
+
+
+def _factor(growth: "Growth") -> str:
+    """Say what is left of an error at a sampling time, and what follows from that."""
+    if isnan(growth.upper):
+        return "none: the algorithm does not jump linearly"
+    if not isnan(growth.factor):
+        settles = growth.factor < 1
+        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
+        return f"{growth.factor:.6f} on the error per sampling time: {verdict}"
+    verdict = {
+        "proven": "the estimates settle near the target under every jitter",
+        "refuted": "under some jitter the estimates diverge",
+        "not decided": "it is not decided whether the estimates settle under every jitter",
+    }[growth.verdict]
+    bounds = f"{growth.lower:.6f} to {growth.upper:.6f}"
+    return f"{bounds} on the error per sampling time, at worst: {verdict}"
 
 
 def _parts(network: "Network") -> str:
@@ -199,7 +216,8 @@ def _grounds(promised: "Promises") -> dict[str, str]:
     if promised.why_not:
         told["bounds"] = f"none: {promised.why_not}"
     elif promised.paper is None:
-        told["norm"] = "no small-value norm is found"
+        of = "is of all periods at once" if promised.aperiodic else "is found"
+        told["norm"] = f"no small-value norm {of}"
     else:
         norm = promised.paper.norm
         told["norm"] = (

@@ -8,12 +8,17 @@ import numpy as np
 
 from estimator_agents.algorithm import demands, load_algorithm
 from estimator_agents.condition import Condition
+from estimator_agents.theory.aperiodic import Growth, Periods
 from estimator_agents.theory.network import Network, network_of
-from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from estimator_agents.theory.spectrum import smallest_theta, spectrum_of
 from estimator_agents.theory.tracking import TRACKING
 from orchestrator.promises.bounding import Find, tracking_conditions
+from orchestrator.promises.settling import growth_of, periods_of
 from orchestrator.scenario.setting import gain, target_of, topologies_of
 from orchestrator.scenario.tables import Scenario
+
+OF_PERIOD = "sampling_period"
+"""The conditions of this name are on a period that is always the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,18 +28,22 @@ class Check:
     algorithm: str
     spectrum: list[tuple[float, float]]
     """Eigenvalues of D, (real, imaginary), by real then imaginary part."""
-    spectral_radius: float
-    """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+    growth: Growth
+    """Of the estimation error."""
     alpha_beta_bound: float
     """min θ_i, in s⁰: what Theorem 1 bounds α and β by, and Theorem 3 β."""
     h_bound: float | None
-    """What Theorem 3 bounds the sampling period by, s; None for an algorithm that has no such."""
+    """What Theorem 3 bounds a constant period by, s; None for an algorithm that has no such."""
     spanning_tree: bool
     """Assumption A2: a directed path leads from the target to every robot."""
     conditions: tuple[Condition, ...]
     network: Network
-    period: float
-    """h, s"""
+    periods: Periods
+
+    @property
+    def spectral_radius(self) -> float:
+        """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+        return self.growth.factor
 
     @property
     def whole_spectrum(self) -> bool:
@@ -45,7 +54,7 @@ class Check:
     def rate(self) -> float:
         """−ln ρ / h, per s: in the long run an error falls as e^(−rate t)."""
         radius = self.spectral_radius
-        return -log(radius) / self.period if radius > 0 else inf if radius == 0 else radius
+        return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
 
     @property
     def settling(self) -> float:
@@ -66,15 +75,27 @@ class Check:
             }
             for condition in self.conditions
         ]
+        told = asdict(self)
+        growth, periods = told.pop("growth"), self.periods
+        del told["periods"]
+        aperiodic = {
+            "shortest": periods.shortest,
+            "longest": periods.longest,
+            "lower": finite(growth["lower"]),
+            "upper": finite(growth["upper"]),
+            "verdict": self.growth.verdict,
+        }
         return {
-            **asdict(self),
+            **told,
             "spectral_radius": finite(self.spectral_radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
             "h_bound": finite(self.h_bound),
             "conditions": conditions,
+            "period": periods.mean,
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
             "settling": finite(self.settling),
+            **({"aperiodic": aperiodic} if periods.alike is None else {}),
         }
 
     def warnings(self) -> list[str]:
@@ -89,33 +110,45 @@ class Check:
                 f"the estimates diverge: their error grows by a factor of "
                 f"{self.spectral_radius:.6f} at each sampling time"
             )
+        elif self.growth.lower >= 1:
+            unmet.append(
+                f"some jitter lets the estimates diverge: their error grows by a factor of "
+                f"{self.growth.lower:.6f} at each sampling time"
+            )
+        elif self.growth.upper >= 1:
+            unmet.append(
+                f"it is not decided whether the estimates settle under every jitter: at worst "
+                f"their error is multiplied by {self.growth.lower:.6f} to {self.growth.upper:.6f} "
+                f"at each sampling time"
+            )
         return unmet
 
 
 def check(scenario: Scenario, find: Find | None = None) -> Check:
     """Return what the theory says of a scenario; `find` as `bounded` has it."""
     topology = topologies_of(scenario).links
-    choice, h = scenario.algorithm, scenario.run.sampling_period
+    choice, periods = scenario.algorithm, periods_of(scenario)
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     spectrum, target = spectrum_of(topology), target_of(scenario)
+    own = algorithm.conditions(spectrum, periods.longest)
+    bounds = [c.right for c in own if c.name == OF_PERIOD]
     conditions = (
-        *algorithm.conditions(spectrum, h),
-        *demands(algorithm, h, *target.bounds()),
+        *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
+        *demands(algorithm, periods.longest, *target.bounds()),
         *_gain_conditions(scenario),
         *tracking_conditions(scenario, find),
     )
     network = network_of(topology)
-    periods = [c.right for c in conditions if c.name == "sampling_period"]
     return Check(
         algorithm=choice.name,
         spectrum=[(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)],
-        spectral_radius=spectral_radius(algorithm.modes(spectrum, h)),
+        growth=growth_of(algorithm, spectrum, periods),
         alpha_beta_bound=smallest_theta(spectrum),
-        h_bound=min(periods, default=None),
+        h_bound=min(bounds, default=None),
         spanning_tree=network.spanning_tree,
         conditions=conditions,
         network=network,
-        period=h,
+        periods=periods,
     )
 
 

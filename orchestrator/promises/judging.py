@@ -1,11 +1,11 @@
 """After a run: what was measured beside what was promised, quantity by quantity.
 
-The promises are of t → ∞. At t_k there is also what is left of the beginning: A^(k−1) z(t_1), where
-z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is proven when it is
-more than the bound for this target and the largest such rest of the last fifth together. z also has
-the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over the second half of the
-ticks until it is lost in rounding. Where it is not known what x settles to, z = x: at any t_k the
-rest of x(t_k) is within the bound for any target. There is no factor then.
+The promises are of t → ∞. At t_k there is also what is left of the beginning: z(t_1) after so many
+jumps and flows, with z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is
+proven when it is more than the bound for this target and the largest such rest of the last fifth
+together. z also has the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over
+the second half of the ticks until it is lost in rounding. Where it is not known what x settles to,
+z = x: at any t_k the rest of x(t_k) is within the bound for any target. There is no factor then.
 """
 
 from collections.abc import Iterator
@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
+from estimator_agents.theory.recursion import Recursion
 from orchestrator.promises.checking import finite
 from orchestrator.promises.promising import Bound, Promises, bounds, promises
+from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.setting import clock_of, target_of
 from orchestrator.scenario.tables import Scenario
 from recordings.measuring import SteadyState, errors_by_tick
@@ -82,7 +84,7 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
     except InputError as error:  # its algorithm is not installed here
         return Judgement(str(error), (), None, None)
     rest, factor = _beginning(reader, scenario, promised)
-    period = clock_of(scenario).period_ns
+    clock = clock_of(scenario)
     found = (
         measured.position_estimate,
         measured.velocity_estimate,
@@ -91,7 +93,7 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
     )
     rows = zip(bounds(promised), found, measured.times_ns, rest, strict=True)
     quantities = tuple(
-        Judged(bound, value, at // period, left or 0.0, _verdict(bound, value, left))
+        Judged(bound, value, clock.since(at + 1) - 1, left or 0.0, _verdict(bound, value, left))
         for bound, value, at, left in rows
     )
     return Judgement(promised.why_not, quantities, finite(promised.radius), factor)
@@ -127,27 +129,30 @@ def _beginning(
     if first is None or first[0] != 1:
         return (None,) * 4, None
     z = first[1] if motion is None else first[1] - motion.at(1)
-    end = reader.ticks
-    left = _left(recursion.matrix, z, end - end // 5, end)
+    left = _left(recursion, clock_of(scenario), z, reader.ticks)
     if motion is None:
         return (*left, 0.0, 0.0), None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
     return (*left, 0.0, 0.0), _factor(aside)
 
 
-def _left(A: Any, z: Array, since: int, end: int) -> tuple[float | None, float | None]:
-    """Return max ‖A^(k−1) z‖∞ of positions and of velocities over the ticks since … end."""
+def _left(
+    recursion: Recursion, clock: Clock, z: Array, end: int
+) -> tuple[float | None, float | None]:
+    """Return what is left of z(t_1) in the last fifth, at most: positions and velocities, ‖·‖∞."""
     if end > LONGEST:
         return None, None
-    shape, most = z.shape, np.zeros(2)
-    x = z.reshape(-1, shape[2])
+    since = clock.since(clock.t(end) - clock.t(end) // 5)
+    n, shape, most = recursion.n, z.shape, np.zeros(2)
+    x, jump = z.reshape(-1, shape[2]), recursion.jump
     least = LOST**2 * np.abs(x).max()
     for k in range(1, end + 1):
         if k >= since:
             most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
         if np.abs(x).max() <= least:
             break
-        x = A @ x
+        x = jump @ x
+        x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
     return float(most[0]), float(most[1])
 
 

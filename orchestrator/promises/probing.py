@@ -1,16 +1,13 @@
 """P3 of FMUs that are not bundled is sampled, once for each, where their files are at hand."""
 
-from dataclasses import fields
-
 from bus.errors import CosimError
 from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import bodies, names_of
+from orchestrator.scenario.setting import bodies, driving_of, names_of
 from orchestrator.scenario.tables import Plant
 from plant_fmu.archives.archive import find_archive
 from plant_fmu.bundled.bounds import Bounds
 from plant_fmu.checking.apart import p3_of
 from plant_fmu.checking.findings import Task
-from plant_fmu.drives.driving import Driving
 
 MOST = 4
 """Different plants that are sampled, of a scenario with many."""
@@ -35,10 +32,11 @@ class Sampling:
         return self._found[key]
 
     def _sampled(self, plant: Plant, robot: int) -> Bounds | str:
-        driving = Driving(**{key.name: getattr(plant, key.name) for key in fields(Driving)})
         (body,) = bodies(self._file.scenario, [robot])
         try:
             archive = find_archive(plant.fmu, self._file.folder)
-            return p3_of(Task(archive, body, names_of(plant.variables), driving), DEADLINE)
+            return p3_of(
+                Task(archive, body, names_of(plant.variables), driving_of(plant)), DEADLINE
+            )
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"

@@ -7,6 +7,8 @@ import numpy as np
 
 from estimator_agents.algorithm import load_algorithm
 from estimator_agents.target import Harmonic
+from estimator_agents.theory.aperiodic import Growth
+from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic
 from estimator_agents.theory.design import Design, design
 from estimator_agents.theory.estimates import (
     Pair,
@@ -22,6 +24,7 @@ from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from estimator_agents.theory.tracking import balls, proven, worst
 from orchestrator.promises.bounding import Bounded, Find, bounded
 from orchestrator.promises.checking import finite
+from orchestrator.promises.settling import growth_of, periods_of
 from orchestrator.scenario.setting import links_of, target_of, topologies_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
 
@@ -50,9 +53,11 @@ class Promises:
     """What γ1 and γ2 are of, where that is no formula."""
     why_not: str
     """Why nothing is promised of the estimates; empty where something is."""
+    aperiodic: bool
     recursion: Recursion | None
+    """Of the period in the middle between the longest and the shortest."""
     radius: float
-    """ρ"""
+    """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
     sharp: Pair | None
@@ -137,22 +142,32 @@ def _of(pair: Pair | None, part: str) -> float | None:
 TRACKED = ("paper", "sharp", "proven")
 
 
-def promises(scenario: Scenario, radius: float | None = None, find: Find | None = None) -> Promises:
-    """Return what is promised of a run of a scenario; ρ is found again unless it is given.
+def promises(
+    scenario: Scenario, growth: Growth | None = None, find: Find | None = None
+) -> Promises:
+    """Return what is promised of a run of a scenario; its growth is found unless it is given.
 
     `find` is as `bounded` has it.
     """
-    topology, target = topologies_of(scenario).links, target_of(scenario)
-    choice, h = scenario.algorithm, scenario.run.sampling_period
+    topology, periods = topologies_of(scenario).links, periods_of(scenario)
+    target = target_of(scenario)
+    choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
-    recursion = recursion_of(algorithm, topology, h)
-    if radius is None:
-        radius = spectral_radius(algorithm.modes(spectrum_of(topology), h))
+    middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
+    recursion = recursion_of(algorithm, topology, periods.alike or middle)
+    spectrum = spectrum_of(topology)
+    if growth is None:
+        growth = growth_of(algorithm, spectrum, periods)
     robots = bounded(scenario, find)
     whole = target.bounds()
-    why_not = _why_not(scenario, recursion, radius)
+    why_not = _why_not(scenario, recursion, growth)
     motion, sharpest, always, paper = None, None, None, None
-    if recursion is not None and not why_not:
+    if recursion is not None and not why_not and periods.alike is None:
+        radius = spectral_radius(algorithm.modes(spectrum, middle))
+        both = sharp_aperiodic(recursion, r, *whole, radius)
+        sharpest, always = both or (None, None)
+    elif recursion is not None and not why_not:
+        radius = growth.factor
         if isinstance(target, Harmonic):
             motion = steady_motion(recursion, target, radius)
         sharpest = sharp(recursion, *whole, radius)
@@ -170,7 +185,17 @@ def promises(scenario: Scenario, radius: float | None = None, find: Find | None 
     )
     source = _source(scenario)
     return Promises(
-        *whole, source, why_not, recursion, radius, motion, sharpest, paper, robots, tracking
+        *whole,
+        source,
+        why_not,
+        periods.alike is None,
+        recursion,
+        growth.factor,
+        motion,
+        sharpest,
+        paper,
+        robots,
+        tracking,
     )
 
 
@@ -211,7 +236,7 @@ def _source(scenario: Scenario) -> str:
     return ""
 
 
-def _why_not(scenario: Scenario, recursion: Recursion | None, radius: float) -> str:
+def _why_not(scenario: Scenario, recursion: Recursion | None, growth: Growth) -> str:
     if links_of(scenario, np.arange(1, scenario.n + 1)) is not None:
         return "links have faults, and the theory is of links without"
     if len(topologies_of(scenario).digraphs) > 1:
@@ -220,7 +245,16 @@ def _why_not(scenario: Scenario, recursion: Recursion | None, radius: float) -> 
         return "the algorithm does not jump linearly"
     if recursion.drag[:, 0].any():
         return "the algorithm pulls the estimates to the origin"
-    return "" if radius < 1 else "the estimates diverge"
+    return _unsettled(growth)
+
+
+def _unsettled(growth: Growth) -> str:
+    """Return why it is not proven that the estimates settle; empty where it is."""
+    if growth.verdict == "not decided":
+        return "it is not decided whether the estimates settle under every jitter"
+    if growth.verdict == "refuted" and growth.lower < growth.upper:
+        return "under some jitter the estimates diverge"
+    return "" if growth.verdict == "proven" else "the estimates diverge"
 
 
 def _ball(way: Any, part: Bounded, estimates: Pair | None) -> Pair | None:

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.promises.checking import Check, check
+from orchestrator.promises.checking import Check, check, finite
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.setting import target_of, topologies_of
+from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.setting import clock_of, target_of, topologies_of
 from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.bundled.declaration import bundled_models, declaration
 from recordings.measuring import Array, SteadyState
@@ -34,14 +35,22 @@ def subject_of(scenario: Scenario) -> Subject:
     robots = range(1, scenario.n + 1)
     return Subject(
         estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
+        times=clock_of(scenario),
+        pace=_pace(clock_of(scenario)),
         target_at=at,
         topology=topologies_of(scenario).links,
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
         unit=_unit(scenario.plant),
         verdicts=_verdicts(checked),
-        factor=checked.spectral_radius,
+        factor=finite(checked.spectral_radius),
         bounds=_bounds(scenario, checked),
     )
+
+
+def _pace(clock: Clock) -> str:
+    if clock.period is not None:
+        return f"every {seconds(clock.period):g} s"
+    return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
 
 
 def arm_of(plant: Plant, m: int) -> Arm:
@@ -67,7 +76,7 @@ def _unit(plant: Plant) -> str:
 
 def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
-    found = bounds(promises(scenario, checked.spectral_radius))
+    found = bounds(promises(scenario, checked.growth))
     names = [field.name for field in fields(SteadyState)]
     told = {
         name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}

@@ -3,13 +3,13 @@
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from orchestrator.scenario.setting import names_of
+from orchestrator.scenario.setting import clock_of, driving_of, names_of
 from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.archives.archive import Archive, find_archive
 from plant_fmu.archives.naming import Spec
@@ -37,6 +37,8 @@ class Group:
     """The robots' positions, ascending, among those that are opened."""
     alike: Sequence[int] = ()
     """The first robots of the group, whether they are opened or not."""
+    uneven: bool = False
+    """Whether the steps of the plants are of many lengths."""
 
     @property
     def is_apart(self) -> bool:
@@ -51,7 +53,7 @@ class Group:
     @property
     def driving(self) -> Driving:
         """How the scenario wants the plant to be driven."""
-        return Driving(**{key.name: getattr(self.plant, key.name) for key in fields(Driving)})
+        return driving_of(self.plant, uneven=self.uneven)
 
 
 def group_by_archive(
@@ -71,7 +73,7 @@ def group_by_archive(
         for i, robot in enumerate(scenario.robots)
         if robot.plant
     }
-    common = _alike(scenario.plant)
+    common, uneven = _alike(scenario.plant), clock_of(scenario).period is None
     every = range(1, scenario.n + 1)
     row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
     members: defaultdict[str, list[int]] = defaultdict(list)
@@ -89,7 +91,7 @@ def group_by_archive(
     for alike, (field, plant) in given.items():
         with _named(field):
             archive = find(plant.fmu)
-        groups.append(Group(field, plant, archive, members[alike], first[alike]))
+        groups.append(Group(field, plant, archive, members[alike], first[alike], uneven))
     return groups
 
 

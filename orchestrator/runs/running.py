@@ -203,10 +203,17 @@ def _about_run(
         "robots": str(file.scenario.n),
         "joints": str(file.scenario.m),
         "ticks": str(clock.ticks),
-        "sampling_period_ns": str(clock.period_ns),
-        "output_step_ns": str(clock.output_ns),
+        **_about_times(clock),
         "plants": json.dumps(plants),
     }
+
+
+def _about_times(clock: Clock) -> dict[str, str]:
+    """Return what is the same for every tick; of aperiodic ones each message has its time."""
+    if clock.period is None:
+        return {"outputs_per_interval": str(clock.parts)}
+    step = clock.period // clock.parts
+    return {"sampling_period_ns": str(clock.period), "output_step_ns": str(step)}
 
 
 def _versions() -> dict[str, str]:

@@ -31,7 +31,7 @@ def describe(reader: Reader) -> dict[str, Any]:
         "robots": int(about["robots"]),
         "joints": int(about["joints"]),
         "messages": reader.message_count,
-        "duration": reader.ticks * int(about["sampling_period_ns"]) / NS_PER_S,
+        "duration": _duration(reader, about.get("sampling_period_ns")),
         "seed": int(about["seed"]),
         "plants": json.loads(about["plants"]),
         "versions": reader.metadata["nrs.versions"],
@@ -41,6 +41,11 @@ def describe(reader: Reader) -> dict[str, Any]:
         "refused": json.loads(reader.end.get(REFUSED, "{}")),
         "scenario": scenario_text(reader),
     }
+
+
+def _duration(reader: Reader, period_ns: str | None) -> float:
+    """Return the simulated time of all ticks, s; of aperiodic ones, when the last one was."""
+    return (reader.ticks * int(period_ns) if period_ns else reader.end_ns or 0) / NS_PER_S
 
 
 def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:

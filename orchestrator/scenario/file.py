@@ -13,7 +13,6 @@ from bus.errors import InputError
 from bus.network.access import expect_host_name
 from estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
 from orchestrator.errors import ScenarioError
-from orchestrator.scenario.clock import nanoseconds
 from orchestrator.scenario.faults import wrong_faults
 from orchestrator.scenario.graphs import with_edges
 from orchestrator.scenario.inlining import inline_target
@@ -31,10 +30,10 @@ from orchestrator.scenario.tables import (
     Uniform,
 )
 from orchestrator.scenario.targets import unsampled_times, wrong_target
+from orchestrator.scenario.times import wrong_times
 from orchestrator.scenario.wrong_networks import wrong_form, wrong_network
 from plant_fmu.archives.quantities import MOTION, UNITS
 
-LONGEST_NS, MOST_TICKS = 2**63, 2**32
 SHORTEST = 1e-6
 AXES = "numbers, one for each of the target's axes"
 ELSEWHERE = {
@@ -168,8 +167,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     n, m = scenario.n, scenario.m
     network_faults = list(wrong_network(scenario))
     yield from _algorithm_faults(scenario)
-    wrong_times = list(_time_faults(scenario))
-    yield from wrong_times or unsampled_times(scenario)
+    time_faults = list(wrong_times(scenario.run))
+    yield from time_faults or unsampled_times(scenario)
     yield from _plant_faults("plant", scenario.plant)
     yield from network_faults
     yield from _gain_faults("controller", scenario.controller, m)
@@ -259,36 +258,6 @@ def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
     for name in plant.parameters:
         if name in ELSEWHERE:
             yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"
-
-
-def _time_faults(scenario: Scenario) -> Iterator[str]:
-    run = scenario.run
-    times: dict[str, int] = {}
-    for name in ("duration", "sampling_period", "output_step"):
-        value = getattr(run, name)
-        if value is None:
-            continue
-        try:
-            times[name] = nanoseconds(value)
-        except ValueError as error:
-            yield f"run.{name}: expected a whole number of nanoseconds, but {error}"
-    for name, ns in times.items():
-        if ns >= LONGEST_NS:
-            given = getattr(run, name)
-            yield f"run.{name}: expected less than 2^63 ns (292 years), got {given!r} s"
-    period = times.get("sampling_period")
-    if period and times.get("duration", 0) // period >= MOST_TICKS:
-        yield f"run.duration: expected fewer than 2^32 sampling periods, got {run.duration!r} s"
-    if period and "duration" in times and times["duration"] % period:
-        yield (
-            f"run.duration: expected a whole number of sampling periods of "
-            f"{run.sampling_period!r} s, got {run.duration!r} s"
-        )
-    if period and "output_step" in times and period % times["output_step"]:
-        yield (
-            f"run.output_step: expected a step that divides the sampling period of "
-            f"{run.sampling_period!r} s, got {run.output_step!r} s"
-        )
 
 
 def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:

@@ -18,7 +18,9 @@ from orchestrator.scenario.inlining import expect_agreement, written
 from orchestrator.scenario.setting import clock_of, names_of
 from orchestrator.scenario.tables import FmuTarget, Scenario
 from orchestrator.scenario.targets import wrong_variables
+from orchestrator.scenario.times import wrong_times
 from plant_fmu.drives.grid import parts
+from plant_fmu.errors import FmuError
 
 PARTS = 4
 """Of a sampling period, at least, unless the scenario says otherwise."""
@@ -42,7 +44,7 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
     target = scenario.target
     if not isinstance(target, FmuTarget) or target.times or target.positions:
         return text
-    if any(wrong_variables(target)):
+    if any(wrong_variables(target)) or any(wrong_times(scenario.run)):
         return text
     times = _grid(clock, target.step)
     if len(times) > MOST:
@@ -58,6 +60,11 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
     names = names_of(target.variables)
     try:
         archive = find_archive(target.fmu, folder)
+        if clock.period is None and not archive.takes_uneven_steps:
+            raise FmuError(
+                f"{archive.label}: lacks canHandleVariableCommunicationStepSize, and sampling "
+                f"times are aperiodic"
+            )
         deadline = target.deadline if target.isolate and not archive.ours else None
         moved = motion_of(archive, target.parameters, names, times, deadline)
         advice = "take a shorter target.step, or say in target.variables what they are"

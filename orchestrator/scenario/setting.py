@@ -5,6 +5,7 @@ are built nor on where they run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +17,23 @@ from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from estimator_agents.estimate import Estimate
 from estimator_agents.hearing import Missing
 from estimator_agents.target import Harmonic, Sampled, Target
-from orchestrator.scenario import networks
+from orchestrator.scenario import networks, times
 from orchestrator.scenario.chance import chance
-from orchestrator.scenario.clock import Clock, nanoseconds
+from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.faults import link_faults, silences
 from orchestrator.scenario.tables import (
     Axis,
     FmuTarget,
     Name,
     Pattern,
+    Plant,
     Robot,
     SampledTarget,
     Scenario,
     Uniform,
 )
 from plant_fmu.archives import naming
+from plant_fmu.drives.driving import Driving
 from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
@@ -38,10 +41,7 @@ Array = NDArray[np.float64]
 
 def clock_of(scenario: Scenario) -> Clock:
     """Return the sampling times and the output grid of a scenario."""
-    run = scenario.run
-    period = nanoseconds(run.sampling_period)
-    output = nanoseconds(run.output_step) if run.output_step else period
-    return Clock(period, output, nanoseconds(run.duration) // period)
+    return times.clock(scenario.run)
 
 
 def topologies_of(scenario: Scenario) -> Topologies:
@@ -65,15 +65,13 @@ def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
     faults, quiet = link_faults(scenario, topologies.links), silences(scenario)
     if not quiet and all(fault == LinkFault() for fault in faults.values()):
         return None
-    period = nanoseconds(scenario.run.sampling_period)
-    return Links(
-        topologies, robots, faults, quiet, period_ns=period, seed=scenario.run.seed, m=scenario.m
-    )
+    ticks, seed = clock_of(scenario), scenario.run.seed
+    return Links(topologies, robots, faults, quiet, ticks=ticks, seed=seed, m=scenario.m)
 
 
 def silent_of(scenario: Scenario) -> Callable[[int], NDArray[np.intp]]:
     """Return which robots send nothing, ascending, by the tick."""
-    return Outages.of(silences(scenario), nanoseconds(scenario.run.sampling_period)).at
+    return Outages.of(silences(scenario), clock_of(scenario).since).at
 
 
 def faulty_of(scenario: Scenario) -> list[int]:
@@ -125,6 +123,12 @@ def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
         disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
         **start,
     )
+
+
+def driving_of(plant: Plant, *, uneven: bool = False) -> Driving:
+    """Return how a plant is to be driven, in steps of one length or of many."""
+    given = {key.name for key in fields(Driving)} - {"uneven"}
+    return Driving(**{key: getattr(plant, key) for key in given}, uneven=uneven)
 
 
 def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:

@@ -142,10 +142,28 @@ Name = Annotated[
 class Run(Table):
     """How long, how often, and from which seed."""
 
-    duration: Positive = Field(description="s; a whole number of sampling periods")
-    sampling_period: Positive = Field(description="s; h of the paper, whole nanoseconds")
+    duration: Positive | None = Field(
+        None,
+        description="s; a whole number of sampling periods, or of turns of sampling_times, which "
+        "is one by default",
+    )
+    sampling_period: Positive | None = Field(
+        None, description="s; h of the paper, whole nanoseconds"
+    )
+    sampling_jitter: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        0.0,
+        description="a part of sampling_period: each sampling time is early by up to so much, "
+        "drawn from the seed",
+    )
+    sampling_times: tuple[Positive, ...] = Field(
+        (),
+        description="s; t_1, t_2, … in place of sampling_period, increasing, whole nanoseconds; "
+        "repeated up to the duration",
+    )
     output_step: Positive | None = Field(
-        None, description="s; divides sampling_period, which it is by default"
+        None,
+        description="s; divides sampling_period, which it is by default; with sampling_times the "
+        "longest, of which each interval has as many as the longest one",
     )
     seed: Count = Field(0, description="of all that is drawn")
     divergence_limit: Positive = Field(
@@ -154,6 +172,11 @@ class Run(Table):
     checkpoint_every: Count = Field(
         500, description="ticks between checkpoints, from which robots can be restored; 0 for none"
     )
+
+    @property
+    def end(self) -> float | None:
+        """The duration, s; None where nothing tells it."""
+        return self.duration or (self.sampling_times[-1] if self.sampling_times else None)
 
 
 class AlgorithmChoice(Table):

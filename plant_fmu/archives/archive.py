@@ -58,6 +58,12 @@ class Archive:
         interfaces = (self.description.coSimulation, self.description.modelExchange)
         return any(i.canBeInstantiatedOnlyOncePerProcess for i in interfaces if i is not None)
 
+    @property
+    def takes_uneven_steps(self) -> bool:
+        """Whether the steps of its Co-Simulation, if it has any, may be of many lengths."""
+        steps = self.description.coSimulation
+        return steps is None or bool(steps.canHandleVariableCommunicationStepSize)
+
     def told(self) -> dict[str, Any]:
         """Return what the FMU says of itself, for JSON."""
         return {

@@ -39,6 +39,8 @@ class Driving:
     """Of a torque from outside, in Co-Simulation."""
     control_step: float | None = None
     """s: the longest for which a torque is held; `STEP` by default."""
+    uneven: bool = False
+    """Whether steps are of many lengths, which an FMU in Co-Simulation may not be able to take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +107,12 @@ def choose(
             f"Co-Simulation"
         )
     offered = offers(archive, names, sizes)
+    if driving.uneven and not archive.takes_uneven_steps:
+        offered = tuple(offer for offer in offered if offer.kind != "CoSimulation")
     asked = driving.solver or driving.control
     fitting = [offer for offer in offered if asked in {None, offer.way}]
     if not fitting:
-        refusal = _refusal(archive, names, offered, asked, sizes)
+        refusal = _refusal(archive, names, offered, driving, sizes)
         raise FmuError(f"{archive.label}: {refusal}")
     _expect_use(archive, fitting[0], driving)
     return fitting[0]
@@ -118,10 +122,11 @@ def _refusal(
     archive: Archive,
     names: Mapping[str, Spec],
     offered: tuple[Offer, ...],
-    asked: Way | None,
+    driving: Driving,
     sizes: Mapping[int, int],
 ) -> str:
     """Say what an FMU offers, and what it would have to have for more."""
+    asked = driving.solver or driving.control
     ways = ", ".join(offer.way for offer in offered) or "none"
     wanted = f"cannot be driven by {asked!r}" if asked else "cannot be driven"
     lacking = [
@@ -134,6 +139,8 @@ def _refusal(
     told = archive.description.coSimulation
     if told and not told.canGetAndSetFMUstate:
         lacking.append("canGetAndSetFMUState")
+    if driving.uneven and not archive.takes_uneven_steps:
+        lacking.append("canHandleVariableCommunicationStepSize, for sampling times are aperiodic")
     causes = [why_not(archive, names, name, sizes) for name in ("q", "qd", "tau")]
     cause = next(filter(None, causes), "")
     return f"{wanted}; the ways that it offers are {ways}, and it lacks {', '.join(lacking)}" + (

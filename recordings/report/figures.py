@@ -197,23 +197,20 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
                     for law, bound in story.subject.bounds.get(field, {}).items()
                     if 0 < bound < np.inf
                 ]
-            if kind == "estimate":
-                curves += _slope(
-                    story,
-                    f"{of}slope of ρ = {story.subject.factor:.4f}",
-                    group,
-                    at if several else None,
-                )
+            if kind == "estimate" and story.subject.factor:
+                factor = story.subject.factor
+                name = f"{of}slope of ρ = {factor:.4f}"
+                curves += _slope(story, factor, name, group, at if several else None)
         if curves:
             unit = stories[0].subject.unit
             yield Panel(f"{whose} ({unit}, {unit}/s)", tuple(curves), logarithmic=True, legend=True)
 
 
-def _slope(story: Story, name: str, group: str, ink: int | None) -> list[Curve]:
+def _slope(story: Story, factor: float, name: str, group: str, ink: int | None) -> list[Curve]:
     """Return the line that falls (or rises) by ρ each period, from the largest error on."""
-    envelope, factor = story.envelopes["position_estimate"], story.subject.factor
+    envelope = story.envelopes["position_estimate"]
     y = envelope.largest
-    if not np.isfinite(y).any() or not factor > 0:
+    if not np.isfinite(y).any():
         return []
     start = int(np.nanargmax(y)) if factor < 1 else 0
     line = y[start] * factor ** np.arange(len(y) - start)
@@ -256,7 +253,7 @@ def _fault_panel(story: Story, label: str) -> Panel:
         y: list[float] = []
         for i, j, first, last in _stretches(met, number):
             row = row_of[i, j]
-            x += [first * story.period, last * story.period, np.nan]
+            x += [*story.t_k[[first - 1, last - 1]], np.nan]
             y += [row, row, np.nan]
         if x:
             told = _TOLD[KINDS[number]]

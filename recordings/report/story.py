@@ -6,11 +6,13 @@ many robots some are drawn, spread evenly, and the envelopes are over all of the
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bus.messages import FAULT, SAMPLE, STATE, Codec
+from bus.wire import Times
 from recordings.container import END_FIELDS, Status
 from recordings.measuring import SteadyState, steady_state
 from recordings.reading import Reader
@@ -58,8 +60,6 @@ class Story:
     n: int
     m: int
     seed: int
-    period: float
-    """h, s."""
     versions: dict[str, str]
     ending: dict[str, str]
     """What the run said at its end beside how it ended."""
@@ -69,6 +69,8 @@ class Story:
     """(r,) the robots that are drawn, ascending."""
     t: Array
     """(T,) the output times, s."""
+    t_k: Array
+    """(K,) the sampling times from t_1 on, s."""
     vectors: dict[str, Array]
     """(T, r, m) q, qd, position and velocity."""
     target: dict[str, Array]
@@ -80,8 +82,8 @@ class Story:
 
     @property
     def seconds(self) -> float:
-        """The simulated time that was recorded."""
-        return self.ticks * self.period
+        """The simulated time up to when something was recorded."""
+        return float(self.t_k[-1]) if len(self.t_k) else 0.0
 
 
 VECTORS = ("q", "qd", "position", "velocity")
@@ -91,13 +93,12 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     """Read all that a report draws of a recording."""
     about = reader.metadata[RUN]
     n, m = robots(reader), joints(reader)
-    period, step = int(about["sampling_period_ns"]), int(about["output_step_ns"])
     end = -1 if reader.end_ns is None else reader.end_ns
     drawn = np.unique(np.linspace(1, n, min(n, MOST_DRAWN)).astype(np.intp))
     row_of = np.full(n + 1, -1)
     row_of[drawn] = np.arange(len(drawn))
-    t = np.arange(end // step + 1) * step / 1e9
-    t_k = np.arange(1, end // period + 1) * period / 1e9
+    sampled, told = _times(subject.times, end)
+    t_k, t = sampled / 1e9, told / 1e9
     vectors = {name: np.full((len(t), len(drawn), m), np.nan) for name in VECTORS}
     largest = {
         "position_estimate": np.full(len(t_k), -1.0),
@@ -125,13 +126,13 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             table = tables[SAMPLE.name]
             table = table[table["robot"] > 0]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = (table["time_ns"] // period).astype(np.int64) - 1
+            at = np.searchsorted(sampled, table["time_ns"])
             note("position_estimate", at, table["position"] - position, np.inf)
             note("velocity_estimate", at, table["velocity"] - velocity, np.inf)
         if STATE.name in tables:
             table = tables[STATE.name]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = (table["time_ns"] // step).astype(np.int64)
+            at = np.searchsorted(told, table["time_ns"])
             note("position_tracking", at, table["q"] - position, 2)
             note("velocity_tracking", at, table["qd"] - velocity, 2)
             rows = row_of[table["robot"]]
@@ -153,12 +154,12 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         n=n,
         m=m,
         seed=int(about["seed"]),
-        period=period / 1e9,
         versions=reader.metadata["nrs.versions"],
         ending={name: said for name, said in reader.end.items() if name not in END_FIELDS},
         counts=dict(counts),
         drawn=drawn,
         t=t,
+        t_k=t_k,
         vectors=vectors,
         target={"position": position, "velocity": velocity},
         envelopes={
@@ -170,6 +171,15 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         befallen=Befallen(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
         steady=steady_state(reader, subject.target_at),
     )
+
+
+def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the sampling times from t_1 on and the output times, ns, up to an end."""
+    ticks = range(times.ticks + 1)
+    sampled = takewhile(lambda time: time <= end, (times.t(k) for k in ticks[1:]))
+    outputs = (time for k in ticks for time in times.outputs(k))
+    told = takewhile(lambda time: time <= end, outputs)
+    return np.fromiter(sampled, np.int64), np.fromiter(told, np.int64)
 
 
 def _met(table: NDArray[np.void]) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bus.topology import Topology
+from bus.wire import Times
 from recordings.measuring import TargetAt
 
 
@@ -34,6 +35,9 @@ class Subject:
 
     estimator: str
     """Its algorithm and gains, in words."""
+    times: Times
+    pace: str
+    """How often samples are exchanged, in words."""
     target_at: TargetAt
     topology: Topology
     arms: Sequence[Arm]
@@ -41,7 +45,10 @@ class Subject:
     unit: str
     """Of a joint's position."""
     verdicts: Sequence[Verdict]
-    factor: float
-    """ρ: what is left of the estimation error after one sampling period, in the long run."""
+    factor: float | None
+    """ρ: what is left of the estimation error after one sampling period, in the long run.
+
+    None where there is no such number.
+    """
     bounds: Mapping[str, Mapping[str, float]]
     """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""

@@ -7,21 +7,23 @@ from bus.links.links import BLOCK, LinkFault, Links
 from bus.links.outages import Outages
 from bus.topologies import Topologies
 from bus.topology import Topology
+from orchestrator.scenario.clock import Clock
 from tests.bus.test_topology import PAPER
 
 TOPOLOGY = Topology.of(*PAPER)
 ALL = np.arange(1, 7)
 EDGES = [*zip(TOPOLOGY.source.tolist(), TOPOLOGY.sink.tolist(), strict=True)]
 TICKS = 4000
+CLOCK = Clock((10,), 1, TICKS)
 
 
-def links(faults, silences=None, robots=ALL, seed=3, m=2, period_ns=10):
+def links(faults, silences=None, robots=ALL, seed=3, m=2, clock=CLOCK):
     return Links(
         Topologies.constant(TOPOLOGY),
         np.asarray(robots),
         faults,
         silences or {},
-        period_ns=period_ns,
+        ticks=clock,
         seed=seed,
         m=m,
     )
@@ -134,8 +136,9 @@ def test_an_outage_begins_and_ends_with_sampling_times():
         assert [k for k in range(8) if made.fate(k).outage.any()] == ticks
         made = links({}, {6: (span, (60, 10**30))})
         assert [k for k in range(8) if made.silent(k)] == [*ticks, 6, 7]
-    assert Outages.of({}, 10).at(3).tolist() == []
-    assert Outages.of({2: ((0, 30), (10, 20)), 1: ((0, 20),)}, 10).at(1).tolist() == [1, 2]
+    assert Outages.of({}, CLOCK.since).at(3).tolist() == []
+    several = {2: ((0, 30), (10, 20)), 1: ((0, 20),)}
+    assert Outages.of(several, CLOCK.since).at(1).tolist() == [1, 2]
 
 
 def test_a_robot_in_an_outage_neither_sends_nor_hears():

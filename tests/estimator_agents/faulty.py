@@ -22,7 +22,7 @@ class Network:
     w: list[list[float]]
     links: dict[tuple[int, int], dict] = field(default_factory=dict)
     robots: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
-    period: int = 10
+    gaps: tuple[int, ...] = (10,)
     seed: int = 0
     m: int = 2
     missing: str = "hold"
@@ -54,8 +54,13 @@ class Network:
         key = np.random.SeedSequence([self.seed, crc32(purpose.encode()), j, i, k // BLOCK])
         return np.random.Generator(np.random.Philox(key))
 
+    def t(self, k):
+        """Return t_k: the gaps, over and over."""
+        return sum(self.gaps[i % len(self.gaps)] for i in range(k))
+
     def silent(self, node, k):
-        return any(a <= k * self.period < b for a, b in self.robots.get(node, []))
+        t = self.t(k)
+        return any(a <= t < b for a, b in self.robots.get(node, []))
 
     def way(self, j, i, k, sent):
         """Return what becomes of one sample: lost, outage, delay, and the numbers that arrive."""
@@ -70,7 +75,7 @@ class Network:
             if low < high:
                 rng = self.block("link delay", j, i, k)
                 delay = int(rng.integers(low, high, BLOCK, endpoint=True)[k % BLOCK])
-        outage = any(a <= k * self.period < b for a, b in fault.get("outages", []))
+        outage = any(a <= self.t(k) < b for a, b in fault.get("outages", []))
         outage = outage or self.silent(j, k) or self.silent(i, k) or self.silent(i, k + delay)
         if lost or outage:
             return bool(lost), outage, delay, [[0.0] * self.m] * 2

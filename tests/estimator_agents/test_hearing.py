@@ -1,5 +1,7 @@
 """Agents on links with faults against plain Python, link by link, and against themselves apart."""
 
+from itertools import accumulate
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
@@ -13,9 +15,10 @@ from estimator_agents.agents import Agents
 from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.dcea2 import SecondOrder
 from estimator_agents.estimate import Estimate
+from orchestrator.scenario.clock import Clock
 from tests.estimator_agents.faulty import Network, simulate
 
-H, PERIOD, TICKS = 0.1, 10, 90
+H, TICKS = 0.1, 90
 FUZZ = settings(
     derandomize=True,
     deadline=None,
@@ -70,7 +73,9 @@ def networks(draw):
                 row[0 if i == 0 else i] = 1.0
         return w
 
-    network = Network(digraph(), period=PERIOD)
+    network = Network(
+        digraph(), gaps=tuple(draw(st.lists(st.integers(5, 15), min_size=1, max_size=3)))
+    )
     for since in sorted(draw(st.sets(st.integers(1, 40), max_size=3))):
         w = digraph()
         network.turns.append((since, w, digraph() if draw(st.booleans()) else w))
@@ -110,8 +115,9 @@ def agents_of(network, robots, algorithm, start):
     """Return the agents of some robots of a network."""
     topologies, rows = topologies_of(network), robots - 1
     given = {link: LinkFault(**fault) for link, fault in network.links.items()}
+    ticks = Clock(tuple(accumulate(network.gaps)), 1, TICKS)
     links = Links(
-        topologies, robots, given, network.robots, period_ns=PERIOD, seed=network.seed, m=network.m
+        topologies, robots, given, network.robots, ticks=ticks, seed=network.seed, m=network.m
     )
     mine = Estimate(start.position[rows], start.velocity[rows])
     return Agents(robots, topologies, algorithm, mine, links, network.missing)
@@ -162,7 +168,7 @@ def test_agents_do_what_plain_python_does_to_the_bit(network, order):
         assert together([agents]).tolist() == theirs.tolist(), f"at k = {k}"
         assert told(agents.faults) == faults
         assert set(agents.faults["k"].tolist()) <= {k}
-        assert set(agents.faults["time_ns"].tolist()) <= {k * PERIOD}
+        assert set(agents.faults["time_ns"].tolist()) <= {network.t(k)}
 
 
 @settings(FUZZ, max_examples=50)

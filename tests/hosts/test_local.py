@@ -15,6 +15,7 @@ PAPER = {  # how many hosts; from 2 to a robot each
     "paper_first_order": 6,
     **{f"paper_example_{case}": 2 for case in ("1b", "1c", "2a", "2c", "3a", "3c")},
     "paper_example_3b": 3,
+    "paper_jitter": 3,
 }
 
 

@@ -3,6 +3,8 @@
 It shares no code with the project: not the C model, not the agents, not the clock.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -49,13 +51,17 @@ def acceleration(t, q, qd, tau):
     return np.linalg.solve(mass, force[..., None])[..., 0]
 
 
-def simulate(order, alpha, beta, h, duration, position, velocity, q, qd):
-    """Return t_k (K+1,), q (K+1, n, 2) and the estimates before the jumps (K+1, 2, n, 2)."""
-    ticks = round(duration / h)
+def simulate(order, alpha, beta, h, duration, *start):
+    """Return t_k = k h (K+1,), and what `along` returns."""
+    times = np.array([k * h for k in range(round(duration / h) + 1)])
+    return times, *along(order, alpha, beta, times, *start)
+
+
+def along(order, alpha, beta, times, position, velocity, q, qd):
+    """Return q (K+1, n, 2) and the estimates before the jumps (K+1, 2, n, 2) at t_0 … t_K."""
     share = W / W.sum(axis=1, keepdims=True)
-    times, joints, estimates = [0.0], [q], [(position, velocity)]
-    for k in range(ticks):
-        t0, t1 = k * h, (k + 1) * h
+    joints, estimates = [q], [(position, velocity)]
+    for t0, t1 in pairwise(times):
 
         def rhs(t, x, t0=t0, position=position, velocity=velocity):
             q, qd = x.reshape(2, -1, 2)
@@ -65,8 +71,7 @@ def simulate(order, alpha, beta, h, duration, position, velocity, q, qd):
         x0 = np.concatenate([q, qd]).ravel()
         end = solve_ivp(rhs, (t0, t1), x0, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
         q, qd = end.reshape(2, -1, 2)
-        position = position + h * velocity
-        times.append(t1)
+        position = position + (t1 - t0) * velocity
         joints.append(q)
         estimates.append((position, velocity))
         e0, v0 = target(t1)
@@ -76,4 +81,4 @@ def simulate(order, alpha, beta, h, duration, position, velocity, q, qd):
             position, velocity = position + alpha * dp, velocity + beta * dv
         else:
             velocity = velocity + alpha * dp + beta * dv
-    return np.array(times), np.array(joints), np.array(estimates)
+    return np.array(joints), np.array(estimates)

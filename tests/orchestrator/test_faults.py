@@ -73,7 +73,7 @@ def network_of(text):
         w,
         links,
         {robot["id"]: in_ns(robot["outages"]) for robot in scenario["faults"].get("robots", [])},
-        period=100_000_000,
+        gaps=(100_000_000,),
         seed=scenario["run"]["seed"],
         missing=scenario["algorithm"].get("missing", "hold"),
     )

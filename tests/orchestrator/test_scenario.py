@@ -314,7 +314,7 @@ def test_times_are_whole_nanoseconds():
     assert nanoseconds(3600.0) == 3_600_000_000_000
     with pytest.raises(ValueError, match="no whole number"):
         nanoseconds(1.5e-9)
-    clock = Clock(100, 25, 1000)
+    clock = Clock((100,), 4, 1000)
     assert [clock.t(k) for k in (0, 1, 1000)] == [0, 100, 100_000]
     assert list(clock.outputs(0)) == [0]
     assert list(clock.outputs(3)) == [225, 250, 275, 300]

@@ -155,8 +155,9 @@ function tellTheory(runs) {
     const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
       [...run.verdicts.map((v) => [v.name, number(v.value), number(v.bound),
         { text: v.holds ? "holds" : "fails", name: v.holds ? "holds" : "fails" }, v.source]),
-       ["ρ", number(run.factor), number(1), { text: run.factor < 1 ? "holds" : "fails", name: run.factor < 1 ? "holds" : "fails" },
-        "left of the estimation error after a sampling period"]])];
+       ...(run.factor === null ? [] : [["ρ", number(run.factor), number(1),
+        { text: run.factor < 1 ? "holds" : "fails", name: run.factor < 1 ? "holds" : "fails" },
+        "left of the estimation error after a sampling period"]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
       tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true }))],

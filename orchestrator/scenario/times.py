@@ -1,0 +1,115 @@
+"""When a scenario's robots exchange samples: periodically, by a list, or early by a jitter.
+
+Either `run.sampling_period`, with a jitter or without, or `run.sampling_times`. A list is the whole
+run, unless `run.duration` is a multiple of it: then it is repeated.
+"""
+
+from collections.abc import Iterator
+from decimal import Decimal
+from itertools import pairwise
+
+from orchestrator.scenario.clock import Clock, Jitter, nanoseconds
+from orchestrator.scenario.tables import Run
+
+LONGEST_NS, MOST_TICKS = 2**63, 2**32
+
+
+def clock(run: Run) -> Clock:
+    """Return the sampling times and the output grid."""
+    times = tuple(nanoseconds(t) for t in run.sampling_times or (run.sampling_period or 0,))
+    end, turn = nanoseconds(run.end or 0), times[-1]
+    step = nanoseconds(run.output_step) if run.output_step else None
+    longest = max(after - before for before, after in pairwise((0, *times)))
+    early = int(Decimal(repr(run.sampling_jitter)) * turn)
+    return Clock(
+        times,
+        -(-longest // step) if step else 1,
+        end // turn * len(times),
+        Jitter(run.seed, early) if early else None,
+    )
+
+
+def wrong_times(run: Run) -> Iterator[str]:
+    """Yield what is wrong with the run's times, and in their relation to one another."""
+    if run.sampling_times and run.sampling_period:
+        yield "run.sampling_times: give these or run.sampling_period, not both"
+        return
+    if not run.sampling_times and not run.sampling_period:
+        yield "run.sampling_period: missing; give it, or run.sampling_times"
+        return
+    if run.end is None:
+        yield "run.duration: missing, it has no default"
+    if run.sampling_times and run.sampling_jitter:
+        yield (
+            f"run.sampling_jitter: expected none beside run.sampling_times, "
+            f"got {run.sampling_jitter!r}"
+        )
+        return
+    given = {name: getattr(run, name) for name in ("duration", "sampling_period", "output_step")}
+    given |= {f"sampling_times[{i}]": t for i, t in enumerate(run.sampling_times)}
+    wrong = [
+        fault for name, time in given.items() if time is not None for fault in _whole(name, time)
+    ]
+    yield from wrong
+    if not wrong:
+        yield from _wrong_list(run) if run.sampling_times else _wrong_period(run)
+
+
+def _whole(name: str, time: float) -> Iterator[str]:
+    try:
+        ns = nanoseconds(time)
+    except ValueError as error:
+        yield f"run.{name}: expected a whole number of nanoseconds, but {error}"
+        return
+    if ns >= LONGEST_NS:
+        yield f"run.{name}: expected less than 2^63 ns (292 years), got {time!r} s"
+
+
+def _wrong_period(run: Run) -> Iterator[str]:
+    period, duration = nanoseconds(run.sampling_period or 0), nanoseconds(run.duration or 0)
+    if duration // period >= MOST_TICKS:
+        yield f"run.duration: expected fewer than 2^32 sampling periods, got {run.duration!r} s"
+    if duration % period:
+        yield (
+            f"run.duration: expected a whole number of sampling periods of "
+            f"{run.sampling_period!r} s, got {run.duration!r} s"
+        )
+    if run.output_step and period % nanoseconds(run.output_step):
+        yield (
+            f"run.output_step: expected a step that divides the sampling period of "
+            f"{run.sampling_period!r} s, got {run.output_step!r} s"
+        )
+        return
+    made = clock(run)
+    if made.shortest < made.parts:
+        yield (
+            f"run.sampling_jitter: expected a part that leaves every interval {made.parts} ns at "
+            f"least, one for each output step, got {run.sampling_jitter!r}"
+        )
+
+
+def _wrong_list(run: Run) -> Iterator[str]:
+    times = [nanoseconds(t) for t in run.sampling_times]
+    for i, (before, after) in enumerate(pairwise((0, *times))):
+        if not before < after:
+            than = run.sampling_times[i - 1]
+            yield (
+                f"run.sampling_times[{i}]: expected times that increase, "
+                f"got {run.sampling_times[i]!r} after {than!r}"
+            )
+            return
+    turn, end = times[-1], nanoseconds(run.end or 0)
+    if end % turn:
+        yield (
+            f"run.duration: expected the last of run.sampling_times, {run.sampling_times[-1]!r} s, "
+            f"or a multiple of it, for the list is repeated; got {run.duration!r} s"
+        )
+        return
+    if end // turn * len(times) >= MOST_TICKS:
+        yield f"run.duration: expected fewer than 2^32 sampling times, got {run.duration!r} s"
+    made = clock(run)
+    if made.shortest < made.parts:
+        yield (
+            f"run.output_step: expected {made.shortest} parts of each interval at most, which is "
+            f"as many as the shortest has ns, got {run.output_step!r} s, which makes {made.parts}"
+        )

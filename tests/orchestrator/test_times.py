@@ -1,0 +1,190 @@
+"""Sampling times that are not periodic: exact to the ns, and drawn alike by whoever asks."""
+
+from itertools import accumulate
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.errors import ScenarioError
+from orchestrator.runs.running import past_of, run
+from orchestrator.scenario.clock import BLOCK, Clock, Jitter
+from orchestrator.scenario.setting import clock_of
+from recordings.reading import Reader
+from recordings.tables import samples, states
+from tests.orchestrator.arms import along
+from tests.orchestrator.conftest import SECOND_ORDER
+from tests.orchestrator.test_run import rows_of
+
+quick = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+PERIOD = "sampling_period = 0.1     # s, the paper's h"
+JITTER = (PERIOD, f"{PERIOD}\nsampling_jitter = 0.35")
+DURATION = "duration = 30.0           # s; a whole number of sampling periods"
+STEP = "output_step = 0.02        # s; divides sampling_period; how often plant states are recorded"
+
+
+def listed(times, *more, step=None, duration=None):
+    """Return changes of the paper's example to a list of sampling times."""
+    return (
+        (DURATION, "" if duration is None else f"duration = {duration}"),
+        (PERIOD, f"sampling_times = {times}"),
+        (STEP, "" if step is None else f"output_step = {step}"),
+        *more,
+    )
+
+
+clocks = st.builds(
+    lambda gaps, parts, early: Clock(
+        tuple(accumulate(gap + parts for gap in gaps)),
+        parts,
+        300,
+        Jitter(3, min(early, gaps[0])) if len(gaps) == 1 and early and gaps[0] else None,
+    ),
+    st.lists(st.integers(0, 50), min_size=1, max_size=5),
+    st.integers(1, 4),
+    st.integers(0, 40),
+)
+
+
+@quick
+@given(clocks, st.integers(0, 3000))
+def test_a_clock_goes_through_its_times_and_knows_where_it_is(clock, time):
+    gaps = np.diff([0, *clock.times])
+    nominal = np.cumsum([0, *np.resize(gaps, 900)])
+    early = [clock.jitter.at(k) if clock.jitter else 0 for k in range(901)]
+    times = [int(t) - e for t, e in zip(nominal, early, strict=True)]
+    assert [clock.t(k) for k in range(901)] == times
+    spans = np.diff(times)
+    assert clock.parts <= clock.shortest <= spans.min()
+    assert spans.max() <= clock.longest
+    known = [k for k in range(901) if times[k] >= time]
+    assert not known or clock.since(time) == known[0]
+
+
+@quick
+@given(clocks, st.integers(1, 200))
+def test_outputs_are_equal_parts_to_the_ns_and_end_at_t_k(clock, k):
+    outputs = [clock.t(k - 1), *clock.outputs(k)]
+    assert len(outputs) == clock.parts + 1
+    assert outputs[-1] == clock.t(k)
+    assert np.ptp(np.diff(outputs)) <= 1
+    assert np.diff(outputs).min() > 0
+
+
+def test_jitter_is_drawn_for_each_sampling_time_alone(paper):
+    clock = clock_of(paper(JITTER).scenario)
+    early = np.array([100_000_000 * k - clock.t(k) for k in range(1, 4 * BLOCK)])
+    assert 0 <= early.min() < 1e6
+    assert 34e6 < early.max() <= 35_000_000
+    assert abs(early.mean() - 17.5e6) < 4 * 35e6 / np.sqrt(12 * len(early))
+    assert abs(np.corrcoef(early[1:], early[:-1])[0, 1]) < 4 / np.sqrt(len(early))
+    backwards = [100_000_000 * k - clock.t(k) for k in range(4 * BLOCK - 1, 0, -1)]
+    assert early.tolist() == backwards[::-1]
+    longer = clock_of(paper(JITTER, ("duration = 30.0", "duration = 300.0")).scenario)
+    assert early.tolist() == [100_000_000 * k - longer.t(k) for k in range(1, 4 * BLOCK)]
+    other = clock_of(paper(JITTER, ("seed = 1", "seed = 2")).scenario)
+    assert early[7] != 800_000_000 - other.t(8)
+
+
+def test_no_jitter_is_periodic_sampling(paper):
+    periodic = clock_of(paper().scenario)
+    assert clock_of(paper((PERIOD, f"{PERIOD}\nsampling_jitter = 0")).scenario) == periodic
+    assert clock_of(paper(*listed([0.1], duration=30, step=0.02)).scenario) == periodic
+
+
+BAD = {
+    "both": (
+        ((PERIOD, f"{PERIOD}\nsampling_times = [0.1]"),),
+        "run.sampling_times: give these or run.sampling_period, not both",
+    ),
+    "neither": (((PERIOD, ""),), "run.sampling_period: missing; give it, or run.sampling_times"),
+    "no duration": (((DURATION, ""),), "run.duration: missing, it has no default"),
+    "jittered list": (
+        listed([0.1], ("seed = 1", "seed = 1\nsampling_jitter = 0.1")),
+        "run.sampling_jitter: expected none beside run.sampling_times, got 0.1",
+    ),
+    "times that fall": (
+        listed([0.1, 0.3, 0.2]),
+        "run.sampling_times[2]: expected times that increase, got 0.2 after 0.3",
+    ),
+    "the same time": (listed([0.1, 0.1]), "run.sampling_times[1]: expected times that increase"),
+    "time zero": (listed([0, 0.1]), "run.sampling_times[0]: expected greater than 0, got 0"),
+    "between nanoseconds": (
+        listed([0.1, 0.25000000001]),
+        "run.sampling_times[1]: expected a whole number of nanoseconds, but 0.25000000001 s is",
+    ),
+    "beyond the duration": (
+        listed([0.1, 0.4], duration=0.3),
+        "run.duration: expected the last of run.sampling_times, 0.4 s, or a multiple of it, for "
+        "the list is repeated; got 0.3 s",
+    ),
+    "no whole turns": (listed([0.1, 0.4], duration=1.0), "got 1.0 s"),
+    "more parts than ns": (
+        listed([1e-9, 1.0], step=0.25),
+        "run.output_step: expected 1 parts of each interval at most, which is as many as the "
+        "shortest has ns, got 0.25 s, which makes 4",
+    ),
+    "jitter of a whole period": (
+        ((PERIOD, f"{PERIOD}\nsampling_jitter = 1.0"),),
+        "run.sampling_jitter: expected less than 1, got 1.0",
+    ),
+    "jitter that leaves no room": (
+        ((PERIOD, f"{PERIOD}\nsampling_jitter = 0.99999999"),),
+        "run.sampling_jitter: expected a part that leaves every interval 5 ns at least, one for "
+        "each output step, got 0.99999999",
+    ),
+    "text": (listed(["0.1"]), "run.sampling_times[0]: expected a valid number, got '0.1'"),
+    "one time": ((*listed(0.1),), "run.sampling_times: expected a list, got 0.1"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_times(paper, changes, message):
+    with pytest.raises(ScenarioError) as error:
+        paper(*changes)
+    assert message in str(error.value)
+
+
+TIMES = [0.07, 0.1, 0.25, 0.333333333, 0.4]
+
+
+@pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
+def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(paper, tmp_path, order):
+    changes = listed(TIMES, *([SECOND_ORDER] if order == 2 else []), duration=2.0, step=0.05)
+    outcome = run(paper(*changes), tmp_path / "run.mcap")
+    assert (outcome.status, outcome.ticks) == ("completed", 25)
+    turns = [turn * 400_000_000 for turn in range(5)]
+    exact = [turn + t for turn in turns for t in (70e6, 100e6, 250e6, 333_333_333, 400e6)]
+    with Reader(outcome.path) as reader:
+        recorded, sampled = rows_of(states(reader), 6), rows_of(samples(reader), 7)
+    assert sampled["time_ns"][:, 0].tolist() == exact
+    at_t_k = recorded[::3]
+    assert at_t_k["time_ns"][:, 0].tolist() == [0, *exact]
+    alpha, beta = (0.9, 1.1) if order == 1 else (1.1, 0.9)
+    start = [at_t_k[0][name] for name in ("position", "velocity", "q", "qd")]
+    times = np.array([0, *exact]) / 1e9
+    q, estimates = along(order, alpha, beta, times, *start)
+    assert np.abs(at_t_k["q"] - q).max() < 1e-7
+    for name, ours in (("position", 0), ("velocity", 1)):
+        scale = np.abs(estimates[1:, ours]).max()
+        np.testing.assert_allclose(sampled[name][:, 1:], estimates[1:, ours], atol=1e-12 * scale)
+
+
+def test_a_list_without_a_duration_is_the_whole_run(paper, tmp_path):
+    outcome = run(paper(*listed(TIMES)), tmp_path / "run.mcap")
+    assert (outcome.status, outcome.ticks) == ("completed", 5)
+
+
+def test_a_jittered_run_goes_on_where_it_was_cut(paper, tmp_path):
+    file = paper(
+        JITTER,
+        ("duration = 30.0", "duration = 3.0"),
+        ("seed = 1", "seed = 1\ncheckpoint_every = 10"),
+    )
+    whole = run(file, tmp_path / "whole.mcap").path
+    with Reader(whole) as reader:
+        some = [tick for k, tick in enumerate(past_of(reader)) if k <= 17]
+        digest = reader.digest
+    with Reader(run(file, tmp_path / "again.mcap", past=iter(some)).path) as reader:
+        assert (reader.digest, reader.ticks) == (digest, 30)
