@@ -1,14 +1,19 @@
-"""PD-like consensus tracking in discrete time (Cao, Ren and Li, Automatica 45, 2009).
+"""PD-like consensus tracking in discrete time, after Cao, Ren and Li.
 
-Their law moves a single integrator by ξ_i[k+1] = ξ_i[k] + T Σ_j a_ij/Σ_j a_ij {(ξ_j[k] −
-ξ_j[k−1])/T − γ (ξ_i[k] − ξ_j[k])}, the target among the j. An estimate that moves on with
-ε̇_i = υ_i is such an integrator, with T = h and what is in braces as its velocity:
+Y. Cao, W. Ren, Y. Li, Distributed discrete-time coordinated tracking with a time-varying reference
+state and limited communication, Automatica 45(5), 1299-1305, 2009. Their law moves a single
+integrator by ξ_i[k+1] = ξ_i[k] + T Σ_j a_ij/Σ_j a_ij {(ξ_j[k] − ξ_j[k−1])/T − γ (ξ_i[k] − ξ_j[k])},
+the target among the j. An estimate that moves on with ε̇_i = υ_i is such an integrator, with T = h
+and what is in braces as its velocity:
 
     Δε_i = 0,   υ_i(t_k⁺) = Σ_j w_ij/ϖ_i [υ_j + α (ε_j − ε_i)]   at t_k,   α = γ
 
 For a robot j, υ_j(t_k) is the backward difference (ε_j(t_k) − ε_j(t_{k−1}))/h, exactly. For the
 target it takes the place of one, which lags behind by half a period. So this is the second-order
-DCEA (equation 2.2) at β = 1, and (5.2) is then the condition of Cao, Ren and Li.
+DCEA (equation 2.2) at β = 1. The condition is (5.2) there, derived and not quoted: it is necessary
+and sufficient. In the terms of their article, with μ for the eigenvalues of D, it is
+
+    T γ < min 2 |1 − μ|² [2 Re(1 − μ) − |1 − μ|²]/(|1 − μ|⁴ + 4 (Im μ)²).
 """
 
 from dataclasses import dataclass
@@ -51,4 +56,4 @@ class PdLike:
     def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:
         """Return the bound on the period, min 2 (θ_i − 1)/(α (ϑ_i² + 1))."""
         bound = largest_period(spectrum, self.alpha, 1.0)
-        return [Condition("sampling_period", "Cao, Ren and Li 2009", h, bound)]
+        return [Condition("sampling_period", "equation 5.2 at beta = 1", h, bound)]

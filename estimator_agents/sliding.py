@@ -1,4 +1,9 @@
-"""The distributed sliding-mode observer, under samples (Cao, Ren, Meng 2010; Mei, Ren, Ma 2011).
+"""The distributed sliding-mode observer, under samples, after Cao, Ren, Meng and Mei, Ren, Ma.
+
+Y. Cao, W. Ren, Z. Meng, Decentralized finite-time sliding mode estimators and their applications
+in decentralized finite-time formation tracking, Systems & Control Letters 59(9), 522-529, 2010.
+J. Mei, W. Ren, G. Ma, Distributed coordinated tracking with a dynamic leader for multiple
+Euler-Lagrange systems, IEEE Transactions on Automatic Control 56(6), 1415-1421, 2011.
 
 In continuous time υ̇_i = β' sgn Σ_j a_ij (υ_j − υ_i) reaches υ_0 in finite time when β' > sup |a_0|,
 and ε̇_i = υ_i + α' sgn Σ_j a_ij (ε_j − ε_i) then reaches ε_0. Heard at t_k alone and held, a
@@ -7,7 +12,12 @@ sign adds h times its gain until t_{k+1}; here it is added at once, at t_k:
     Δε_i = α sgn Σ_j w_ij/ϖ_i (ε_j − ε_i),   Δυ_i = β sgn Σ_j w_ij/ϖ_i (υ_j − υ_i)
 
 With α = h α' and β = h β' that is the observer at the sampling times but for up to h β/2 in ε.
-Its jump is not linear: there are no modes, and nothing is promised but what the target demands.
+Its jump is not linear: there are no modes.
+
+The demand β > h γ2 is ours, what β' > sup |a_0| comes to. Without it a robot is left behind by a
+target that keeps accelerating. With it, one that hears the target alone comes to |ῡ| ≤ β + h γ2 and
+stays: beyond β a jump takes β away and the target gives back h γ2 at most, and within β it ends
+within β. Of a robot that hears robots nothing is promised: these jump by β too, and not by h γ2.
 """
 
 from dataclasses import dataclass
@@ -58,4 +68,4 @@ class Sliding:
 
     def demands(self, h: float, gamma_1: float, gamma_2: float) -> list[Condition]:  # noqa: ARG002
         """Return that a step is larger than what the target's velocity changes by meanwhile."""
-        return [Condition("acceleration", "Cao, Ren and Meng 2010", h * gamma_2, self.beta)]
+        return [Condition("acceleration", "keeping up with the target", h * gamma_2, self.beta)]

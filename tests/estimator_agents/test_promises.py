@@ -17,7 +17,7 @@ from bus.topology import Topology
 from estimator_agents.agents import Agents
 from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Estimate
+from estimator_agents.estimate import Disagreement, Estimate
 from estimator_agents.impulsive import Impulsive
 from estimator_agents.pd_like import PdLike
 from estimator_agents.sliding import Sliding
@@ -193,6 +193,39 @@ def test_both_sides_of_every_bound_by_the_radius(factor):
     for algorithm, h in cases:
         assert holds(algorithm, TOPOLOGY, h) == (factor < 1), algorithm
         assert (radius_of(algorithm, TOPOLOGY, h) < 1) == (factor < 1), algorithm
+
+
+@quick
+@given(st.floats(0.01, 3), st.floats(0.01, 2), st.floats(1e-3, 0.999), st.integers(0, 2**32 - 1))
+def test_a_sliding_robot_that_hears_the_target_alone_keeps_up(h, gamma_2, share, seed):
+    """|ῡ| ≤ β + h γ2 once β > h γ2, whatever the target does; below it may be left behind."""
+    rng, most = np.random.default_rng(seed), h * gamma_2
+    beta = most / share
+    (demand,) = Sliding(1.0, beta).demands(h, 1.0, gamma_2)
+    assert demand.holds
+    apart, here = rng.uniform(-50, 50) * beta, np.zeros(1)
+    for k in range(400):
+        heard = Disagreement(here, np.array([-apart]))
+        apart = Sliding(1.0, beta).jump(Estimate(here, np.array([apart])), heard).velocity.item()
+        apart += most * rng.choice([-1, 1, rng.uniform(-1, 1)])
+        if k * (beta - most) > 50 * beta:
+            assert abs(apart) <= (beta + most) * (1 + 1e-12)
+    slow, left = Sliding(1.0, share * most), 0.0
+    assert not slow.demands(h, 1.0, gamma_2)[0].holds
+    for _ in range(400):
+        heard = Disagreement(here, np.array([-left]))
+        left = slow.jump(Estimate(here, np.array([left])), heard).velocity.item() + most
+    assert left >= 400 * (1 - share) * most * (1 - 1e-9)
+
+
+@quick
+@given(digraphs(), gains)
+def test_pd_like_has_its_condition_in_the_terms_of_its_article(topology, alpha):
+    mu = np.linalg.eigvals(topology.D.toarray())
+    away = np.abs(1 - mu) ** 2
+    bound = 2 * away * (2 * (1 - mu).real - away) / (away**2 + 4 * mu.imag**2)
+    (ours,) = PdLike(alpha, 1.0).conditions(mu, 0.1)
+    assert alpha * ours.right == pytest.approx(bound.min())
 
 
 @pytest.mark.parametrize("factor", [0.97, 1.03])
