@@ -2,12 +2,13 @@
 
 from bus.errors import CosimError
 from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import bodies, driving_of, names_of
+from orchestrator.scenario.setting import bodies, names_of
 from orchestrator.scenario.tables import Plant
 from plant_fmu.archives.archive import find_archive
 from plant_fmu.bundled.bounds import Bounds
 from plant_fmu.checking.apart import p3_of
 from plant_fmu.checking.findings import Task
+from plant_fmu.drives.driving import Driving
 
 MOST = 4
 """Different plants that are sampled, of a scenario with many."""
@@ -36,7 +37,7 @@ class Sampling:
         try:
             archive = find_archive(plant.fmu, self._file.folder)
             return p3_of(
-                Task(archive, body, names_of(plant.variables), driving_of(plant)), DEADLINE
+                Task(archive, body, names_of(plant.variables), Driving.of(plant)), DEADLINE
             )
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from orchestrator.scenario.setting import clock_of, driving_of, names_of
+from orchestrator.scenario.setting import clock_of, names_of
 from orchestrator.scenario.tables import Plant, Scenario
 from plant_fmu.archives.archive import Archive, find_archive
 from plant_fmu.archives.naming import Spec
@@ -53,7 +53,7 @@ class Group:
     @property
     def driving(self) -> Driving:
         """How the scenario wants the plant to be driven."""
-        return driving_of(self.plant, uneven=self.uneven)
+        return Driving.of(self.plant, uneven=self.uneven)
 
 
 def group_by_archive(

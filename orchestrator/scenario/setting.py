@@ -5,7 +5,6 @@ are built nor on where they run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +25,12 @@ from orchestrator.scenario.tables import (
     FmuTarget,
     Name,
     Pattern,
-    Plant,
     Robot,
     SampledTarget,
     Scenario,
     Uniform,
 )
 from plant_fmu.archives import naming
-from plant_fmu.drives.driving import Driving
 from plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
@@ -123,12 +120,6 @@ def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
         disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
         **start,
     )
-
-
-def driving_of(plant: Plant, *, uneven: bool = False) -> Driving:
-    """Return how a plant is to be driven, in steps of one length or of many."""
-    given = {key.name for key in fields(Driving)} - {"uneven"}
-    return Driving(**{key: getattr(plant, key) for key in given}, uneven=uneven)
 
 
 def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:

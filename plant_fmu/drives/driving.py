@@ -8,8 +8,8 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
@@ -41,6 +41,12 @@ class Driving:
     """s: the longest for which a torque is held; `STEP` by default."""
     uneven: bool = False
     """Whether steps are of many lengths, which an FMU in Co-Simulation may not be able to take."""
+
+    @classmethod
+    def of(cls, plant: Any, *, uneven: bool = False) -> "Driving":
+        """Return it of a plant's table, which has the other keys."""
+        keys = {key.name for key in fields(cls)} - {"uneven"}
+        return cls(**{key: getattr(plant, key) for key in keys}, uneven=uneven)
 
 
 @dataclass(frozen=True, slots=True)
