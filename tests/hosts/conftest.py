@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.hosts.running import commands
+from tests.hosts.running import Host, commands
 from tests.hosts.runs import hosts_of
 
 
@@ -18,6 +18,12 @@ def nothing_is_left(tmp_path_factory, monkeypatch):
         yield
         assert hosts_of() == {}
         assert [path.name for path in Path(folder).iterdir()] == []
+
+
+@pytest.fixture(autouse=True)
+def _hosts_end():
+    yield
+    Host.end_all()
 
 
 @pytest.fixture

@@ -14,12 +14,14 @@ import queue
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Event, Timer
+from typing import ClassVar
 
 from bus.network.certificates import Tls
 from bus.network.endpoints import Endpoints
+from orchestrator.errors import Interrupted
 from orchestrator.hosts.manning import Handling, elsewhere
 from orchestrator.hosts.member import Membership, serve
 from orchestrator.runs.running import run
@@ -78,15 +80,29 @@ class Told:
                 return line
         raise AssertionError(f"{text!r} is not among {self.lines}")
 
+    def told(self) -> list[str]:
+        """Return all lines, up to the last."""
+        while (line := self._coming.get(timeout=PATIENCE)) is not None:
+            self.lines.append(line)
+        self._coming.put(None)
+        return self.lines
+
+
+class OverError(Exception):
+    """The test is over."""
+
 
 class Host(Told):
     """A host in a thread of its own."""
+
+    started: ClassVar[list["Host"]] = []
 
     def __init__(
         self, endpoint: str, name: str, robots=None, run=None, wait=PATIENCE, tls=None, **options
     ) -> None:
         super().__init__()
-        member = Membership(name, robots, run, wait, False, True, self.take)
+        self._over = False
+        member = Membership(name, robots, run, wait, False, True, self._show)
         endpoints = Endpoints(connect=(endpoint,), tls=tls, wait=wait, **options)
 
         def whole() -> None:
@@ -98,6 +114,21 @@ class Host(Told):
         pool = ThreadPoolExecutor(1)
         self._whole = pool.submit(whole)
         pool.shutdown(wait=False)
+        self.started.append(self)
+
+    def _show(self, text: str) -> None:
+        if self._over:
+            raise OverError
+        self.take(text)
+
+    @classmethod
+    def end_all(cls) -> None:
+        """End those that are still there, at the next that they have to say."""
+        hosts, cls.started = cls.started, []
+        for host in hosts:
+            host._over = True
+        for host in hosts:
+            host._whole.exception(2 * PATIENCE)
 
     def end(self) -> None:
         """Wait for its end; raises what it was refused with."""
@@ -119,7 +150,7 @@ class Run(Told):
         **endpoints,
     ) -> None:
         super().__init__()
-        self.go_on = Event()
+        self.go_on, self._over = Event(), False
         clock = clock_of(file.scenario)
         at = {clock.t(k): k for k in pauses}
 
@@ -128,6 +159,8 @@ class Run(Told):
                 self.take(f"paused at tick {k}")
                 assert self.go_on.wait(PATIENCE)
                 self.go_on.clear()
+            if self._over:
+                raise Interrupted
 
         def whole():
             try:
@@ -145,8 +178,9 @@ class Run(Told):
         return self
 
     def __exit__(self, kind: type | None, *_: object) -> None:
+        self._over = kind is not None
         self.go_on.set()
-        self._pool.shutdown(wait=kind is None)
+        self._pool.shutdown()
 
     def outcome(self):
         """Return how it ended."""
@@ -198,9 +232,7 @@ class Command(Told):
         status = self.process.wait(PATIENCE)
         self._guard.cancel()
         self._reader.shutdown()
-        while (line := self._coming.get()) is not None:
-            self.lines.append(line)
-        self.take(None)
+        self.told()
         for pipe in (self.process.stdin, self.process.stdout):
             pipe.close()
         return status, "\n".join(self.lines)
@@ -222,9 +254,9 @@ def commands():
     try:
         yield start
     finally:
-        for command in started:
-            if command.process.poll() is None:
-                command.kill()
+        with ExitStack() as stack:
+            for command in started:
+                stack.callback(command.kill)
 
 
 def main() -> None:
