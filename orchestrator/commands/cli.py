@@ -11,9 +11,10 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 from bus.errors import CosimError, InputError
 from orchestrator.commands import replay_cli, run_cli
@@ -29,10 +30,24 @@ from orchestrator.commands.options import (
 from orchestrator.commands.report_cli import report
 from orchestrator.terminal import AsJson, out, print_json, say
 
-FAILED, BAD_INPUT = 1, 2
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+class Commands(TyperGroup):
+    """All commands; each says so when it is interrupted."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command that was given."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            say("red", "interrupted", str(interrupt) or "by the user")
+            raise typer.Exit(INTERRUPTED) from None
+
 
 app = typer.Typer(
     name="nrs",
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -190,8 +190,10 @@ def _signals() -> Iterator[Callable[[], bool]]:
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         nonlocal stopped
-        if stopped or not asked:
-            raise KeyboardInterrupt
+        if not asked:
+            raise KeyboardInterrupt("before the run began; nothing is recorded")
+        if stopped:
+            raise KeyboardInterrupt("twice, so at once")
         stopped = True
 
     def ask() -> bool:

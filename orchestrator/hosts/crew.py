@@ -50,7 +50,7 @@ _COMING = 10.0
 _LOOK = 0.25
 """s: how long nothing may come before it is looked whether the hosts are well."""
 _FAREWELL = 5.0
-"""s: how long to wait for the hosts' reports when all else is done."""
+"""s: how long to wait for hosts when all else is done: for their reports, then for their end."""
 _GRACE = 2.0
 """s: how long hosts may take to end when they are told to."""
 
@@ -181,17 +181,17 @@ class Crew:
         elif isinstance(item, Message):
             self._read_report(item)
 
-    def look_after(self, k: int) -> bool:
+    def look_after(self, k: int, at_last: bool = False) -> bool:
         """Look whether the hosts are well; return whether all are there and none is catching up.
 
         Raises what a host failed with at tick k or before, and `RunError` when a robot has been
-        without a host for too long.
+        without a host for too long; see `orchestrator.runs.lockstep.Hosts`.
         """
         for name, home in list(self._homes.items()):
             never_came = home.incarnation and not home.present and home.seconds >= _COMING
             if never_came or (home.process and home.process.ending() is not None):
                 self._lose(name, home)
-        self._fail(k)
+        self._fail(k, at_last)
         homeless = dict(self._homes.homeless()) | dict.fromkeys(self._homes.free, self._began)
         if homeless and monotonic() - min(homeless.values()) >= self._terms.wait:
             who = named(sorted(homeless))
@@ -221,29 +221,31 @@ class Crew:
     def end(self) -> None:
         """Let all hosts end, and hear how it was."""
         done = self._recorder and self._recorder.closed == clock_of(self._file.scenario).ticks
-        until = monotonic() + (_FAREWELL if done else 0.0)
-        while not all(home.report for home in self._homes.values()) and monotonic() < until:
-            for item in self.inbox.take(_LOOK):
-                if isinstance(item, Message):
-                    self._read_report(item)
+        homes = self._homes.values()
+        if done:
+            self._hear_out(lambda: all(home.report or not home.present for home in homes))
         for name in self._homes:
             key = wire_key(ORDERS, name)
             self._bus.publisher(key)(self._seal.closed(key, END))
-        self._see_off()
+        away = [home for home in homes if not home.process]
+        self._hear_out(lambda: not any(home.present or home.is_away for home in away))
         until = monotonic() + _GRACE
-        for home in self._homes.values():
+        for home in homes:
             if home.process:
                 home.process.wait(max(until - monotonic(), 0.0) if home.is_ready else 0.0)
 
-    def _see_off(self) -> None:
-        """Wait until the hosts of other machines have heard that the run is over."""
-        away = {name: home for name, home in self._homes.items() if not home.process}
+    def _hear_out(self, is_enough: Callable[[], bool]) -> None:
+        """Hear how hosts end, and tell those that come back that the run is over."""
         until = monotonic() + _FAREWELL
-        while any(h.present or h.is_away for h in away.values()) and monotonic() < until:
+        while not is_enough() and monotonic() < until:
             for item in self.inbox.take(_LOOK):
-                for name, home in away.items():
+                if isinstance(item, Message):
+                    self._read_report(item)
+                for name, home in self._homes.items():
                     if item == Presence(wire_key(ALIVE, f"{name}/{home.incarnation}"), here=False):
                         home.present = False
+                    elif isinstance(item, Cut) and item.peer in {None, home.incarnation}:
+                        home.present, home.is_away = False, home.is_away or home.present
                     elif isinstance(item, Question) and item.key == wire_key(JOIN, name):
                         over = Refusal(reason="the run is over", final=True, over=True)
                         item.answer(over.written())
@@ -368,7 +370,7 @@ class Crew:
                 raise (RunError if self._recorder else InputError)(report.failed)
             self._terms.show(f"{name} cannot open {named(home.robots)}: {report.failed}")
 
-    def _fail(self, k: int) -> None:
+    def _fail(self, k: int, at_last: bool) -> None:
         """Raise what hosts failed with at tick k, or while they came there.
 
         When each host is there, or has failed, the first in the order of one process is known.
@@ -383,7 +385,9 @@ class Crew:
             return
         missing = self._recorder.missing(k) if self._recorder else {}
         came = SAMPLES if k else RECORDS
-        if all(name in failed or came not in missing.get(name, ()) for name in self._homes):
+        if at_last or all(
+            name in failed or came not in missing.get(name, ()) for name in self._homes
+        ):
             first = min(failed.values(), key=lambda report: (report.tick, report.place))
             raise RunError(first.failed)
 

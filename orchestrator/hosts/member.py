@@ -139,7 +139,8 @@ def _not_yet(refusal: Refusal) -> str:
     if refusal.over:
         raise EndedError(refusal.reason)
     if refusal.final:
-        raise RunError(f"not let into the run: {refusal.reason}")
+        kind = InputError if refusal.reason.startswith("--") else RunError
+        raise kind(f"not let into the run: {refusal.reason}")
     return refusal.reason
 
 

@@ -67,7 +67,7 @@ class Alone:
         """Refuse what nobody can have put."""
         raise BusError(f"a message that nobody put: {item}")
 
-    def look_after(self, k: int) -> bool:  # noqa: ARG002
+    def look_after(self, k: int, at_last: bool = False) -> bool:  # noqa: ARG002
         """Return that the host is there."""
         return True
 

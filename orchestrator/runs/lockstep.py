@@ -97,10 +97,11 @@ class Hosts(Protocol):
     def handle(self, item: Item) -> None:
         """Take what came and is neither samples nor records."""
 
-    def look_after(self, k: int) -> bool:
+    def look_after(self, k: int, at_last: bool = False) -> bool:
         """Look whether the hosts are well; return whether all are there.
 
-        Raises what a host failed with at tick k or before.
+        Raises what a host failed with at tick k or before, once it is known that none failed with
+        what comes first in one process; `at_last` raises what is known.
         """
 
     def end(self) -> None:
@@ -150,7 +151,7 @@ class Lockstep:
         for k in range(first, self._clock.ticks + 1):
             self._hosts.advance(k)
             self._gather(k)
-            self._pace.wait(self._clock.t(k), partial(self._watch, self._clock.t(max(k - 1, 0))))
+            self._pace.wait(self._clock.t(k), partial(self._look_around, k))
             began = perf_counter()
             self._recorder.close(k)
             self.recording += perf_counter() - began
@@ -159,28 +160,37 @@ class Lockstep:
             yield k
 
     def _gather(self, k: int) -> None:
-        hosts, recorder = self._hosts, self._recorder
+        recorder = self._recorder
         began, waited = perf_counter(), 0.0
         taken, since = recorder.taken, monotonic()
         while not recorder.is_whole(k):
             asked = perf_counter()
-            items = hosts.inbox.take() or hosts.inbox.take(_PATIENCE)
+            items = self._hosts.inbox.take() or self._hosts.inbox.take(_PATIENCE)
             waited += perf_counter() - asked
-            for item in items:
-                if isinstance(item, Message) and item.key.startswith(_BATCHES):
-                    recorder.take(item)
-                else:
-                    hosts.handle(item)
+            self._take(items)
             if recorder.is_whole(k):
                 break
-            self._watch(self._clock.t(max(k - 1, 0)))
-            here = hosts.look_after(k)
+            here = self._look_around(k)
             if recorder.taken != taken or not here:
                 taken, since = recorder.taken, monotonic()
             elif monotonic() - since >= self._deadline:
+                self._hosts.look_after(k, at_last=True)
                 raise BusError(self._silence(k))
         self.spent.waiting += waited
         self.spent.bus += perf_counter() - began - waited
+
+    def _take(self, items: Sequence[Item]) -> None:
+        for item in items:
+            if isinstance(item, Message) and item.key.startswith(_BATCHES):
+                self._recorder.take(item)
+            else:
+                self._hosts.handle(item)
+
+    def _look_around(self, k: int) -> bool:
+        """See to what came, the user, and the hosts; return whether all of these are there."""
+        self._take(self._hosts.inbox.take())
+        self._watch(self._clock.t(max(k - 1, 0)))
+        return self._hosts.look_after(k)
 
     def _silence(self, k: int) -> str:
         """Say who is silent at tick k, and what each of them waits for."""

@@ -19,8 +19,8 @@ class Pace(Protocol):
     def start(self, time_ns: int) -> None:
         """Let simulated time begin to pass at a time, ns."""
 
-    def wait(self, time_ns: int, ask: Callable[[], None]) -> None:
-        """Return when a time, ns, may be reached; `ask` may raise in the meantime."""
+    def wait(self, time_ns: int, ask: Callable[[], object]) -> None:
+        """Return when a time, ns, may be reached; `ask` is called until then, and may raise."""
 
 
 class AtOnce:
@@ -29,7 +29,7 @@ class AtOnce:
     def start(self, time_ns: int) -> None:
         """Begin."""
 
-    def wait(self, time_ns: int, ask: Callable[[], None]) -> None:
+    def wait(self, time_ns: int, ask: Callable[[], object]) -> None:
         """Return at once."""
 
 
@@ -52,7 +52,7 @@ class RealTime:
         """Let t / X of wall time be over now."""
         self._origin = self._now() - seconds(time_ns) / self._factor
 
-    def wait(self, time_ns: int, ask: Callable[[], None]) -> None:
+    def wait(self, time_ns: int, ask: Callable[[], object]) -> None:
         """Return when t / X of wall time is over."""
         due = self._origin + seconds(time_ns) / self._factor
         while (left := due - self._now()) > 0:

@@ -15,7 +15,7 @@ from orchestrator.scenario.file import parse_scenario
 from recordings.reading import Reader
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten
-from tests.plant_fmu.conftest import built
+from tests.plant_fmu.conftest import FAULTS, built
 from tests.plant_fmu.test_isolation import scenario as crashing
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -182,6 +182,36 @@ def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
     assert (one.status, one.ticks) == ("failed", 5)
     assert story(n.path) == story(one.path)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_a_failure_is_told_also_when_another_host_hangs_at_the_same_tick(tmp_path):
+    shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
+    text = crashing("error", at=0.55, plant="isolate = false")
+    one = run(parse_scenario(text, "error", tmp_path, "error"), tmp_path / "1.mcap")
+    fault = f"{{ fault = {FAULTS.index('hang')}, fault_time = 0.55 }}"
+    plant = f'fmu = "faulty.fmu", isolate = false, parameters = {fault}'
+    text += f"[[robots]]\nid = 3\nplant = {{ {plant} }}\n"
+    spread = Spread(parse_scenario(text, "error", tmp_path, "error"), 3)
+    outcome = spread.run(tmp_path / "3.mcap", deadline=1.0)
+    assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
+
+
+def test_hosts_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
+    class Held:
+        def start(self, time_ns):
+            pass
+
+        def wait(self, time_ns, ask):
+            if time_ns == 5_000_000_000:
+                os.kill(hosts_of()["local-1"], signal.SIGKILL)
+                while not spread.said:
+                    ask()
+
+    spread = Spread(lossy(), 2)
+    outcome = spread.run(tmp_path / "n.mcap", pace=Held())
+    assert (outcome.status, outcome.restarts) == ("completed", 1)
+    assert digest(outcome.path) == digest(whole)
 
 
 @pytest.mark.parametrize("worst", ["position", "qd"])

@@ -8,9 +8,12 @@ import pytest
 
 from bus.errors import BusError, InputError, RunError
 from orchestrator.commands.cli import main
+from orchestrator.hosts import crew
+from orchestrator.hosts.crew import Crew
 from orchestrator.scenario.file import read_scenario
 from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.authority import Authority
+from tests.network.cable import cable_to
 from tests.network.ports import free_port
 
 SHORT, LONG = 20, 200
@@ -86,8 +89,8 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
         older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
         free = "--robots: robots 3-6 of 6 have no home yet, but"
         for host, kind, why in [
-            (("a", (2, 3)), RunError, f"{free} robots 2-3 were asked for"),
-            (("b", (6, 7)), RunError, f"{free} robots 6-7 were asked for"),
+            (("a", (2, 3)), InputError, f"{free} robots 2-3 were asked for"),
+            (("b", (6, 7)), InputError, f"{free} robots 6-7 were asked for"),
             (("good",), RunError, "within 1 s: there is a host of the name 'good' already"),
             (("a/b",), InputError, "--name: expected the name of a host"),
         ]:
@@ -158,6 +161,28 @@ def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_p
         assert run.digest() == digest
     stays.end()
     assert again.end()[0] == 0
+
+
+def test_a_host_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
+    short, meet, monkeypatch, tmp_path
+):
+    file, digest = short
+    hear_out, heard = Crew._hear_out, []
+
+    def cut(self, is_enough):
+        heard.append(is_enough)
+        if len(heard) == 2:  # its report has come, and it does not understand what it is told
+            cable.cut()
+        hear_out(self, is_enough)
+
+    monkeypatch.setattr(Crew, "_hear_out", cut)
+    monkeypatch.setattr(crew, "END", b"?")
+    with cable_to(int(meet.rpartition(":")[2])) as cable:
+        with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
+            host = Host(cable.endpoint, "host")
+            assert run.digest() == digest
+        host.end()
+    assert any("the orchestrator is gone; looking for it again" in line for line in host.told())
 
 
 def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
