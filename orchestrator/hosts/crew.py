@@ -242,10 +242,10 @@ class Crew:
                 if isinstance(item, Message):
                     self._read_report(item)
                 for name, home in self._homes.items():
-                    if item == Presence(wire_key(ALIVE, f"{name}/{home.incarnation}"), here=False):
-                        home.present = False
-                    elif isinstance(item, Cut) and item.peer in {None, home.incarnation}:
-                        home.present, home.is_away = False, home.is_away or home.present
+                    present = wire_key(ALIVE, f"{name}/{home.incarnation}")
+                    cut = isinstance(item, Cut) and item.peer in {None, home.incarnation}
+                    if home.present and (cut or item == Presence(present, here=False)):
+                        home.present, home.is_away = False, not home.knows
                     elif isinstance(item, Question) and item.key == wire_key(JOIN, name):
                         over = Refusal(reason="the run is over", final=True, over=True)
                         item.answer(over.written())
@@ -358,6 +358,9 @@ class Crew:
             self.refused["seal"] += 1
             return
         if kind == ORDERS:  # one's own
+            return
+        if data == END:
+            home.knows = True
             return
         try:
             report: Report = Report.read(data)

@@ -36,6 +36,8 @@ class Home:
     present: bool = False
     is_away: bool = False
     """Whether its host was done and its link was lost: it does not know how the run ends."""
+    knows: bool = False
+    """Whether its host said that it has heard of the end."""
     plants: list[dict[str, Any]] = field(default_factory=list)
     begin: Put | None = None
     """Answers a host that is ready and waits for its beginning."""
@@ -57,7 +59,7 @@ class Home:
     def admit(self, incarnation: str | None) -> None:
         """Have another host from now on, which is not here yet; None for none."""
         self.incarnation, self.since, self.present = incarnation, monotonic(), False
-        self.begin, self.is_ready, self.is_away = None, False, False
+        self.begin, self.is_ready, self.is_away, self.knows = None, False, False, False
 
 
 class Homes(dict[str, Home]):

@@ -268,6 +268,8 @@ class _Listening:
             raise AbandonedError("the orchestrator is gone")
         if isinstance(item, Message):
             if item.key == self._orders and self._seal.opened(item.key, item.payload) == END:
+                key = wire_key(REPORT, self._name)
+                self._bus.publisher(key)(self._seal.closed(key, END))
                 raise EndedError("the run is over")
         elif isinstance(item, Answer) and item.payload:
             key = f"{wire_key(HEARD, self._name)}/answer"

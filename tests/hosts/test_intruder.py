@@ -258,7 +258,7 @@ def test_with_tls_only_listed_hosts_get_in_each_to_its_own_place(run_alone, meet
             Host(listen[0], "left", wait=1)
         with pytest.raises(BusError):
             Host(f"tcp/{meet}", "left", wait=1).end()
-        with pytest.raises(RunError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
+        with pytest.raises(InputError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
             Host(listen[0], "left", (1, 2), tls=tls["left"]).end()
         hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
         assert run.digest() == digest

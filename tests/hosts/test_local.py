@@ -7,16 +7,13 @@ import pytest
 from orchestrator.runs.running import run
 from recordings.reading import Reader
 from recordings.tables import RUN
+from tests.hosts.running import Host, Run, alone
 from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story
+from tests.orchestrator.conftest import SCENARIOS
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
-PAPER = {  # how many hosts; from 2 to a robot each
-    "paper_first_order": 6,
-    **{f"paper_example_{case}": 2 for case in ("1b", "1c", "2a", "2c", "3a", "3c")},
-    "paper_example_3b": 3,
-    "paper_jitter": 3,
-}
+PAPER = sorted(path.stem for path in SCENARIOS.glob("paper_*.toml"))
 
 
 def test_one_digest(tmp_path):
@@ -31,12 +28,18 @@ def test_one_digest(tmp_path):
         assert digest(outcome.path) == digest(tmp_path / "1.mcap")
 
 
-@pytest.mark.parametrize(("name", "hosts"), PAPER.items())
-def test_the_papers_scenarios(tmp_path, name, hosts):
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_scenarios(tmp_path, name):
+    """On hosts that share a process and meet at a socket, for what they say is the same."""
     file = scenario(name, lasting=9)
-    outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, hosts).run(tmp_path / "n.mcap")]
-    assert [(o.status, o.reason) for o in outcomes] == [("completed", "")] * 2
-    assert digest(tmp_path / "n.mcap") == digest(tmp_path / "1.mcap")
+    one = alone(file, tmp_path)
+    for n in (2, 3, 6):
+        meet = f"unixsock-stream/{tmp_path}/{n}"
+        with Run(file, tmp_path / f"{n}.mcap", listen=(meet,), expected=n) as spread:
+            hosts = [Host(meet, f"host-{i}") for i in range(n)]
+            assert spread.digest() == one
+        for host in hosts:
+            host.end()
 
 
 @pytest.fixture(scope="module")
