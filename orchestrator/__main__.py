@@ -1,5 +1,7 @@
 """The command's entry: an interrupt while the modules load is an interrupt, not a traceback."""
 
+import sys
+
 
 def main() -> None:
     """Run `nrs`."""
@@ -8,6 +10,7 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        sys.stderr.write("interrupted: by the user\n")
         raise SystemExit(130) from None
 
 
