@@ -14,7 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.container import Message, demand
+from recordings.container import MOST_CHANNELS, Message, demand
 
 _LENGTH = Struct("<Q")
 HEAD = np.dtype(
@@ -28,7 +28,7 @@ HEAD = np.dtype(
     ]
 )
 """What stands before a message's own bytes: opcode, length of what follows, and so on."""
-MANY = 2**16
+MANY = MOST_CHANNELS + 1
 """Channel numbers: u16."""
 _OTHER = "it holds more than messages of this recording"
 

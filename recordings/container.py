@@ -31,6 +31,9 @@ END_FIELDS = frozenset({"status", "reason", "digest", "ticks", "messages", "sha2
 LIMIT = 2**30
 """No chunk, decompressed or not, and no record of the head is longer: 1 GiB."""
 
+MOST_CHANNELS = 2**16 - 1
+"""MCAP numbers them by u16, and 0 is none."""
+
 RECORD = Struct("<BQ")
 """How every record begins: opcode, length of what follows."""
 FOOTER = Struct("<BQQQ")

@@ -17,7 +17,7 @@ import numpy as np
 from bus.errors import RunError
 from bus.keys import ORCHESTRATOR
 from bus.topology import Topology
-from orchestrator.errors import Interrupted
+from orchestrator.errors import Interrupted, ScenarioError
 from orchestrator.runs.alone import Alone, alone
 from orchestrator.runs.host import Spent, Watch, needed
 from orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
@@ -26,7 +26,7 @@ from orchestrator.runs.restart import AT_ONCE
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.file import ScenarioFile
 from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
-from recordings.container import Closing, Compression, Message
+from recordings.container import MOST_CHANNELS, Closing, Compression, Message
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
 from recordings.tables import REFUSED, RUN, SCENARIO, SPENT
@@ -96,13 +96,17 @@ def run(
     `pace` is the fastest at which ticks close.
     """
     scenario = file.scenario
-    clock, n = clock_of(scenario), scenario.n
+    clock, n, every = clock_of(scenario), scenario.n, scenario.run.checkpoint_every
+    topics = channels(n, faulty_of(scenario), checkpoints=0 < every <= clock.ticks)
+    if len(topics) > MOST_CHANNELS:
+        raise ScenarioError(
+            f"network: {n} robots would need {len(topics)} channels of a recording, which has room "
+            f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
+        )
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, hosts = (man or alone(file))(stack, clock, watch)
         wire = hosts.wire()
         target = TargetNode(bus, clock, wire, target_of(scenario))
-        every = scenario.run.checkpoint_every
-        topics = channels(n, faulty_of(scenario), checkpoints=0 < every <= clock.ticks)
         writer = stack.enter_context(
             Writer(
                 output,

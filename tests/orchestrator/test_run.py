@@ -11,6 +11,7 @@ from bus.memory_bus import MemoryBus
 from bus.messages import HEADER, SAMPLE, Codec
 from bus.network.zenoh_bus import ZenohBus
 from estimator_agents.estimate import Estimate
+from orchestrator.errors import ScenarioError
 from orchestrator.runs.alone import Alone
 from orchestrator.runs.lockstep import Lockstep, TargetNode
 from orchestrator.runs.robots import Robots
@@ -508,3 +509,15 @@ def test_robots_of_different_models_run_together(paper, tmp_path):
     others = [0, 1, 3, 4, 5]
     assert states_a[:, others].tobytes() == states_b[:, others].tobytes()
     assert (states_a["q"][1:, 2] != states_b["q"][1:, 2]).all()
+
+
+def test_robots_that_a_recording_has_no_channels_for_are_refused_before_they_are_opened(
+    paper, tmp_path
+):
+    text = paper().text
+    start = text.index("[network]")
+    ring = '[network]\ngenerator = { kind = "ring", n = 32768, pinned = [1] }\n'
+    many = text[:start] + ring + text[text.index("[target]") :]
+    with pytest.raises(ScenarioError, match="32768 robots would need 65537 channels"):
+        run(parse_scenario(many, "many", tmp_path, "many"), tmp_path / "run.mcap")
+    assert not (tmp_path / "run.mcap").exists()
