@@ -16,6 +16,8 @@ from bus.topology import Topology
 class Network:
     """The digraph in short."""
 
+    D: tuple[tuple[int, int, float], ...]
+    """(i, j, D_ij), by row, where D_ij is not 0: the normalised weight with which i hears j."""
     pinned: tuple[int, ...]
     """The robots that hear the target, ascending."""
     components: tuple[tuple[int, ...], ...]
@@ -43,7 +45,10 @@ def network_of(topology: Topology) -> Network:
     place[order] = np.arange(len(parts))
     edges = np.unique(place[between], axis=0).tolist() if len(between) else []
     steps = topology.steps()
+    weights = topology.D.tocoo()
+    rows = zip(weights.row + 1, weights.col + 1, weights.data, strict=True)
     return Network(
+        D=tuple(sorted((int(i), int(j), float(d)) for i, j, d in rows)),
         pinned=tuple((topology.sink[topology.source == 0]).tolist()),
         components=tuple(tuple((np.sort(parts[p]) + 1).tolist()) for p in order),
         edges=tuple((int(j), int(i)) for j, i in edges),

@@ -1,6 +1,7 @@
 """What a recording says of its run, in few words and as JSON."""
 
 import json
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ PARENT = "nrs.parent"
 
 def describe(reader: Reader) -> dict[str, Any]:
     """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
-    about = about_run(reader)
+    about, scenario = about_run(reader), scenario_text(reader)
     return {
         "file": str(reader.path),
         "name": about["name"],
@@ -34,13 +35,22 @@ def describe(reader: Reader) -> dict[str, Any]:
         "duration": _duration(reader, about.get("sampling_period_ns")),
         "seed": int(about["seed"]),
         "plants": json.loads(about["plants"]),
+        "target": _target(scenario),
         "versions": reader.metadata["nrs.versions"],
         "damage": reader.damage,
         "parent": reader.metadata.get(PARENT),
         "spent": json.loads(reader.end.get(SPENT, "null")),
         "refused": json.loads(reader.end.get(REFUSED, "{}")),
-        "scenario": scenario_text(reader),
+        "scenario": scenario,
     }
+
+
+def _target(scenario: str) -> dict[str, str] | None:
+    """Return which FMU was the target, where one was."""
+    if "sha256" not in scenario:
+        return None
+    told = tomllib.loads(scenario)["target"]
+    return {name: told[name] for name in ("fmu", "sha256")} if told.get("kind") == "fmu" else None
 
 
 def _duration(reader: Reader, period_ns: str | None) -> float:
@@ -55,13 +65,15 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
         for plant in told["plants"]
     )
-    parent = told["parent"]
+    parent, target = told["parent"], told["target"]
+    led = {"target": f"{target['fmu']}, SHA-256 {target['sha256']}"} if target else {}
     of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
     return {
         "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
         "robots": f"{told['robots']}, {told['joints']} joints each",
         "plants": "; ".join(plants),
         "driven": "; ".join(dict.fromkeys(plant["why"] for plant in told["plants"])),
+        **led,
         "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
         "messages": f"{told['messages']}",
         "estimates": f"sup |eps - eps_0|inf = {measured.position_estimate:.4g}, "

@@ -92,6 +92,11 @@ def test_the_network_of_the_example():
     assert network.components == ((3,), (1, 2), (6,), (4,), (5,))
     assert set(network.edges) == {(0, 1), (0, 2), (0, 3), (0, 4), (1, 3), (1, 4), (3, 4)}
     assert (network.depth, network.spanning_tree) == (3, True)
+    assert network.D[:3] == ((1, 2, 0.5), (1, 3, 0.5), (2, 1, 1.0))
+    dense = np.zeros((6, 6))
+    for i, j, d in network.D:
+        dense[i - 1, j - 1] = d
+    np.testing.assert_array_equal(dense, TOPOLOGY.D.toarray())
 
 
 # Recursions

@@ -15,7 +15,7 @@ from orchestrator.promises.promising import promises
 from orchestrator.replays.verifying import verify
 from orchestrator.replays.what_if import Change, changed
 from orchestrator.runs.running import run
-from orchestrator.runs.summary import measure, scenario_of
+from orchestrator.runs.summary import describe, lines, measure, scenario_of
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import clock_of, target_of
 from orchestrator.scenario.tables import json_schema
@@ -81,7 +81,12 @@ def test_its_samples_are_the_fmus_own(ran):
 
 def test_the_recording_alone_repeats_the_run(ran):
     file = scenario_of(ran[1])
-    assert file.scenario.target.sha256 == _digest_of(build("planar_robot"))
+    digest = hashlib.sha256(build("planar_robot").read_bytes()).hexdigest()
+    assert file.scenario.target.sha256 == digest
+    told = describe(ran[1])
+    assert told["target"] == {"fmu": "planar_robot", "sha256": digest}
+    assert lines(told, measure(ran[1]))["target"] == f"planar_robot, SHA-256 {digest}"
+    assert describe(ran[0])["target"] is None
     verdict = verify(ran[1], file, plants=False)
     assert verdict.difference is None
     assert verdict.ticks == 300
@@ -107,11 +112,6 @@ def test_it_is_judged_as_any_target_is(ran):
     assert told.source == "of the cubics through 1501 samples of planar_robot"
     judged = judge(ran[1], scenario, measure(ran[1]))
     assert [row.verdict for row in judged.quantities] == ["within"] * 4
-
-
-def _digest_of(path):
-
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize(
