@@ -28,7 +28,7 @@ from estimator_agents.theory.varying import joint_spectral_radius
 Complex = NDArray[np.complex128]
 Verdict = Literal["proven", "refuted", "not decided"]
 
-PIECES = 2
+PIECES = 3
 """Of the span of δ, each in the hull of three points."""
 REFINED, NEAR = 8, 1e-3
 """Eigenvalues of D, the worst, for which a search goes on where a norm leaves more than so much."""

@@ -1,6 +1,10 @@
-"""How far the estimates stay from any target, with any periods between h − r and h + r.
+"""How far the estimates stay from any target, when periods are not all alike.
 
-With y = V x + (K − I)_22 υ_0, the velocities' errors right after a jump, and |η_k| <= r,
+A list of periods over and over: what an acceleration in one period comes to is followed through
+those after it, as for a single period, apart for each place in the list where it may end.
+
+Any periods between h − r and h + r, in any order: with y = V x + (K − I)_22 υ_0, the velocities'
+errors right after a jump, and |η_k| <= r,
 
     x(t_{k+1}) = A(h) x(t_k) + Δ(k) + η_k [y(t_k); 0]   (A(h_k) = A(h) + η_k [V; 0])
 
@@ -11,16 +15,17 @@ comes to of a target that moves for h + r each time,
     lim |x| <= lim_Δ |x| + r Σ_j |A^j [1; 0]| lim |y|.
 
 If velocities do not depend on positions, H is zero; if A ≥ 0 as well, the bound is that of h + r
-throughout, and so it is attained. It holds for a list of periods and for jitter alike.
+throughout, and so it is attained.
 """
 
+from collections.abc import Sequence
 from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from estimator_agents.theory.estimates import REST, Pair, always, largest, worst
+from estimator_agents.theory.estimates import REST, Pair, always, largest, modulus, slip, worst
 from estimator_agents.theory.recursion import Recursion
 from estimator_agents.theory.solving import solve
 
@@ -28,6 +33,45 @@ Array = NDArray[np.float64]
 
 LARGEST, MOST = 200, 5000
 """Robots, and sampling periods of the past, for which a sum of |A^j| is affordable."""
+WORK = 2e9
+"""Multiplications that a list may take."""
+
+
+def sharp_of_list(
+    recursion: Recursion, gaps: Sequence[float], gamma_1: float, gamma_2: float, factor: float
+) -> tuple[Pair, Pair] | None:
+    """Return the sharp bounds at the sampling times, left limits, and at all times.
+
+    Of the recursion K, G and D count, and `factor` < 1 is the growth. None where it takes too long.
+    """
+    n, jump, h = recursion.n, recursion.jump, np.array(gaps)
+    rounds = int(WORK / ((jump.nnz + 2 * n) * 2 * len(h)))
+    if recursion.drag[:, 0].any() or (factor > 0 and log(REST) / log(factor) > rounds):
+        return None
+    sizes = np.array([[slip(gap, gamma_1, gamma_2), min(2 * gamma_1, gap * gamma_2)] for gap in h])
+    pull = (recursion.keep - np.eye(2))[:, 1]
+    drag = np.stack([pull[0] + h * pull[1], np.full(len(h), pull[1])], axis=1)
+
+    def moved(told: Array) -> Array:
+        """Return two bounds, (2, p, L), on what each period does to what is `told`, (p, L, 2)."""
+        held = np.abs((told * drag).sum(axis=2)) * gamma_1
+        driven = gamma_2 * modulus(told[..., 1], told[..., 1] + h * told[..., 0], h)
+        return np.stack([(np.abs(told) * sizes).sum(axis=2) + held, driven + held])
+
+    kernel = np.zeros((2 * n, len(h), 2))
+    kernel[:n, :, 0] = kernel[n:, :, 1] = 1.0
+    views = (sparse.eye_array(2 * n, format="csr"), jump)
+    most = np.zeros((len(views), 2, 2 * n, len(h)))
+    for j in range(rounds):
+        added = np.stack([moved(_times(seen, kernel)) for seen in views])
+        most += np.roll(added, j, axis=3)
+        left, all_ = (sums.max(axis=(0, 2, 3)) for sums in (added, most))
+        if j >= len(h) and np.all(left <= REST * (1 - factor) * all_):
+            before, after = (largest(bounds.min(axis=0).max(axis=1)) for bounds in most)
+            return before, always(before, after, recursion, gamma_1)
+        kernel = _times(jump, kernel)
+        kernel[:n] += np.roll(h, -j - 1)[:, None] * kernel[n:]
+    return None
 
 
 def sharp_aperiodic(
@@ -95,3 +139,9 @@ def _of_positions(
         return recursion.matrix, seen
     n = recursion.n
     return sparse.csr_array(recursion.matrix[:n, :n]), sparse.csr_array(seen[:, :n])
+
+
+def _times(A: sparse.csr_array, stacked: Array) -> Array:
+    """Multiply (p, q) by (q, …)."""
+    product: Array = (A @ stacked.reshape(len(stacked), -1)).reshape(-1, *stacked.shape[1:])
+    return product

@@ -126,7 +126,7 @@ def worst(
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
     n, A = recursion.n, recursion.matrix
-    sizes = [_slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
+    sizes = [slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
     unit = np.kron(np.eye(2), np.ones((n, 1)))
     if A.data.min() >= 0 and seen.data.min() >= 0 and not recursion.drag.any():
         found: Array = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
@@ -140,7 +140,7 @@ def worst(
         told = seen @ kernel
         held = np.abs(told @ recursion.drag[:, 1]) * gamma_1
         bounded = np.abs(told) @ sizes + held
-        driven = gamma_2 * _modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
+        driven = gamma_2 * modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
         most, free = most + bounded, free + driven
         if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
             least: Array = np.minimum(most, free)
@@ -149,14 +149,14 @@ def worst(
     return None
 
 
-def _slip(h: float, gamma_1: float, gamma_2: float) -> float:
+def slip(h: float, gamma_1: float, gamma_2: float) -> float:
     """Return the most of |Δ_1(k)|: ∫ min(2 γ1, γ2 w) dw over 0 … h."""
     if gamma_2 * h <= 2 * gamma_1:
         return gamma_2 * h**2 / 2
     return 2 * gamma_1 * h - 2 * gamma_1**2 / gamma_2
 
 
-def _modulus(first: Reals, last: Reals, h: float) -> Array:
+def modulus(first: Reals, last: Reals, h: float | Array) -> Array:
     """Return ∫ |f| over 0 … h of what goes straight from `first` to `last`."""
     apart = np.abs(last - first)
     crossed = (first**2 + last**2) / np.where(apart > 0, 2 * apart, 1)

@@ -8,7 +8,7 @@ import numpy as np
 from estimator_agents.algorithm import load_algorithm
 from estimator_agents.target import Harmonic
 from estimator_agents.theory.aperiodic import Growth
-from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic
+from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
 from estimator_agents.theory.design import Design, design
 from estimator_agents.theory.estimates import (
     Pair,
@@ -163,8 +163,12 @@ def promises(
     why_not = _why_not(scenario, recursion, growth)
     motion, sharpest, always, paper = None, None, None, None
     if recursion is not None and not why_not and periods.alike is None:
-        radius = spectral_radius(algorithm.modes(spectrum, middle))
-        both = sharp_aperiodic(recursion, r, *whole, radius)
+        both = None
+        if not periods.early:
+            both = sharp_of_list(recursion, periods.gaps, *whole, growth.factor)
+        if both is None:
+            radius = spectral_radius(algorithm.modes(spectrum, middle))
+            both = sharp_aperiodic(recursion, r, *whole, radius)
         sharpest, always = both or (None, None)
     elif recursion is not None and not why_not:
         radius = growth.factor

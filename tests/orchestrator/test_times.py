@@ -1,6 +1,8 @@
 """Sampling times that are not periodic: exact to the ns, and drawn alike by whoever asks."""
 
+from contextlib import ExitStack
 from itertools import accumulate
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -8,10 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator.errors import ScenarioError
+from orchestrator.promises.checking import check
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import promises
+from orchestrator.reports.reporting import story_of
+from orchestrator.runs.plants import group_by_archive, open_fleet
 from orchestrator.runs.running import past_of, run
+from orchestrator.runs.summary import describe, measure
 from orchestrator.scenario.clock import BLOCK, Clock, Jitter
-from orchestrator.scenario.setting import clock_of
+from orchestrator.scenario.setting import bodies, clock_of
+from plant_fmu.bundled.building import build
+from plant_fmu.errors import FmuError
+from recordings.measuring import SteadyState
 from recordings.reading import Reader
+from recordings.report.words import lead
 from recordings.tables import samples, states
 from tests.orchestrator.arms import along
 from tests.orchestrator.conftest import SECOND_ORDER
@@ -174,6 +186,87 @@ def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(paper, tmp_path, order)
 def test_a_list_without_a_duration_is_the_whole_run(paper, tmp_path):
     outcome = run(paper(*listed(TIMES)), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 5)
+
+
+def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
+    path = run(paper(*listed(TIMES, duration=0.8, step=0.05)), tmp_path / "run.mcap").path
+    with Reader(path) as reader:
+        told, recorded = story_of(reader), rows_of(states(reader), 6)
+        sampled, duration = rows_of(samples(reader), 7), describe(reader)["duration"]
+    assert duration == told.seconds == 0.8
+    assert told.t_k.tolist() == sampled["t"][:, 0].tolist()
+    assert told.t.tolist() == recorded["t"][:, 0].tolist()
+    assert told.vectors["q"].tolist() == recorded["q"].tolist()
+    ours = np.abs(sampled["position"][:, 1:] - sampled["position"][:, :1]).max(axis=(1, 2))
+    np.testing.assert_allclose(told.envelopes["position_estimate"].largest, ours, rtol=1e-12)
+    assert "samples 0.03 to 0.15 s after one another and" in lead(told)
+
+
+def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
+    """Of both algorithms, and of a list: what is measured is within what is proven."""
+    for name, changes in {
+        "first": (JITTER, ("duration = 30.0", "duration = 12.0")),
+        "second": (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 12.0")),
+        "list": listed(TIMES, SECOND_ORDER, duration=12.0),
+    }.items():
+        file = paper(*changes)
+        with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
+            judged = judge(reader, file.scenario, measure(reader))
+        assert judged.why_not == ""
+        assert [row.verdict for row in judged.quantities] == ["within"] * 4
+        assert judged.measured_factor is None
+        for row in judged.quantities:
+            assert (row.bound.exact, row.bound.paper) == (None, None)
+            assert 0.1 * row.bound.sharp < row.measured or row.bound.name.startswith("|q")
+
+
+def test_a_measurement_beyond_the_bound_is_told_with_its_tick(paper, tmp_path):
+    file = paper(*listed(TIMES, duration=4.0))
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        broken = SteadyState(1e3, 0.0, 0.0, 0.0, (3_700_000_001, 0, 0, 0))
+        judged = judge(reader, file.scenario, broken)
+    assert judged.quantities[0].verdict == "exceeds"
+    assert judged.quantities[0].tick == 5 * 9 + 2
+
+
+def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
+    periodic, jittered = (check(paper(*more).scenario).as_json() for more in ((), (JITTER,)))
+    assert jittered.keys() - periodic.keys() == {"aperiodic"}
+    assert periodic.keys() <= jittered.keys()
+    told = jittered["aperiodic"]
+    assert (told["shortest"], told["longest"]) == (pytest.approx(0.065), pytest.approx(0.135))
+    assert told["verdict"] == "proven"
+    assert told["lower"] == told["upper"] == jittered["spectral_radius"]
+    assert jittered["rate"] == pytest.approx(periodic["rate"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ((SECOND_ORDER, (PERIOD, "sampling_period = 0.5")), "the estimates diverge: their error"),
+        ((SECOND_ORDER, (PERIOD, "sampling_times = [0.5]")), "the estimates diverge: their error"),
+        (
+            (SECOND_ORDER, (PERIOD, "sampling_period = 0.5\nsampling_jitter = 0.2")),
+            "some jitter lets the estimates diverge",
+        ),
+    ],
+)
+def test_what_does_not_settle_is_warned_of(paper, changes, words):
+    scenario = paper(*changes, (STEP, "")).scenario
+    assert words in check(scenario).warnings()[-1]
+    assert "diverge" in promises(scenario).why_not
+
+
+def test_an_fmu_for_steps_of_one_length_is_refused_by_name(paper, tmp_path):
+    old = build("two_link_arm", 3)
+    with ZipFile(old) as archive, ZipFile(tmp_path / "even.fmu", "w") as new:
+        for name in archive.namelist():
+            data = archive.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")
+            new.writestr(name, data)
+    plant = f"fmu = '{tmp_path}/even.fmu'\ncontrol = 'hold'"
+    scenario = paper(JITTER, ('fmu = "two_link_arm"', plant)).scenario
+    with ExitStack() as stack, pytest.raises(FmuError, match="canHandleVariableCommunicationStep"):
+        open_fleet(stack, group_by_archive(scenario, tmp_path), bodies(scenario))
 
 
 def test_a_jittered_run_goes_on_where_it_was_cut(paper, tmp_path):

@@ -370,6 +370,19 @@ def test_what_is_asked_for_is_taken_or_refused(altered: Callable[..., Archive]) 
 
 
 @each_version
+def test_what_takes_steps_of_one_length_alone_is_driven_in_many_by_model_exchange(
+    fmi: int, altered: Callable[..., Archive]
+) -> None:
+    can = ('canHandleVariableCommunicationStepSize="true"', "")
+    archive = altered(fmi, can)
+    assert choose(archive, {}, Driving()).way == "reference"
+    assert choose(archive, {}, Driving(uneven=True)).way == "cvode"
+    words = "are cvode, rk4, and it lacks .*canHandleVariableCommunicationStepSize, for sampling"
+    with pytest.raises(FmuError, match=words):
+        choose(archive, {}, Driving(control="hold", uneven=True))
+
+
+@each_version
 def test_a_torque_that_is_not_told_is_the_laws(
     altered: Callable[..., Archive], oracle: Any, opened: Open, fmi: int
 ) -> None:
