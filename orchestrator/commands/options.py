@@ -1,9 +1,12 @@
 """Arguments and options that several commands share."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+
+from bus.errors import InputError
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
@@ -84,11 +87,14 @@ Expect = Annotated[
         help="How many hosts share the robots, when they do not say which they want.",
     ),
 ]
+WAIT = 300.0
+"""s"""
 Wait = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="SECONDS",
         rich_help_panel=_PANEL,
+        show_default=f"{WAIT:g}",
         help="How long to wait for one another, at the start or after a link was lost.",
     ),
 ]
@@ -114,3 +120,11 @@ Port = Annotated[
 Stay = Annotated[
     bool, typer.Option("--stay", help="Of --live: serve the page until Ctrl-C after the run.")
 ]
+
+
+def expect_of(owners: Mapping[str, object | None], options: Mapping[str, object | None]) -> None:
+    """Refuse the first option that was given though none was that it is of; None: not given."""
+    if all(value is None for value in owners.values()):
+        for option, value in options.items():
+            if value is not None:
+                raise InputError(f"{option}: is of {' or '.join(owners)}, which is not given")

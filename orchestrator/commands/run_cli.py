@@ -2,12 +2,13 @@
 
 import socket
 from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bus.errors import InputError
 from orchestrator.commands.options import (
+    WAIT,
     Compressed,
     Connect,
     Deadline,
@@ -28,6 +29,7 @@ from orchestrator.commands.options import (
     TlsCertificate,
     TlsKey,
     Wait,
+    expect_of,
 )
 from orchestrator.terminal import say
 
@@ -43,7 +45,7 @@ def run(
     listen: Listen = None,
     connect: Connect = None,
     expect: Expect = 1,
-    wait: Wait = 300.0,
+    wait: Wait = None,
     tls_ca: TlsCa = None,
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
@@ -61,8 +63,10 @@ def run(
     from orchestrator.scenario.file import read_scenario
 
     pace = performing.pace_of(realtime)
-    if not live and (stay or port is not None):
-        raise InputError(f"{'--stay' if stay else '--port'}: is of --live, which is not given")
+    expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
+    _expect_of_hosts(hosts, listen, connect, wait, no_restart)
+    wait = WAIT if wait is None else wait
+    _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     file = read_scenario(scenario)
     for warning in check(file.scenario).warnings():
         say("yellow", "warning", warning)
@@ -93,7 +97,7 @@ def resume(
     listen: Listen = None,
     connect: Connect = None,
     expect: Expect = 1,
-    wait: Wait = 300.0,
+    wait: Wait = None,
     tls_ca: TlsCa = None,
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
@@ -106,6 +110,9 @@ def resume(
     from orchestrator.runs.running import past_of
     from recordings.reading import Reader
 
+    _expect_of_hosts(hosts, listen, connect, wait, no_restart)
+    wait = WAIT if wait is None else wait
+    _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     with Reader(recording) as reader:
         file = performing.resumable(reader, output)
         tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
@@ -138,7 +145,7 @@ def host(
         bool,
         typer.Option("--allow-fmus", help="Run FMUs that the orchestrator sends: native code."),
     ] = False,
-    wait: Wait = 300.0,
+    wait: Wait = None,
     tls_ca: TlsCa = None,
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
@@ -152,9 +159,36 @@ def host(
     from orchestrator.hosts.member import Membership, serve
     from orchestrator.scenario.numbers import parse_robots
 
+    wait = WAIT if wait is None else wait
     tls = tls_of(tls_ca, tls_certificate, tls_key)
     endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     wanted = None if robots is None else parse_robots(robots, "--robots")
     own = name or (common_name(tls) if tls else None) or socket.gethostname()
     member = Membership(own, wanted, run_id, wait, allow_fmus, True, show)
     serve(member, endpoints)
+
+
+def _expect_of_hosts(
+    hosts: str | None,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    wait: float | None,
+    no_restart: bool,
+) -> None:
+    """Refuse what is about hosts where the run has none."""
+    owners = {"--hosts": hosts, "--listen": listen or None, "--connect": connect or None}
+    expect_of(owners, {"--wait": wait, "--no-restart": no_restart or None})
+
+
+def _expect_beyond(
+    listen: list[str] | None,
+    connect: list[str] | None,
+    tls_ca: Path | None,
+    tls_certificate: Path | None,
+    tls_key: Path | None,
+    insecure_tcp: bool,
+) -> None:
+    """Refuse what is about links beyond this process where the run has none."""
+    tls = {"--tls-ca": tls_ca, "--tls-certificate": tls_certificate, "--tls-key": tls_key}
+    owners = {"--listen": listen or None, "--connect": connect or None}
+    expect_of(owners, {**tls, "--insecure-tcp": insecure_tcp or None})

@@ -28,7 +28,14 @@ def toml(tmp_path):
             "--hosts 2: starts hosts here, --listen waits for others",
         ),
         (["--deadline", "0"], "--deadline: expected more than 0 s, got 0"),
-        (["--wait", "nan"], "--wait: expected more than 0 s, got nan"),
+        (["--hosts", "2", "--wait", "nan"], "--wait: expected more than 0 s, got nan"),
+        (["--wait", "9"], "--wait: is of --hosts or --listen or --connect, which is not given"),
+        (
+            ["--no-restart"],
+            "--no-restart: is of --hosts or --listen or --connect, which is not given",
+        ),
+        (["--tls-key", "x"], "--tls-key: is of --listen or --connect, which is not given"),
+        (["--insecure-tcp"], "--insecure-tcp: is of --listen or --connect, which is not given"),
     ],
 )
 def test_bad_options_exit_2(toml, tmp_path, options, message):
