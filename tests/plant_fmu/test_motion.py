@@ -15,6 +15,7 @@ from plant_fmu.archives.naming import Pattern
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.motion import motion_of
 from tests.orchestrator.arms import target
+from tests.plant_fmu import hinge
 from tests.plant_fmu.archives import renamed, rewritten
 from tests.plant_fmu.conftest import FAULTS
 from tests.plant_fmu.robots import Robot
@@ -86,6 +87,21 @@ def test_it_is_exactly_what_the_fmu_says(unpacked):
         assert robot.get("q").tolist() == moved[0][row].tolist()
         assert robot.get("qd").tolist() == moved[1][row].tolist()
     robot.fmu.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_events_of_model_exchange_are_met(tmp_path, fmi):
+    """A joint under tau = 3, whose inertia doubles at t = 0.4 s; and one that ends the run."""
+    archive = open_archive(hinge.build(fmi, tmp_path))
+    times = [0.05 * j for j in range(17)]
+    parameters = {"tau": 3.0, "load": 1.0, "t_load": 0.4}
+    q, qd = motion_of(archive, parameters, NAMES, times, None)
+    t = np.array(times)
+    late = np.maximum(t - 0.4, 0)
+    np.testing.assert_allclose(qd[:, 0], 3 * t - 1.5 * late, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(q[:, 0], 1.5 * t**2 - 0.75 * late**2, rtol=0, atol=1e-9)
+    with pytest.raises(StepError, match=r"target \(.*\) at t = .*the FMU ended the simulation"):
+        motion_of(archive, {"end": 1.0, "t_load": 0.2}, NAMES, times, None)
 
 
 def test_a_velocity_may_be_the_derivative_of_the_position(tmp_path):
