@@ -128,8 +128,8 @@ def _of_jitter(blocks: Complex, h: float, early: float) -> Growth:
     hull = np.concatenate([values, hull])
     pairs = values[:, None] @ values
     lowest = np.maximum(_radii(values).max(axis=0), np.sqrt(_radii(pairs)).max(axis=(0, 1)))
-    highest = _in_a_norm(hull)
     lower = float(lowest.max())
+    highest = _in_a_norm(hull, lower)
     for i in np.argsort(-highest)[:REFINED]:
         near = min(NEAR, abs(1 - lower) / 4)
         if highest[i] <= lower * (1 + near):
@@ -163,24 +163,27 @@ def _radii(matrices: Complex) -> NDArray[np.float64]:
     return radii
 
 
-def _in_a_norm(matrices: Complex) -> NDArray[np.float64]:
+def _in_a_norm(matrices: Complex, enough: float) -> NDArray[np.float64]:
     """Return the largest of q matrices, (q, n, 2, 2), in a norm for each n that makes them small.
 
     It is that of xᴴ P x with P = 1 + L(P)/r², L(X) = Σ w Mᴴ X M. Of one matrix alone, it would be
-    below r, for any r above ρ. The largest of several gets more weight in the next turn.
+    below r, for any r above ρ. The largest of several gets more weight in the next turn. For an n
+    of which it is no more than `enough`, no better norm is looked for.
     """
-    q, n = matrices.shape[:2]
-    turned = matrices.conj().swapaxes(-1, -2)
-    least = np.full(n, np.inf)
+    least = np.full(matrices.shape[1], np.inf)
     for share in SHARES:
+        rows = np.flatnonzero(least > enough)
+        those = matrices[:, rows]
+        q, n = those.shape[:2]
+        turned = those.conj().swapaxes(-1, -2)
         weights = np.full((q, n), 1 / q)
         for _ in range(TURNS):
-            L = np.einsum("qn,qnab,qncd->nadbc", weights, turned, matrices).reshape(n, 4, 4)
-            radius = np.abs(np.linalg.eigvals(L)).max(axis=1)
+            L = np.einsum("qn,qnab,qncd->nadbc", weights, turned, those).reshape(n, 4, 4)
+            radius = np.abs(np.linalg.eigvals(L)).max(axis=1, initial=0)
             r2 = radius + share * np.maximum(np.abs(1 - radius), 1e-9)
             P = np.linalg.solve(np.eye(4) - L / r2[:, None, None], np.eye(2).reshape(4, 1))
-            norms = _in_norm_of(P.reshape(n, 2, 2), matrices)
-            least = np.minimum(least, norms.max(axis=0))
+            norms = _in_norm_of(P.reshape(n, 2, 2), those)
+            least[rows] = np.minimum(least[rows], norms.max(axis=0))
             weights = weights * norms**8
             weights = weights / weights.sum(axis=0)
     return least

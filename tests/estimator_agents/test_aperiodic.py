@@ -309,6 +309,6 @@ def test_no_bound_is_given_where_none_is_found():
     assert sharp_aperiodic(recursion, 1.2, 3.0, 1.0, rho) is None
     large = ring(300, True)
     recursion = recursion_of(SecondOrder(1.1, 0.9), large, 0.1)
-    assert sharp_aperiodic(recursion, 0.01, 3.0, 1.0, 0.99) is None
+    assert sharp_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9) is None
     recursion = recursion_of(FirstOrder(0.9, 0.9), large, 0.1)
     assert sharp_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9999) is not None

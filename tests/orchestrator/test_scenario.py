@@ -237,7 +237,17 @@ def test_the_nine_cases_of_the_paper_differ_in_their_gains_and_period_only(case,
 
 def test_the_schema_knows_every_key():
     schema = json.dumps(json_schema())
-    for key in ("sampling_period", "adjacency", "pinning", "uniform", "robots", "cosines", "kp"):
+    for key in (
+        "sampling_period",
+        "sampling_times",
+        "sampling_jitter",
+        "adjacency",
+        "pinning",
+        "uniform",
+        "robots",
+        "cosines",
+        "kp",
+    ):
         assert f'"{key}"' in schema
 
 

@@ -1,5 +1,6 @@
 """Sampling times that are not periodic: exact to the ns, and drawn alike by whoever asks."""
 
+import json
 from contextlib import ExitStack
 from itertools import accumulate
 from zipfile import ZipFile
@@ -23,6 +24,7 @@ from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
 from recordings.measuring import SteadyState
 from recordings.reading import Reader
+from recordings.report.page import told
 from recordings.report.words import lead
 from recordings.tables import samples, states
 from tests.orchestrator.arms import along
@@ -191,15 +193,23 @@ def test_a_list_without_a_duration_is_the_whole_run(paper, tmp_path):
 def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
     path = run(paper(*listed(TIMES, duration=0.8, step=0.05)), tmp_path / "run.mcap").path
     with Reader(path) as reader:
-        told, recorded = story_of(reader), rows_of(states(reader), 6)
+        drawn, recorded = story_of(reader), rows_of(states(reader), 6)
         sampled, duration = rows_of(samples(reader), 7), describe(reader)["duration"]
-    assert duration == told.seconds == 0.8
-    assert told.t_k.tolist() == sampled["t"][:, 0].tolist()
-    assert told.t.tolist() == recorded["t"][:, 0].tolist()
-    assert told.vectors["q"].tolist() == recorded["q"].tolist()
+    assert duration == drawn.seconds == 0.8
+    assert drawn.t_k.tolist() == sampled["t"][:, 0].tolist()
+    assert drawn.t.tolist() == recorded["t"][:, 0].tolist()
+    assert drawn.vectors["q"].tolist() == recorded["q"].tolist()
     ours = np.abs(sampled["position"][:, 1:] - sampled["position"][:, :1]).max(axis=(1, 2))
-    np.testing.assert_allclose(told.envelopes["position_estimate"].largest, ours, rtol=1e-12)
-    assert "samples 0.03 to 0.15 s after one another and" in lead(told)
+    np.testing.assert_allclose(drawn.envelopes["position_estimate"].largest, ours, rtol=1e-12)
+    assert "samples 0.03 to 0.15 s after one another and" in lead(drawn)
+
+
+def test_a_page_has_no_factor_where_there_is_none(paper, tmp_path):
+    changes = (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 1.0"))
+    with Reader(run(paper(*changes), tmp_path / "run.mcap").path) as reader:
+        (page,) = told([story_of(reader)])["runs"]
+    assert page["factor"] is None
+    json.dumps(page, allow_nan=False)
 
 
 def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
@@ -233,10 +243,10 @@ def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
     periodic, jittered = (check(paper(*more).scenario).as_json() for more in ((), (JITTER,)))
     assert jittered.keys() - periodic.keys() == {"aperiodic"}
     assert periodic.keys() <= jittered.keys()
-    told = jittered["aperiodic"]
-    assert (told["shortest"], told["longest"]) == (pytest.approx(0.065), pytest.approx(0.135))
-    assert told["verdict"] == "proven"
-    assert told["lower"] == told["upper"] == jittered["spectral_radius"]
+    more = jittered["aperiodic"]
+    assert (more["shortest"], more["longest"]) == (pytest.approx(0.065), pytest.approx(0.135))
+    assert more["verdict"] == "proven"
+    assert more["lower"] == more["upper"] == jittered["spectral_radius"]
     assert jittered["rate"] == pytest.approx(periodic["rate"])
 
 
