@@ -12,8 +12,6 @@ from plant_fmu.drives.driving import Driving
 
 MOST = 4
 """Different plants that are sampled, of a scenario with many."""
-DEADLINE = 20.0
-"""s of wall time, for each."""
 
 
 class Sampling:
@@ -36,8 +34,6 @@ class Sampling:
         (body,) = bodies(self._file.scenario, [robot])
         try:
             archive = find_archive(plant.fmu, self._file.folder)
-            return p3_of(
-                Task(archive, body, names_of(plant.variables), Driving.of(plant)), DEADLINE
-            )
+            return p3_of(Task(archive, body, names_of(plant.variables), Driving.of(plant)))
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"
