@@ -14,8 +14,8 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 	@echo "  $(BIN)/nrs export $(DATA)/demo.mcap -o $(DATA)/demo      its tables as CSV"
 	@echo "  Foxglove or PlotJuggler: open the file, plot /state/1 and /sample/1"
 
-test: .venv/.tested  ## install what the tests need and pass them
-	$(BIN)/pytest $(ARGS)
+test: .venv/.tested  ## install what the tests need and pass them, on up to eight processors
+	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
 
 benchmark: .venv/.installed  ## robot-intervals per second, recorded and by bare loops, in one table
 	$(BIN)/python -m benchmarks.throughput $(ARGS)
