@@ -78,6 +78,11 @@ class Homes(dict[str, Home]):
         taken = {*home.robots}
         self.free = [robot for robot in self.free if robot not in taken]
 
+    def __delitem__(self, name: str) -> None:
+        """Let a host go for good; its robots are free again."""
+        self.free = sorted([*self.free, *self[name].robots])
+        super().__delitem__(name)
+
     def missing(self) -> str:
         """Say who is missing, as the end of a sentence; nothing when nobody is."""
         vacant = [f"host {name}" for name, home in self.items() if home.incarnation is None]
