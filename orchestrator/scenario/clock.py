@@ -99,7 +99,7 @@ class Clock:
     def t(self, k: int) -> int:
         """Return t_k."""
         turns, i = divmod(k, len(self.times))
-        t = turns * self.turn + (self.times[i - 1] if i else 0)
+        t = turns * self.times[-1] + (self.times[i - 1] if i else 0)
         return t - self.jitter.at(k) if self.jitter else t
 
     def since(self, time: int) -> int:

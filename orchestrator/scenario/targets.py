@@ -10,26 +10,35 @@ from estimator_agents.target import Sampled
 from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.setting import clock_of, target_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
+from orchestrator.scenario.times import wrong_times
 from plant_fmu.archives.quantities import MOTION
 
 
 def wrong_target(scenario: Scenario) -> Iterator[str]:
     """Yield what is wrong with a target's samples; before, its axes are not counted."""
-    target, end = scenario.target, scenario.run.end
+    target = scenario.target
     if not isinstance(target, SampledTarget | FmuTarget):
         return
     wrong = [*_not_there(target), *wrong_variables(target)] or _wrong_samples(target)
     yield from wrong
     if wrong:
         return
-    times = target.times
-    if end is not None and (times[0] > 0 or times[-1] < end):
+    times, end = target.times, _end(scenario)
+    if times[0] > 0 or times[-1] < end:
         yield (
-            f"target.times: expected times that cover 0 to {end!r} s (run.duration), got "
+            f"target.times: expected times that cover 0 to {end!r} s, the end of the run, got "
             f"{times[0]!r} to {times[-1]!r} s; give samples of the rest, or a shorter run"
         )
     if not _is_finite(scenario):
         yield "target.positions: expected a motion of finite velocity and acceleration, got none"
+
+
+def _end(scenario: Scenario) -> float:
+    """Return the last sampling time, s; 0 where there is none, which is told elsewhere."""
+    if any(wrong_times(scenario.run)):
+        return 0.0
+    clock = clock_of(scenario)
+    return seconds(clock.t(clock.ticks))
 
 
 def wrong_variables(target: SampledTarget | FmuTarget) -> Iterator[str]:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import tomllib
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -264,3 +265,29 @@ def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
     )
     (tmp_path / "arm.fmu").unlink()
     assert run(file, tmp_path / "run.mcap").ticks == 3
+
+
+JITTER = (
+    ("sampling_period = 0.1 ", "sampling_jitter = 0.5\nsampling_period = 0.1 "),
+    ("duration = 30.0", "duration = 1.0"),
+)
+
+
+def test_under_jitter_it_is_looked_at_when_samples_are_taken(tmp_path):
+    file = read(tmp_path, MOVER, *JITTER)
+    clock, times = clock_of(file.scenario), file.scenario.target.times
+    assert {clock.t(k) / 1e9 for k in range(11)} <= set(times)
+    assert times[-1] == clock.t(10) / 1e9 < 1
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        assert verify(reader, scenario_of(reader), plants=True).difference is None
+
+
+def test_under_jitter_an_fmu_for_steps_of_one_length_is_refused(tmp_path):
+    with ZipFile(build("planar_robot")) as old, ZipFile(tmp_path / "even.fmu", "w") as new:
+        for name in old.namelist():
+            data = old.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")
+            new.writestr(name, data)
+    table = MOVER.replace('"planar_robot"', '"even.fmu"')
+    with pytest.raises(ScenarioError, match=r"even.fmu: lacks canHandleVariable"):
+        read(tmp_path, table, *JITTER)
+    assert read(tmp_path, table, JITTER[1]).scenario.target.times[-1] == 1

@@ -183,7 +183,7 @@ BAD_TABLES = {
     "no number": (INLINE.format("[0, nan]", "[[1], [2]]"), "target.times[1]: expected a finite"),
     "late": (
         INLINE.format("[0.5, 40]", "[[1], [2]]"),
-        "target.times: expected times that cover 0 to 30.0 s (run.duration), got 0.5 to 40.0 s",
+        "target.times: expected times that cover 0 to 30.0 s, the end of the run, got 0.5 to 40.0",
     ),
     "early": (
         INLINE.format("[0, 29]", "[[1], [2]]"),
