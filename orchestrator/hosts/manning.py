@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from uuid import uuid4
 
 from bus.keys import RECORDS, REPORT, SAMPLES, wire_key
@@ -20,6 +18,7 @@ from orchestrator.runs.lockstep import Hosts, Manning
 from orchestrator.runs.plants import group_by_archive
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.file import ScenarioFile
+from plant_fmu.folders import own_folder
 
 _ROBOTS_A_HOST = 50
 """From so many robots on, a process more is worth what it costs."""
@@ -43,7 +42,7 @@ def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
     """The robots in several processes of this machine, which meet at a socket of the user's own."""
 
     def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
+        folder = stack.enter_context(own_folder())
         endpoint = f"unixsock-stream/{folder}/bus"
         start = partial(LocalHost, endpoint=endpoint, folder=folder)
         n = file.scenario.n

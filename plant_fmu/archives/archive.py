@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import fmpy
@@ -16,6 +15,7 @@ from plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
 from plant_fmu.archives.reading import read_description
 from plant_fmu.bundled.building import build, built_here
 from plant_fmu.errors import FmuError
+from plant_fmu.folders import own_folder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,12 +108,12 @@ def find_archive(fmu: str, folder: Path) -> Archive:
 @contextmanager
 def unpacked(archive: Archive) -> Iterator[Path]:
     """Unpack an archive into a temporary folder that ends with the context."""
-    with TemporaryDirectory(prefix="nrs-") as folder:
+    with own_folder() as folder:
         with _file(archive.path, archive.label) as file:
             if _digest(file) != archive.sha256:
                 raise FmuError(f"{archive.label}: has changed since it was read")
-            unpack(file, Path(folder), archive.label)
-        yield Path(folder)
+            unpack(file, folder, archive.label)
+        yield folder
 
 
 @contextmanager

@@ -9,14 +9,13 @@ import json
 import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.checkpoint import time_of
 from plant_fmu.drives.driving import Driving, Undriven
 from plant_fmu.fmi.native.rounds import load_native
+from plant_fmu.folders import own_folder
 from plant_fmu.isolation.sharing import (
     ADVANCE,
     ADVANCED_BY,
@@ -52,7 +51,7 @@ class IsolatedPlants:
         `open_plants`, or how the FMU ended its process.
         """
         load_native()  # compiled here, no worker needs its deadline for that
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="nrs-")))
+        folder = stack.enter_context(own_folder())
         n, m = len(bodies), len(bodies[0].q)
         size = 1 if archive.once_per_process else n
         firsts = range(0, n, size)
