@@ -73,6 +73,11 @@ class Topologies:
         """Whether one exchange holds at all times."""
         return len(self.exchanges) == 1
 
+    @property
+    def turning(self) -> bool:
+        """Whether exchanges take turns for ever."""
+        return self.repeat is not None and not self.is_constant
+
     def at(self, k: int) -> int:
         """Return which exchange holds at t_k, k ≥ 1, from 0."""
         tick = (k - 1) % self.repeat + 1 if self.repeat else k

@@ -19,6 +19,8 @@ from estimator_agents.hearing import POLICIES, Missing
 GROUP = "nrs.algorithms"
 
 Spectrum = NDArray[np.complex128]
+Spectra = tuple[Spectrum, ...]
+"""Of D; of the positions' and of the velocities' D where these are two."""
 
 
 class Algorithm(Protocol):
@@ -65,6 +67,20 @@ class Demanding(Protocol):
 
     def demands(self, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:
         """Return conditions on the period h (s) and on the largest |υ_0| and |a_0| (A1)."""
+
+
+def modes(algorithm: Algorithm, spectra: Spectra, h: float) -> Spectrum:
+    """Return an algorithm's modes on its digraph, or on its two."""
+    modes_of: Any = algorithm.modes
+    found: Spectrum = modes_of(spectra[0], h, *spectra[1:])
+    return found
+
+
+def conditions(algorithm: Algorithm, spectra: Spectra, h: float) -> Sequence[Condition]:
+    """Return an algorithm's conditions on its digraph, or on its two."""
+    conditions_of: Any = algorithm.conditions
+    found: Sequence[Condition] = conditions_of(spectra[0], h, *spectra[1:])
+    return found
 
 
 def demands(algorithm: Algorithm, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:

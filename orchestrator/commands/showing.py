@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import groupby
-from math import inf, isnan, prod
+from math import prod
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +13,13 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
+from orchestrator.commands.verdict import grounds, verdict
 from orchestrator.scenario.clock import Clock, seconds
 
 if TYPE_CHECKING:
-    from estimator_agents.theory.aperiodic import Growth
     from estimator_agents.theory.design import Design
     from estimator_agents.theory.estimates import Pair
-    from estimator_agents.theory.network import Network
     from orchestrator.commands.doctor import Diagnosis
-    from orchestrator.promises.bounding import Bounded
     from orchestrator.promises.checking import Check
     from orchestrator.promises.judging import Judgement
     from orchestrator.promises.promising import Bound, Promises
@@ -76,7 +74,7 @@ def check(
     console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
 ) -> None:
     """Show the theory's verdict on a scenario."""
-    summary(console, _verdict(checked) | _grounds(promised))
+    summary(console, verdict(checked) | grounds(promised))
     table = Table(box=None, pad_edge=False)
     for title in ("condition", "value", "bound", "margin", "", "source"):
         table.add_column(
@@ -141,107 +139,6 @@ def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled:
     summary(console, told)
 
 
-def _verdict(checked: "Check") -> dict[str, str]:
-    """Return lines of what the network and the algorithm are."""
-    network, periods = checked.network, checked.periods
-    told = {
-        "algorithm": checked.algorithm,
-        "network": f"a path of at most {network.depth} links leads from the target to every robot "
-        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it",
-        "parts": _parts(network),
-        "spectrum": f"{_spectrum(checked)} (of D, the normalised adjacency)",
-        "factor": _factor(checked.growth),
-    }
-    if periods.alike is None:
-        told["times"] = (
-            f"{periods.shortest:g} to {periods.longest:g} s after one another, "
-            f"{periods.mean:g} s in the mean"
-        )
-    if 0 < checked.rate < inf:
-        told["rate"] = (
-            f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
-        )
-    return told
-
-
-def _factor(growth: "Growth") -> str:
-    """Say what is left of an error at a sampling time, and what follows from that."""
-    if isnan(growth.upper):
-        return "none: the algorithm does not jump linearly"
-    if not isnan(growth.factor):
-        settles = growth.factor < 1
-        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
-        return f"{growth.factor:.6f} on the error per sampling time: {verdict}"
-    verdict = {
-        "proven": "the estimates settle near the target under every jitter",
-        "refuted": "under some jitter the estimates diverge",
-        "not decided": "it is not decided whether the estimates settle under every jitter",
-    }[growth.verdict]
-    bounds = f"{growth.lower:.6f} to {growth.upper:.6f}"
-    return f"{bounds} on the error per sampling time, at worst: {verdict}"
-
-
-def _parts(network: "Network") -> str:
-    """Say which robots depend on one another."""
-    loops = [part for part in network.components if len(part) > 1]
-    if not loops:
-        return "no robots hear one another in a loop"
-    shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
-    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
-
-
-def _robots(robots: Sequence[int]) -> str:
-    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
-    return f"robot{'s' * (len(robots) > 1)} {numbers}"
-
-
-def _spectrum(checked: "Check") -> str:
-    if len(checked.spectrum) <= 24:
-        return ", ".join(_complex(*s) for s in checked.spectrum)
-    real = [s[0] for s in checked.spectrum]
-    imaginary = max(abs(s[1]) for s in checked.spectrum)
-    which = "" if checked.whole_spectrum else "outermost "
-    return (
-        f"{len(real)} {which}eigenvalues, {min(real):.6g} to {max(real):.6g}, "
-        f"imaginary parts up to {imaginary:.6g}"
-    )
-
-
-def _grounds(promised: "Promises") -> dict[str, str]:
-    """Return lines of what bounds are made of."""
-    told = {
-        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
-        f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
-    }
-    if promised.why_not:
-        told["bounds"] = f"none: {promised.why_not}"
-    elif promised.paper is None:
-        of = "is of all periods at once" if promised.aperiodic else "is found"
-        told["norm"] = f"no small-value norm {of}"
-    else:
-        norm = promised.paper.norm
-        told["norm"] = (
-            f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
-            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
-        )
-    for part in promised.robots:
-        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
-        told[name] = _mechanics(part)
-    return told
-
-
-def _mechanics(part: "Bounded") -> str:
-    p3, of = part.bounds, part.constants
-    if p3 is None or of is None:
-        return part.why
-    source = p3.source if p3.states is None else f"{p3.source}, {p3.states} states"
-    return (
-        f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
-        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({source}); "
-        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
-    )
-
-
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
@@ -284,10 +181,6 @@ def diagnosis(console: Console, made: "Diagnosis") -> None:
             mark = "[red]fails[/]" if symptom.verdict == "fails" else _VERDICTS[symptom.verdict]
             gap = " " * (9 - len(Text.from_markup(mark)))
             console.print(f"  {escape(f'{symptom.name:<20}')}{mark}{gap}{escape(symptom.text)}")
-
-
-def _complex(real: float, imaginary: float) -> str:
-    return f"{real:.6g}" if not imaginary else f"{real:.6g}{imaginary:+.6g}j"
 
 
 def comparison(console: Console, found: "Comparison") -> None:

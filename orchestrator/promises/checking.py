@@ -6,14 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from estimator_agents.algorithm import demands, load_algorithm
+from estimator_agents.algorithm import Spectrum, conditions, demands, load_algorithm
 from estimator_agents.condition import Condition
 from estimator_agents.theory.aperiodic import Growth, Periods
-from estimator_agents.theory.network import Network, network_of
-from estimator_agents.theory.spectrum import smallest_theta, spectrum_of
+from estimator_agents.theory.network import Network
+from estimator_agents.theory.spectrum import smallest_theta
 from estimator_agents.theory.tracking import TRACKING
 from orchestrator.promises.bounding import Find, tracking_conditions
-from orchestrator.promises.settling import growth_of, periods_of
+from orchestrator.promises.settling import (
+    growth_of,
+    merged,
+    periods_of,
+    spectra_of,
+    why_unknown,
+)
+from orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
 from orchestrator.scenario.setting import gain, target_of, topologies_of
 from orchestrator.scenario.tables import Scenario
 
@@ -27,18 +34,33 @@ class Check:
 
     algorithm: str
     spectrum: list[tuple[float, float]]
-    """Eigenvalues of D, (real, imaginary), by real then imaginary part."""
+    """Eigenvalues of D, (real, imaginary), by real then imaginary part; of all digraphs."""
     growth: Growth
     """Of the estimation error."""
+    why: str
+    """Why that is not known, where it is not a number."""
     alpha_beta_bound: float
     """min θ_i, in s⁰: what Theorem 1 bounds α and β by, and Theorem 3 β."""
     h_bound: float | None
     """What Theorem 3 bounds a constant period by, s; None for an algorithm that has no such."""
-    spanning_tree: bool
-    """Assumption A2: a directed path leads from the target to every robot."""
     conditions: tuple[Condition, ...]
-    network: Network
+    """For all digraphs: where there are turns, of the one that is nearest to its bound."""
+    turns: tuple[Turn, ...]
+    repeat: int | None
+    """After how many ticks the turns come again."""
+    any_order: AnyOrder | None
     periods: Periods
+
+    @property
+    def network(self) -> Network | None:
+        """The only digraph; None where there are several."""
+        heard = [digraph for turn in self.turns for digraph in turn.digraphs]
+        return heard[0].network if len(heard) == 1 else None
+
+    @property
+    def spanning_tree(self) -> bool:
+        """Assumption A2: directed paths lead from the target to every robot, at each tick."""
+        return all(heard.network.spanning_tree for turn in self.turns for heard in turn.digraphs)
 
     @property
     def spectral_radius(self) -> float:
@@ -48,7 +70,7 @@ class Check:
     @property
     def whole_spectrum(self) -> bool:
         """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
-        return len(self.spectrum) == sum(map(len, self.network.components))
+        return all(_is_whole(heard) for turn in self.turns for heard in turn.digraphs)
 
     @property
     def rate(self) -> float:
@@ -63,40 +85,33 @@ class Check:
 
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
-        conditions = [
-            {
-                "name": condition.name,
-                "source": condition.source,
-                "left": finite(condition.left),
-                "right": finite(condition.right),
-                "margin": finite(condition.margin),
-                "holds": condition.holds,
-                "sampled": condition.sampled,
-            }
-            for condition in self.conditions
-        ]
-        told = asdict(self)
-        growth, periods = told.pop("growth"), self.periods
-        del told["periods"]
-        aperiodic = {
-            "shortest": periods.shortest,
-            "longest": periods.longest,
-            "lower": finite(growth["lower"]),
-            "upper": finite(growth["upper"]),
-            "verdict": self.growth.verdict,
-        }
-        return {
-            **told,
+        told: dict[str, Any] = {
+            "algorithm": self.algorithm,
+            "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
             "h_bound": finite(self.h_bound),
-            "conditions": conditions,
-            "period": periods.mean,
+            "spanning_tree": self.spanning_tree,
+            "conditions": [_told(condition) for condition in self.conditions],
+            "network": asdict(self.network) if self.network else None,
+            "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
             "settling": finite(self.settling),
-            **({"aperiodic": aperiodic} if periods.alike is None else {}),
         }
+        if self.periods.alike is None:
+            told["aperiodic"] = {
+                "shortest": self.periods.shortest,
+                "longest": self.periods.longest,
+                **_bounds(self.growth),
+                "verdict": self.growth.verdict,
+            }
+        if self.network is None:
+            told["topologies"] = [_turn(turn) for turn in self.turns]
+        if self.any_order:
+            order = {**asdict(self.any_order), "order": list(self.any_order.order)}
+            told["switching"] = {"repeat": self.repeat, "any_order": order}
+        return told
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows."""
@@ -126,28 +141,30 @@ class Check:
 
 def check(scenario: Scenario, find: Find | None = None) -> Check:
     """Return what the theory says of a scenario; `find` as `bounded` has it."""
-    topology = topologies_of(scenario).links
+    topologies, target = topologies_of(scenario), target_of(scenario)
     choice, periods = scenario.algorithm, periods_of(scenario)
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
-    spectrum, target = spectrum_of(topology), target_of(scenario)
-    own = algorithm.conditions(spectrum, periods.longest)
+    spectra = spectra_of(topologies)
+    everywhere = merged(spectra)
+    own = conditions(algorithm, everywhere, periods.longest)
     bounds = [c.right for c in own if c.name == OF_PERIOD]
-    conditions = (
-        *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
-        *demands(algorithm, periods.longest, *target.bounds()),
-        *_gain_conditions(scenario),
-        *tracking_conditions(scenario, find),
-    )
-    network = network_of(topology)
+    spectrum = np.concatenate(everywhere)
     return Check(
         algorithm=choice.name,
-        spectrum=[(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)],
-        growth=growth_of(algorithm, spectrum, periods),
+        spectrum=_pairs(spectrum),
+        growth=growth_of(algorithm, topologies, spectra, periods),
+        why=why_unknown(algorithm, topologies, periods),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(bounds, default=None),
-        spanning_tree=network.spanning_tree,
-        conditions=conditions,
-        network=network,
+        conditions=(
+            *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
+            *demands(algorithm, periods.longest, *target.bounds()),
+            *_gain_conditions(scenario),
+            *tracking_conditions(scenario, find),
+        ),
+        turns=turns_of(algorithm, topologies, spectra, periods),
+        repeat=topologies.repeat,
+        any_order=any_order_of(algorithm, topologies, periods),
         periods=periods,
     )
 
@@ -155,6 +172,51 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
 def finite(number: float | None) -> float | None:
     """JSON has no infinity: a bound that no number reaches is null."""
     return number if number is not None and isfinite(number) else None
+
+
+def _pairs(spectrum: Spectrum) -> list[tuple[float, float]]:
+    return [(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)]
+
+
+def _is_whole(heard: Heard) -> bool:
+    return len(heard.spectrum) == sum(map(len, heard.network.components))
+
+
+def _bounds(growth: Growth) -> dict[str, float | None]:
+    return {"lower": finite(growth.lower), "upper": finite(growth.upper)}
+
+
+def _told(condition: Condition) -> dict[str, Any]:
+    return {
+        "name": condition.name,
+        "source": condition.source,
+        "left": finite(condition.left),
+        "right": finite(condition.right),
+        "margin": finite(condition.margin),
+        "holds": condition.holds,
+        "sampled": condition.sampled,
+    }
+
+
+def _turn(turn: Turn) -> dict[str, Any]:
+    """Return what is said of a turn by itself, for JSON."""
+    return {
+        "from": turn.since,
+        "spectral_radius": finite(turn.growth.factor),
+        **_bounds(turn.growth),
+        "conditions": [_told(condition) for condition in turn.conditions],
+        "digraphs": [
+            {
+                "of": heard.of,
+                "spectrum": _pairs(heard.spectrum),
+                "whole_spectrum": _is_whole(heard),
+                "alpha_beta_bound": finite(smallest_theta(heard.spectrum)),
+                "spanning_tree": heard.network.spanning_tree,
+                "network": asdict(heard.network),
+            }
+            for heard in turn.digraphs
+        ],
+    }
 
 
 def _gain_conditions(scenario: Scenario) -> list[Condition]:

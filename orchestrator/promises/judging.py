@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
-from estimator_agents.theory.recursion import Recursion
 from orchestrator.promises.checking import finite
 from orchestrator.promises.promising import Bound, Promises, bounds, promises
-from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.setting import clock_of, target_of
+from orchestrator.scenario.clock import seconds
+from orchestrator.scenario.setting import clock_of, target_of, topologies_of
 from orchestrator.scenario.tables import Scenario
 from recordings.measuring import SteadyState, errors_by_tick
 from recordings.reading import Reader
@@ -113,8 +112,8 @@ def _beginning(
 
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
-    motion, recursion = promised.motion, promised.recursion
-    if recursion is None or (motion is None and promised.sharp is None):
+    motion = promised.motion
+    if motion is None and promised.sharp is None:
         return (None,) * 4, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, None
@@ -124,46 +123,56 @@ def _beginning(
         there = target.at(seconds)
         return there.position, there.velocity
 
-    story = errors_by_tick(reader, at)
+    since = promised.since
+    story = (one for one in errors_by_tick(reader, at) if one[0] >= since)
     first = next(story, None)
-    if first is None or first[0] != 1:
+    if first is None or first[0] != since:
         return (None,) * 4, None
-    z = first[1] if motion is None else first[1] - motion.at(1)
-    left = _left(recursion, clock_of(scenario), z, reader.ticks)
+    z = first[1] if motion is None else first[1] - motion.at(since)
+    left = _left(promised, scenario, z, reader.ticks)
+    if left is None:
+        return (None,) * 4, None
     if motion is None:
         return (*left, 0.0, 0.0), None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
-    return (*left, 0.0, 0.0), _factor(aside)
+    topologies = topologies_of(scenario)
+    return (*left, 0.0, 0.0), _factor(aside, sum(ticks for _, ticks in topologies.turns()) or 1)
 
 
-def _left(
-    recursion: Recursion, clock: Clock, z: Array, end: int
-) -> tuple[float | None, float | None]:
-    """Return what is left of z(t_1) in the last fifth, at most: positions and velocities, ‖·‖∞."""
-    if end > LONGEST:
-        return None, None
-    since = clock.since(clock.t(end) - clock.t(end) // 5)
-    n, shape, most = recursion.n, z.shape, np.zeros(2)
-    x, jump = z.reshape(-1, shape[2]), recursion.jump
-    least = LOST**2 * np.abs(x).max()
-    for k in range(1, end + 1):
-        if k >= since:
+def _left(promised: Promises, scenario: Scenario, z: Array, end: int) -> tuple[float, float] | None:
+    """Return what is left of a z in the last fifth, at most: positions and velocities, ‖·‖∞.
+
+    It is known where the last fifth begins when all is as in the long run, and z is of that tick.
+    """
+    clock, topologies = clock_of(scenario), topologies_of(scenario)
+    fifth = clock.since(clock.t(end) - clock.t(end) // 5)
+    if end > LONGEST or fifth < promised.since:
+        return None
+    shape, most = z.shape, np.zeros(2)
+    x, jumps = z.reshape(-1, shape[2]), [one.jump for one in promised.recursions]
+    n, least = shape[1], LOST**2 * np.abs(x).max()
+    for k in range(promised.since, end + 1):
+        if k >= fifth:
             most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
         if np.abs(x).max() <= least:
             break
-        x = jump @ x
+        x = jumps[topologies.at(k)] @ x
         x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
     return float(most[0]), float(most[1])
 
 
-def _factor(aside: Iterator[tuple[int, Array]]) -> float | None:
-    """Return the mean factor of ‖z(t_k)‖∞ over the second half of what is not lost in rounding."""
+def _factor(aside: Iterator[tuple[int, Array]], period: int) -> float | None:
+    """Return the mean factor of ‖z(t_k)‖∞ over the second half of what is not lost in rounding.
+
+    It is over whole periods of so many ticks, the last ones, and over one at least.
+    """
     sizes: list[float] = []
     for _, z in islice(aside, LONGEST):
         sizes.append(float(np.abs(z).max()))
         if sizes[-1] <= LOST * max(sizes):
             break
-    half = len(sizes) // 2
-    if half < 2 or not sizes[half] > 0 or not sizes[-1] > 0:
+    last = len(sizes) - 1
+    span = max((last - len(sizes) // 2) // period, 1) * period
+    if len(sizes) < 4 or span > last or not sizes[last - span] > 0 or not sizes[last] > 0:
         return None
-    return float((sizes[-1] / sizes[half]) ** (1 / (len(sizes) - 1 - half)))
+    return float((sizes[last] / sizes[last - span]) ** (1 / span))

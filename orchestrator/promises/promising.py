@@ -1,13 +1,14 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
 from dataclasses import asdict, dataclass
+from math import isnan
 from typing import Any
 
 import numpy as np
 
-from estimator_agents.algorithm import load_algorithm
+from estimator_agents.algorithm import Algorithm, load_algorithm, modes
 from estimator_agents.target import Harmonic
-from estimator_agents.theory.aperiodic import Growth
+from estimator_agents.theory.aperiodic import Growth, Periods
 from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
 from estimator_agents.theory.design import Design, design
 from estimator_agents.theory.estimates import (
@@ -19,12 +20,19 @@ from estimator_agents.theory.estimates import (
     sharp_always,
     steady_motion,
 )
-from estimator_agents.theory.recursion import Recursion, recursion_of
-from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from estimator_agents.theory.recursion import Recursion
+from estimator_agents.theory.spectrum import spectral_radius
 from estimator_agents.theory.tracking import balls, proven, worst
 from orchestrator.promises.bounding import Bounded, Find, bounded
 from orchestrator.promises.checking import finite
-from orchestrator.promises.settling import growth_of, periods_of
+from orchestrator.promises.settling import (
+    growth_of,
+    lasting,
+    periods_of,
+    recursions_of,
+    spectra_of,
+    why_unknown,
+)
 from orchestrator.scenario.setting import links_of, target_of, topologies_of
 from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
 
@@ -54,8 +62,12 @@ class Promises:
     why_not: str
     """Why nothing is promised of the estimates; empty where something is."""
     aperiodic: bool
-    recursion: Recursion | None
-    """Of the period in the middle between the longest and the shortest."""
+    turning: bool
+    """Whether digraphs take turns for ever."""
+    recursions: list[Recursion]
+    """Of each exchange, and the period in the middle between the longest and the shortest."""
+    since: int
+    """The tick from which all is as in the long run: 1, or that of the turn that stays."""
     radius: float
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
@@ -149,25 +161,25 @@ def promises(
 
     `find` is as `bounded` has it.
     """
-    topology, periods = topologies_of(scenario).links, periods_of(scenario)
+    topologies, periods = topologies_of(scenario), periods_of(scenario)
     target = target_of(scenario)
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
     middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
-    recursion = recursion_of(algorithm, topology, periods.alike or middle)
-    spectrum = spectrum_of(topology)
+    recursions = recursions_of(algorithm, topologies, periods.alike or middle)
+    recursion = lasting(recursions, topologies)
     if growth is None:
-        growth = growth_of(algorithm, spectrum, periods)
+        growth = growth_of(algorithm, topologies, spectra_of(topologies), periods)
     robots = bounded(scenario, find)
     whole = target.bounds()
-    why_not = _why_not(scenario, recursion, growth)
+    why_not = _why_not(scenario, algorithm, recursions, recursion, growth)
     motion, sharpest, always, paper = None, None, None, None
     if recursion is not None and not why_not and periods.alike is None:
         both = None
         if not periods.early:
             both = sharp_of_list(recursion, periods.gaps, *whole, growth.factor)
         if both is None:
-            radius = spectral_radius(algorithm.modes(spectrum, middle))
+            radius = spectral_radius(modes(algorithm, spectra_of(topologies)[-1], middle))
             both = sharp_aperiodic(recursion, r, *whole, radius)
         sharpest, always = both or (None, None)
     elif recursion is not None and not why_not:
@@ -176,7 +188,7 @@ def promises(
             motion = steady_motion(recursion, target, radius)
         sharpest = sharp(recursion, *whole, radius)
         always = sharp_always(recursion, *whole, radius)
-        paper = promise(recursion, *whole)
+        paper = None if topologies.turning else promise(recursion, *whole)
     tracking = Tracking(
         *(
             worst([_ball(way, part, estimates) for part in robots])
@@ -193,7 +205,9 @@ def promises(
         source,
         why_not,
         periods.alike is None,
-        recursion,
+        topologies.turning,
+        recursions,
+        1 if topologies.repeat else topologies.since[-1],
         growth.factor,
         motion,
         sharpest,
@@ -207,25 +221,28 @@ def designed(
     scenario: Scenario, wanted: Pair, epsilon: float, find: Find | None = None
 ) -> Design | None:
     """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
-    topology, whole = topologies_of(scenario).links, target_of(scenario).bounds()
+    topologies, whole = topologies_of(scenario), target_of(scenario).bounds()
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
-    spectrum = spectrum_of(topology)
+    spectra = spectra_of(topologies)
     parts = bounded(scenario, find)
     known = [part.constants for part in parts if part.constants]
     if len(known) < len(parts):
         return None
 
+    def recursion_at(h: float) -> Recursion | None:
+        return lasting(recursions_of(algorithm, topologies, h), topologies)
+
     def paper_of(h: float) -> Pair | None:
-        recursion = recursion_of(algorithm, topology, h)
+        recursion = None if topologies.turning else recursion_at(h)
         found = promise(recursion, *whole) if recursion else None
         return found.bound if found else None
 
     def sharp_of(h: float) -> Pair | None:
-        recursion = recursion_of(algorithm, topology, h)
-        if recursion is None:
+        recursion = recursion_at(h)
+        radius = growth_of(algorithm, topologies, spectra, Periods((h,))).factor
+        if recursion is None or not radius < 1:
             return None
-        radius = spectral_radius(algorithm.modes(spectrum, h))
         return sharp(recursion, *whole, radius)
 
     return design(known, wanted, epsilon, paper_of, sharp_of)
@@ -240,25 +257,36 @@ def _source(scenario: Scenario) -> str:
     return ""
 
 
-def _why_not(scenario: Scenario, recursion: Recursion | None, growth: Growth) -> str:
-    if links_of(scenario, np.arange(1, scenario.n + 1)) is not None:
-        return "links have faults, and the theory is of links without"
-    if len(topologies_of(scenario).digraphs) > 1:
-        return "there are several digraphs, and the theory here is of one"
-    if recursion is None:
-        return "the algorithm does not jump linearly"
-    if recursion.drag[:, 0].any():
-        return "the algorithm pulls the estimates to the origin"
-    return _unsettled(growth)
+def _why_not(
+    scenario: Scenario,
+    algorithm: Algorithm,
+    recursions: list[Recursion],
+    lasting: Recursion | None,
+    growth: Growth,
+) -> str:
+    topologies, periods = topologies_of(scenario), periods_of(scenario)
+    faulty = links_of(scenario, np.arange(1, scenario.n + 1)) is not None
+    pulled = any(one.drag[:, 0].any() for one in recursions)
+    reasons = {
+        "links have faults, and the theory is of links without": faulty,
+        why_unknown(algorithm, topologies, periods): isnan(growth.upper),
+        "the algorithm pulls the estimates to the origin": pulled,
+        _unsettled(growth): growth.verdict != "proven",
+        "a period of turns is too long for bounds on so many robots": lasting is None,
+        "of digraphs in turn there are bounds at periodic sampling times alone": (
+            topologies.turning and periods.alike is None
+        ),
+    }
+    return next((why for why, so in reasons.items() if so), "")
 
 
 def _unsettled(growth: Growth) -> str:
-    """Return why it is not proven that the estimates settle; empty where it is."""
+    """Return why it is not proven that the estimates settle."""
     if growth.verdict == "not decided":
         return "it is not decided whether the estimates settle under every jitter"
-    if growth.verdict == "refuted" and growth.lower < growth.upper:
+    if growth.lower < growth.upper:
         return "under some jitter the estimates diverge"
-    return "" if growth.verdict == "proven" else "the estimates diverge"
+    return "the estimates diverge"
 
 
 def _ball(way: Any, part: Bounded, estimates: Pair | None) -> Pair | None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.topologies import Topologies
 from orchestrator.promises.checking import Check, check, finite
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
@@ -39,6 +40,7 @@ def subject_of(scenario: Scenario) -> Subject:
         pace=_pace(clock_of(scenario)),
         target_at=at,
         topology=topologies_of(scenario).links,
+        turns=_turns(topologies_of(scenario)),
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
         unit=_unit(scenario.plant),
         verdicts=_verdicts(checked),
@@ -51,6 +53,19 @@ def _pace(clock: Clock) -> str:
     if clock.period is not None:
         return f"every {seconds(clock.period):g} s"
     return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
+
+
+def _turns(topologies: Topologies) -> str:
+    """Say when the links are there that there are at some time; nothing where that is always."""
+    count, ticks = len(topologies.exchanges), topologies.repeat
+    told = []
+    if count > 1:
+        end = f"again after {ticks} ticks" if ticks else "and the last stays"
+        told.append(f"{count} networks take turns, {end}")
+    if any(exchange.hetero for exchange in topologies.exchanges):
+        told.append("positions and velocities travel over digraphs of their own")
+    words = "; ".join(told)
+    return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
 
 
 def arm_of(plant: Plant, m: int) -> Arm:

@@ -40,6 +40,9 @@ class Subject:
     """How often samples are exchanged, in words."""
     target_at: TargetAt
     topology: Topology
+    """All links that there are at some time, each with its largest weight."""
+    turns: str
+    """When these links are there, in words; empty where it is always."""
     arms: Sequence[Arm]
     """(n,) of the robots 1 … n."""
     unit: str

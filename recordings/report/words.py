@@ -31,6 +31,7 @@ def lead(story: Story) -> str:
     told = [
         f"{robots} with {joints} each follow a target that {seen} hear{'s' * (len(pinned) == 1)}; "
         f"what they believe of it spreads over {_count(among, 'link')} among the robots.",
+        *([subject.turns] if subject.turns else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
         _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),

@@ -8,12 +8,17 @@ from orchestrator.runs.running import run
 from recordings.reading import Reader
 from recordings.tables import RUN
 from tests.hosts.running import Host, Run, alone
-from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story
+from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story, turning
 from tests.orchestrator.conftest import SCENARIOS
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
 PAPER = sorted(path.stem for path in SCENARIOS.glob("paper_*.toml"))
+TURNS = {
+    "in turn": scenario("switching", lasting=9),
+    "in turn, with faults": turning(lasting=16),
+    "apart": scenario("hetero_information", lasting=3),
+}
 
 
 def test_one_digest(tmp_path):
@@ -30,12 +35,20 @@ def test_one_digest(tmp_path):
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_scenarios(tmp_path, name):
+    assert_same(tmp_path, scenario(name, lasting=9))
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_digraphs_in_turn_and_apart(tmp_path, name):
+    assert_same(tmp_path, TURNS[name])
+
+
+def assert_same(folder, file):
     """On hosts that share a process and meet at a socket, for what they say is the same."""
-    file = scenario(name, lasting=9)
-    one = alone(file, tmp_path)
+    one = alone(file, folder)
     for n in (2, 3, 6):
-        meet = f"unixsock-stream/{tmp_path}/{n}"
-        with Run(file, tmp_path / f"{n}.mcap", listen=(meet,), expected=n) as spread:
+        meet = f"unixsock-stream/{folder}/{n}"
+        with Run(file, folder / f"{n}.mcap", listen=(meet,), expected=n) as spread:
             hosts = [Host(meet, f"host-{i}") for i in range(n)]
             assert spread.digest() == one
         for host in hosts:

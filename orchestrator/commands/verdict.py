@@ -1,0 +1,181 @@
+"""The theory's verdict on a scenario, in lines by name."""
+
+from collections.abc import Sequence
+from math import inf, isnan
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from estimator_agents.algorithm import Spectrum
+    from estimator_agents.theory.aperiodic import Growth
+    from estimator_agents.theory.network import Network
+    from orchestrator.promises.bounding import Bounded
+    from orchestrator.promises.checking import Check
+    from orchestrator.promises.promising import Promises
+    from orchestrator.promises.turns import AnyOrder
+
+TURNS = 12
+"""Of digraphs, that are shown."""
+
+
+def verdict(checked: "Check") -> dict[str, str]:
+    """Return lines of what the network and the algorithm are."""
+    periods = checked.periods
+    told = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
+    if checked.any_order:
+        told["any order"] = _any_order(checked.any_order)
+    if periods.alike is None:
+        told["times"] = (
+            f"{periods.shortest:g} to {periods.longest:g} s after one another, "
+            f"{periods.mean:g} s in the mean"
+        )
+    if 0 < checked.rate < inf:
+        told["rate"] = (
+            f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
+        )
+    return told
+
+
+def _networks(checked: "Check") -> dict[str, str]:
+    """Return lines of who hears whom: one digraph in whole, several in short."""
+    if checked.network:
+        (heard,) = checked.turns[0].digraphs
+        return {
+            "network": _ways(checked.network),
+            "parts": _parts(checked.network),
+            "spectrum": f"{_spectrum(heard.spectrum, checked.whole_spectrum)} "
+            f"(of D, the normalised adjacency)",
+        }
+    told = {}
+    for turn in checked.turns[:TURNS]:
+        digraphs = ". ".join(
+            f"{digraph.of}: {_ways(digraph.network)}; eigenvalues "
+            f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
+            for digraph in turn.digraphs
+        )
+        alone = "" if len(checked.turns) == 1 else f"; alone it has {_alone(turn.growth)}"
+        told[f"k >= {turn.since}"] = digraphs + alone
+    if len(checked.turns) == 1:
+        return {"networks": told.popitem()[1]}
+    more = f", of which {TURNS} are shown" if len(checked.turns) > TURNS else ""
+    end = f"over and over after {checked.repeat} ticks" if checked.repeat else "the last one stays"
+    of = "conditions are of the turn that is nearest to them"
+    return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **told}
+
+
+def _ways(network: "Network") -> str:
+    """Say how the target comes to all."""
+    return (
+        f"a path of at most {network.depth} links leads from the target to every robot "
+        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it"
+    )
+
+
+def _alone(growth: "Growth") -> str:
+    if isnan(growth.upper):
+        return "no factor"
+    if isnan(growth.factor):
+        return f"a factor of {growth.lower:.6f} to {growth.upper:.6f}"
+    return f"a factor of {growth.factor:.6f}"
+
+
+def _factor(checked: "Check") -> str:
+    """Say what is left of an error at a sampling time, and what follows from that."""
+    growth = checked.growth
+    if isnan(growth.upper):
+        return f"none: {checked.why}"
+    if not isnan(growth.factor):
+        settles = growth.factor < 1
+        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
+        return f"{growth.factor:.6f} on the error per sampling time: {verdict}"
+    verdict = {
+        "proven": "the estimates settle near the target under every jitter",
+        "refuted": "under some jitter the estimates diverge",
+        "not decided": "it is not decided whether the estimates settle under every jitter",
+    }[growth.verdict]
+    bounds = f"{growth.lower:.6f} to {growth.upper:.6f}"
+    return f"{bounds} on the error per sampling time, at worst: {verdict}"
+
+
+def _any_order(found: "AnyOrder") -> str:
+    """Say whether the estimates would settle whatever the order of turns."""
+    bounds = "" if found.upper is None else f"{found.lower:.6f} to {found.upper:.6f} at worst: "
+    turns = ", ".join(map(str, found.order))
+    return (
+        bounds
+        + {
+            "proven": "the estimates settle in any order of these digraphs"
+            + (", for both gains are below 1" if found.by_gains else ""),
+            "refuted": f"the estimates diverge in the order {turns}, over and over",
+            "not decided": "it is not decided whether the estimates settle in any order",
+            "not computed": "not computed: there are too many robots, or too many periods",
+        }[found.verdict]
+    )
+
+
+def _parts(network: "Network") -> str:
+    """Say which robots depend on one another."""
+    loops = [part for part in network.components if len(part) > 1]
+    if not loops:
+        return "no robots hear one another in a loop"
+    shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
+    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
+
+
+def _robots(robots: Sequence[int]) -> str:
+    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
+    return f"robot{'s' * (len(robots) > 1)} {numbers}"
+
+
+def _spectrum(found: "Spectrum", whole: bool) -> str:
+    if len(found) <= 24:
+        return ", ".join(_complex(s) for s in sorted(found.tolist(), key=_parts_of))
+    imaginary = float(abs(found.imag).max())
+    return (
+        f"{len(found)} {'' if whole else 'outermost '}eigenvalues, {found.real.min():.6g} to "
+        f"{found.real.max():.6g}, imaginary parts up to {imaginary:.6g}"
+    )
+
+
+def grounds(promised: "Promises") -> dict[str, str]:
+    """Return lines of what bounds are made of."""
+    told = {
+        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
+        f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
+    }
+    if promised.why_not:
+        told["bounds"] = f"none: {promised.why_not}"
+    elif promised.paper is None:
+        several = "digraphs in turn" if promised.turning else "all periods at once"
+        of = f"is of {several}" if promised.turning or promised.aperiodic else "is found"
+        told["norm"] = f"no small-value norm {of}"
+    else:
+        norm = promised.paper.norm
+        told["norm"] = (
+            f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
+            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
+        )
+    for part in promised.robots:
+        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+        told[name] = _mechanics(part)
+    return told
+
+
+def _mechanics(part: "Bounded") -> str:
+    p3, of = part.bounds, part.constants
+    if p3 is None or of is None:
+        return part.why
+    source = p3.source if p3.states is None else f"{p3.source}, {p3.states} states"
+    return (
+        f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
+        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({source}); "
+        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+    )
+
+
+def _parts_of(number: complex) -> tuple[float, float]:
+    return number.real, number.imag
+
+
+def _complex(number: complex) -> str:
+    imaginary = f"{number.imag:+.6g}j" if number.imag else ""
+    return f"{number.real:.6g}{imaginary}"

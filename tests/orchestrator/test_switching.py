@@ -1,0 +1,374 @@
+"""Networks in turn, and apart for positions and velocities: files, runs, and what is promised."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from orchestrator.commands.cli import app
+from orchestrator.errors import Interrupted, ScenarioError
+from orchestrator.promises.checking import check
+from orchestrator.promises.judging import judge
+from orchestrator.promises.promising import designed, promises
+from orchestrator.replays.verifying import verify
+from orchestrator.reports.reporting import subject_of
+from orchestrator.runs.running import past_of, run
+from orchestrator.runs.summary import measure
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.setting import topologies_of
+from orchestrator.scenario.tables import json_schema
+from recordings.reading import Reader
+from recordings.tables import samples
+from tests.hosts.runs import digest, turning
+from tests.orchestrator.conftest import SCENARIOS
+from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS, scenario_of
+
+PAPER = f"edge_list = {[list(edge) for edge in PAPERS]}"
+PATH = 'generator = { kind = "path", n = 6 }'
+
+
+def turns(*entries, repeat=None):
+    """Return a network of (from, form) in turn."""
+    head = "" if repeat is None else f"repeat = {repeat}\n"
+    tables = (f"[[network.switching]]\nfrom = {since}\n{form}\n" for since, form in entries)
+    return head + "".join(tables)
+
+
+def apart(position, velocity, under="network"):
+    return f"[{under}.position]\n{position}\n[{under}.velocity]\n{velocity}\n"
+
+
+def edges(topology):
+    return {*zip(topology.source.tolist(), topology.sink.tolist(), strict=True)}
+
+
+def judged(path, file):
+    with Reader(path) as reader:
+        return judge(reader, file.scenario, measure(reader))
+
+
+# What a scenario says
+
+
+def test_turns_may_have_any_form_and_digraphs_of_their_own():
+    network = turns((1, PAPER), (4, apart(PATH, PAPER, "network.switching")), repeat=9)
+    scenario = scenario_of(network)
+    topologies = topologies_of(scenario)
+    path = {(i, i + 1) for i in range(6)}
+    assert [topologies.at(k) for k in (1, 3, 4, 9, 10)] == [0, 0, 1, 1, 0]
+    first, second = topologies.exchanges
+    assert first.position is first.velocity
+    assert edges(first.position) == edges(second.velocity) == set(PAPERS)
+    assert edges(second.position) == path
+    assert edges(topologies.links) == path | set(PAPERS)
+    assert scenario.n == topologies.n == 6
+
+
+def test_what_a_turn_draws_depends_on_its_place():
+    random = 'generator = { kind = "random_k_in", n = 40, k = 3 }'
+    one, two = topologies_of(scenario_of(turns((1, random), (2, random)))).exchanges
+    assert edges(one.position) != edges(two.position)
+    again = topologies_of(scenario_of(turns((1, random), (5, random), repeat=7)))
+    assert edges(again.exchanges[1].position) == edges(two.position)
+
+
+def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
+    for name, rows in (("a", PAPERS), ("b", [(i, i + 1) for i in range(6)])):
+        lines = ["source,sink", *(f"{j},{i}" for j, i in rows)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines), "utf-8")
+    network = turns(
+        (1, 'edges = "a.csv"'),
+        (3, apart('edges = "b.csv"', 'edges = "a.csv"', "network.switching")),
+        (8, 'edges = "b.csv"'),
+    )
+    path = tmp_path / "s.toml"
+    path.write_text(BEFORE + "[network]\n" + network + AFTER, "utf-8")
+    file = read_scenario(path)
+    again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
+    assert again.scenario == file.scenario
+    assert ".csv" not in file.text
+    first, second, third = topologies_of(file.scenario).exchanges
+    assert edges(first.position) == edges(second.velocity) == set(PAPERS)
+    assert edges(second.position) == edges(third.position) == {(i, i + 1) for i in range(6)}
+    path.write_text(BEFORE + "[network]\n" + network.replace("a.csv", "c.csv") + AFTER, "utf-8")
+    with pytest.raises(
+        ScenarioError, match=r"network\.switching\[0\]\.edges: c\.csv: no such file"
+    ):
+        read_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        (turns((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
+        (turns((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entri"),
+        (turns((1, PAPER), (9, PATH), repeat=8), "network.repeat: expected at least 9, where the"),
+        (f"repeat = 3\n{PAPER}", "network.repeat: is of network.switching, got 3; leave it out"),
+        (turns((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got 0"),
+        (turns((0, PAPER)), "network.switching[0].from: expected greater than or equal to 1, got"),
+        (turns((1.5, PAPER)), "network.switching[0].from: expected a valid integer, got 1.5"),
+        ("[[network.switching]]\n" + PAPER, "network.switching[0].from: missing, it has no defaul"),
+        ("switching = []", "network.switching: expected at least 1 item"),
+        (turns((1, "")), "network.switching[0]: expected one of adjacency (with pinning), generat"),
+        (PAPER + "\n" + turns((1, PAPER)), "got edge_list and switching; keep one of them"),
+        (
+            turns((1, PAPER), (5, 'generator = { kind = "path", n = 5 }')),
+            "network.switching[1]: expected 6 robots, as network.switching[0] has, got 5",
+        ),
+        (
+            turns((1, PAPER), (5, "edge_list = [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]")),
+            "network.switching[1]: expected a spanning tree rooted at the target (assumption A2), "
+            "but no path leads from the target to robot 5, 6; let one of them hear the target (an ",
+        ),
+        (turns((1, PAPER), (5, "edge_list = [[0, 1], [1, 1]]")), "switching[1].edge_list[1]: expe"),
+        (turns((1, PAPER), (5, "edge_lst = [[0, 1]]")), "network.switching[1].edge_lst: unknown k"),
+        (f"[network.position]\n{PAPER}", "network.velocity: missing, it has no default beside net"),
+        (apart(PAPER, ""), "network.velocity: expected one of adjacency (with pinning), generator"),
+        (
+            apart(PAPER, 'generator = { kind = "path", n = 5 }'),
+            "network.velocity: expected 6 robots, as network.position has, got 5",
+        ),
+        (
+            apart(PAPER, 'generator = { kind = "path", n = 6, pinned = [2] }'),
+            "network.velocity: expected a spanning tree rooted at the target (assumption A2), but "
+            "no path leads from the target to robot 1; let one of them hear the target (network.ve",
+        ),
+        (apart(PAPER, "edges = 'a.csv'"), "network.velocity.edges: a file is read when a scenario"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, told):
+    with pytest.raises(ScenarioError) as error:
+        scenario_of(network)
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "gains", "why"),
+    [
+        (
+            "dcea2",
+            "alpha = 1.1\nbeta = 0.9",
+            "Theorem 3 is about the eigenvalues of the one D that",
+        ),
+        (
+            "pd_like",
+            "alpha = 1.1\nbeta = 1.0",
+            "it corrects the velocity by positions and velocities",
+        ),
+        (
+            "impulsive",
+            "alpha = 0.5\nbeta = 0.5",
+            "it hears no velocities, so that one digraph is all",
+        ),
+    ],
+)
+def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for_one(
+    name, gains, why
+):
+    text = (SCENARIOS / "hetero_information.toml").read_text("utf-8")
+    text = text.replace('name = "dcea1"\nalpha = 0.9\nbeta = 1.5', f'name = "{name}"\n{gains}')
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text, "a", SCENARIOS, "a.toml")
+    told = str(error.value)
+    assert told.startswith(f"a.toml: network.velocity: {name} cannot hear positions and velocities")
+    assert why in told
+    sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
+    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml").scenario).turns[0].digraphs[1:]
+
+
+def test_the_schema_knows_turns():
+    schema = json_schema()["$defs"]
+    assert schema["Turn"]["properties"].keys() >= {"from", "edge_list", "position", "velocity"}
+    assert schema["Network"]["properties"].keys() >= {
+        "switching",
+        "repeat",
+        "position",
+        "generator",
+    }
+
+
+# Runs
+
+
+@pytest.mark.parametrize("name", ["switching", "hetero_information"])
+def test_recorded_samples_are_those_of_dense_matrices_in_turn(tmp_path, name):
+    """x(t_{k+1}) from x(t_k) by the digraphs of k, read from the file by themselves."""
+    text = (
+        (SCENARIOS / f"{name}.toml").read_text("utf-8").replace("duration = 30.0", "duration = 4")
+    )
+    file = parse_scenario(text, name, SCENARIOS, name)
+    path = run(file, tmp_path / "run.mcap").path
+    given = tomllib.loads(text)
+    alpha, beta, h = given["algorithm"]["alpha"], given["algorithm"]["beta"], 0.1
+
+    def share(form):
+        w = np.zeros((6, 7))
+        if "adjacency" in form:
+            w = np.column_stack([form["pinning"], form["adjacency"]])
+        elif "generator" in form:
+            w[:, :6] = np.eye(6)
+        else:
+            for j, i in form["edge_list"]:
+                w[i - 1, j] = 1
+        return w / w.sum(axis=1, keepdims=True)
+
+    network = given["network"]
+    if "switching" in network:
+        found = [share(turn) for turn in network["switching"]]
+        order = [found[0 if p < 10 else 1 if p < 20 else 2] for p in range(network["repeat"])]
+        both = [(one, one) for one in order]
+    else:
+        both = [(share(network["position"]), share(network["velocity"]))]
+    with Reader(path) as reader:
+        table = np.concatenate(list(samples(reader)))
+    heard = table[np.lexsort((table["robot"], table["k"]))].reshape(40, 7)
+    for k in range(1, 40):
+        now, then = heard[k - 1], heard[k]
+        of_position, of_velocity = both[(k - 1) % len(both)]
+        position, velocity = now["position"], now["velocity"]
+        v = velocity[1:] + beta * (of_velocity @ velocity - velocity[1:])
+        p = position[1:] + alpha * (of_position @ position - position[1:]) + h * v
+        np.testing.assert_allclose(then["position"][1:], p, atol=1e-11)
+        np.testing.assert_allclose(then["velocity"][1:], v, atol=1e-11)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return a run of networks in turn with faulty links, in one process."""
+    return run(turning(), tmp_path_factory.mktemp("whole") / "1.mcap").path
+
+
+def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole):
+    def stop(time_ns):
+        if time_ns >= 12_300_000_000:
+            raise Interrupted
+
+    cut = run(turning(), tmp_path / "cut.mcap", watch=stop)
+    assert cut.status == "interrupted"
+    with Reader(cut.path) as reader:
+        outcome = run(turning(), tmp_path / "rest.mcap", past=past_of(reader))
+    assert outcome.copied > 100
+    assert digest(outcome.path) == digest(whole)
+    with Reader(whole) as reader:
+        assert verify(reader, turning(), plants=True).difference is None
+
+
+# What is promised
+
+
+def test_a_period_is_promised_and_kept(tmp_path):
+    file = read_scenario(SCENARIOS / "switching.toml")
+    checked = check(file.scenario)
+    told = checked.as_json()
+    assert told["spanning_tree"] is True
+    assert told["network"] is None
+    assert [turn["from"] for turn in told["topologies"]] == [1, 11, 21]
+    assert [turn["digraphs"][0]["network"]["pinned"] for turn in told["topologies"]] == [
+        (3,), (1,), (6,),
+    ]  # fmt: skip
+    radii = [turn["spectral_radius"] for turn in told["topologies"]]
+    assert radii == pytest.approx([0.2 + 0.8 * 0.5**0.5, 0.2, 0.2])
+    assert told["alpha_beta_bound"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
+    assert told["switching"]["repeat"] == 25
+    assert told["switching"]["any_order"]["verdict"] == "proven"
+    assert told["switching"]["any_order"]["by_gains"] is True
+    promised = promises(file.scenario, checked.growth)
+    assert promised.paper is None
+    path = run(file, tmp_path / "run.mcap").path
+    found = judged(path, file)
+    assert [row.verdict for row in found.quantities] == ["within"] * 4
+    for row in found.quantities[:2]:
+        assert 0.99 * row.bound.exact < row.measured <= row.bound.exact * (1 + 1e-6)
+        assert row.bound.exact < row.bound.sharp
+    assert found.measured_factor == pytest.approx(told["spectral_radius"], abs=0.01)
+
+
+def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
+    """Now robot 1 and now robot 2 hears the target: docs/theory.md has the numbers."""
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    start, end = text.index("[network]"), text.index("[target]")
+    pair = turns((1, "edge_list = [[0, 1], [1, 2]]"), (2, "edge_list = [[0, 2], [2, 1]]"), repeat=2)
+    text = text[:start] + "[network]\n" + pair + text[end:]
+    for gain, settles in (("0.97", True), ("1.03", False)):
+        new = text.replace("alpha = 0.9", f"alpha = {gain}").replace("beta = 1.1", f"beta = {gain}")
+        new = new.replace("output_step = 0.02", "output_step = 0.1")
+        new = new.replace("duration = 30.0", "duration = 60.0")
+        file = parse_scenario(new, "pair", SCENARIOS, "pair")
+        checked = check(file.scenario)
+        assert all(condition.holds for condition in checked.conditions)
+        assert (checked.spectral_radius < 1) == settles
+        assert checked.any_order.verdict == ("proven" if settles else "refuted")
+        assert bool(checked.warnings()) != settles
+        outcome = run(file, tmp_path / f"{gain}.mcap")
+        with Reader(outcome.path) as reader:
+            table = np.concatenate(list(samples(reader)))
+        of = table["robot"] == 1
+        apart = np.abs(table["velocity"][of] - table["velocity"][table["robot"] == 0]).max(axis=1)
+        assert (apart[-50:].max() < 4) == settles
+        assert (apart[-50:].max() > apart[:50].max()) != settles
+        found = judged(outcome.path, file)
+        assert found.why_not == ("" if settles else "the estimates diverge")
+
+
+def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_path):
+    text = (SCENARIOS / "switching.toml").read_text("utf-8").replace("repeat = 25", "")
+    file = parse_scenario(text, "once", SCENARIOS, "once")
+    last = scenario_of("edge_list = [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]")
+    checked = check(file.scenario)
+    assert checked.spectral_radius == pytest.approx(0.2)
+    assert check(last).alpha_beta_bound == pytest.approx(2)
+    found = judged(run(file, tmp_path / "run.mcap").path, file)
+    assert [row.verdict for row in found.quantities] == ["within"] * 4
+    assert found.quantities[0].measured == pytest.approx(found.quantities[0].bound.exact, rel=0.02)
+    late = text.replace("from = 21", "from = 270")
+    file = parse_scenario(late, "late", SCENARIOS, "late")
+    found = judged(run(file, tmp_path / "late.mcap").path, file)
+    assert [row.verdict for row in found.quantities] == ["unknown"] * 4
+
+
+def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
+    file = read_scenario(SCENARIOS / "hetero_information.toml")
+    checked = check(file.scenario)
+    bounds = {condition.name: condition.right for condition in checked.conditions}
+    assert bounds["alpha"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
+    assert bounds["beta"] == pytest.approx(2)
+    assert checked.spectral_radius == pytest.approx(0.1 + 0.9 * 0.5**0.5)
+    (turn,) = checked.as_json()["topologies"]
+    assert [digraph["of"] for digraph in turn["digraphs"]] == ["positions", "velocities"]
+    assert "switching" not in checked.as_json()
+    found = judged(run(file, tmp_path / "run.mcap").path, file)
+    assert [row.verdict for row in found.quantities] == ["within"] * 4
+    for row in found.quantities[:2]:
+        assert row.measured == pytest.approx(row.bound.exact, rel=1e-3)
+        assert row.bound.exact <= row.bound.sharp <= row.bound.paper
+
+
+def test_a_check_says_it_in_words():
+    nrs = CliRunner()
+    told = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
+    assert "3 in turn, over and over after 25 ticks" in told
+    assert "settle in any order of these digraphs, for both gains are below 1" in told
+    assert "no small-value norm is of digraphs in turn" in told
+    told = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
+    assert len(json.loads(told)["topologies"]) == 1
+
+
+def test_a_design_of_turns_goes_by_their_period():
+    scenario = read_scenario(SCENARIOS / "switching.toml").scenario
+    found = designed(scenario, promises(scenario).tracking.proven, 0.5)
+    assert found.period is None
+    assert found.sharp_period > 0
+
+
+def test_a_report_tells_that_not_all_links_are_there_at_all_times():
+    switching, hetero, paper = (
+        subject_of(read_scenario(SCENARIOS / f"{name}.toml").scenario)
+        for name in ("switching", "hetero_information", "paper_first_order")
+    )
+    assert switching.turns.startswith("3 networks take turns, again after 25 ticks: these are")
+    assert hetero.turns.startswith("Positions and velocities travel over digraphs of their own: ")
+    assert paper.turns == ""
+    path, star = {(i, i + 1) for i in range(6)}, {(0, 6), *((6, i) for i in range(1, 6))}
+    assert edges(switching.topology) == {*PAPERS} | path | star
