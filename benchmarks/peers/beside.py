@@ -194,7 +194,7 @@ def line(row: Found) -> str:
         return f"{head}  {row['failed']}"
     ratio = row["ours_over_it"]
     beside = ratio and f"{ratio['ratio']:.2f}  {ratio['ratio_min']:.2f}..{ratio['ratio_max']:.2f}"
-    return f"{head}{row['per_s']:>10,.0f}  {beside or '':<18}{row['end']} ({row['off']:.0e})"
+    return f"{head}{row['per_s']:>10,.0f}  {beside or '':<22}{row['end']} ({row['off']:.0e})"
 
 
 def main() -> None:
@@ -211,7 +211,7 @@ def main() -> None:
         print(f"{name} {why}")
     names = [name for name in PEERS if name not in lacking]
     print(f"medians of {given.rounds} interleaved rounds; steps of 0.1 s\n")
-    print(f"{'robots':>7} {'':>7}  {'':17}{'per s':>10}  {'ours / it':<18}its end (off by)")
+    print(f"{'robots':>7} {'':>7}  {'':17}{'per s':>10}  {'ours / it':<22}its end (off by)")
     rows, fmu = [], str(build("two_link_arm", 2))
     with TemporaryDirectory(prefix="nrs-") as folder:
         for n in given.robots:
