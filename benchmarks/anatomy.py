@@ -157,7 +157,7 @@ def parts_of(n: int, ticks: int) -> dict[str, float]:
 def main() -> None:
     """Print the table, and write it as JSON beside."""
     parser = ArgumentParser(description="where each microsecond of a robot-interval goes")
-    parser.add_argument("--robots", type=int, nargs="+", default=[100, 1000, 10_000])
+    parser.add_argument("--robots", type=int, nargs="+", default=[6, 100, 1000, 10_000])
     parser.add_argument("--intervals", type=int, default=100_000, help="of one run")
     parser.add_argument("--rounds", type=int, default=5)
     given = parser.parse_args()
