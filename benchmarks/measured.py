@@ -72,15 +72,14 @@ class Begun(AtOnce):
 
 def recorded(n: int, ticks: int, n_hosts: int, path: Path) -> Found:
     """Run arms into a recording, on one host in this process or on some of their own."""
-    began = time.perf_counter()
-    return recorded_file(scenario(n, ticks), ticks, n_hosts, path, began)
+    return recorded_file(lambda: scenario(n, ticks), ticks, n_hosts, path)
 
 
-def recorded_file(
-    file: ScenarioFile, ticks: int, n_hosts: int, path: Path, began: float | None = None
-) -> Found:
-    """Run a scenario likewise; its set-up began when it did, or with this."""
-    began, begun, n = began or time.perf_counter(), Begun(), file.scenario.n
+def recorded_file(read: Callable[[], ScenarioFile], ticks: int, n_hosts: int, path: Path) -> Found:
+    """Run a scenario, which is yet to be read, likewise."""
+    began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun()
+    file = read()
+    n = file.scenario.n
     man = here(file, n_hosts, HANDLING) if n_hosts > 1 else None
     outcome = run(file, path, man, pace=begun)
     ended, cpu = time.perf_counter(), time.process_time()
@@ -91,7 +90,7 @@ def recorded_file(
         digest = reader.digest
     return {
         "seconds": ended - begun.at,
-        **({} if man else {"cpu": cpu - begun.cpu}),
+        **({} if man else {"cpu": cpu - begun.cpu, "setup_cpu": begun.cpu - cpu_began}),
         "setup": begun.at - began,
         "peak": begun.peak,
         "bytes": path.stat().st_size,

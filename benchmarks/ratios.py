@@ -25,7 +25,7 @@ from benchmarks.writers import as_columns, mcaps, ours_of_columns, ticks_of
 FLOORS = Path(__file__).with_name("floors.json")
 MOST_FALL = 1 / 3
 """Of a ratio, against what was kept."""
-ROUNDS = 4
+ROUNDS = 3
 FEW, MANY = (100, 50), (1000, 10)
 """Robots, and the ticks of a slice."""
 WRITTEN = 50
@@ -83,7 +83,7 @@ def main() -> None:
     parser.add_argument("--keep", action="store_true", help="as what later ones may not fall below")
     given = parser.parse_args()
     with TemporaryDirectory(prefix="nrs-") as folder:
-        found = measured(Path(folder), rounds=3 * ROUNDS if given.keep else ROUNDS)
+        found = measured(Path(folder), rounds=4 * ROUNDS if given.keep else ROUNDS)
     if given.keep:
         text = json.dumps({"ratios": found, "machine": machine()}, indent=2)
         FLOORS.write_text(text + "\n", "utf-8")

@@ -11,6 +11,7 @@ Rates are medians, ratios are medians of the rounds' own.
 """
 
 import statistics
+import sys
 from argparse import ArgumentParser
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -85,6 +86,7 @@ def row(what: str, case: Case, rounds: Sequence[Mapping[str, Found]]) -> dict[st
         "per_s_max": rates[-1],
         "cpu_us": per_interval["cpu"] * 1e6 if "cpu" in per_interval else None,
         "setup_s": middle.get("setup"),
+        "setup_cpu_s": middle.get("setup_cpu"),
         "peak_mb": middle["peak"] / 1e6,
         "bytes": per_interval.get("bytes"),
         "instance_bytes": middle.get("instance_bytes"),
@@ -145,6 +147,7 @@ def scale(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
         "time": hundred["per_s"] / many["per_s"],
         "processor": many["cpu_us"] / hundred["cpu_us"],
         "setup_ms": many["setup_s"] / many["robots"] * 1e3,
+        "setup_cpu_ms": many["setup_cpu_s"] / many["robots"] * 1e3,
         "kb": (memory - fmu["instance_bytes"]) / 1e3,
         "fmu_kb": fmu["instance_bytes"] / 1e3,
     }
@@ -155,8 +158,8 @@ def told_of(scale: Mapping[str, float]) -> str:
     return (
         f"{scale['robots']:,} robots: a robot-interval takes {scale['time']:.2f} times as long as "
         f"with {scale['beside']:,}, and {scale['processor']:.2f} times as much of the processor;\n"
-        f"set-up {scale['setup_ms']:.2f} ms a robot; {scale['kb']:.1f} KB of memory a robot beyond "
-        f"the {scale['fmu_kb']:.1f} KB of its FMU"
+        f"set-up {scale['setup_ms']:.2f} ms a robot, {scale['setup_cpu_ms']:.2f} of the processor; "
+        f"memory {scale['kb']:.1f} KB a robot beyond the {scale['fmu_kb']:.1f} KB of its FMU"
     )
 
 
@@ -180,7 +183,8 @@ def main() -> None:
         folder = Path(name)
         for case in cases:
             case.prepare(folder)
-        for _ in range(given.rounds):
+        for i in range(given.rounds):
+            print(f"round {i + 1} of {given.rounds}", file=sys.stderr)
             for case in cases:
                 found[case].append(case.round(folder))
         rows = [row(what, case, found[case]) for case in cases for what in found[case][0]]

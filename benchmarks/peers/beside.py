@@ -100,7 +100,7 @@ def standing(work: Work) -> ScenarioFile:
 
 def ours(work: Work, path: Path) -> Found:
     """Run driven arms into a recording; return seconds and the states at the end."""
-    found = recorded_file(standing(work), work.ticks, 1, path)
+    found = recorded_file(lambda: standing(work), work.ticks, 1, path)
     with Recording(path) as recording:
         last = recording.states(start=(work.ticks - 0.5) / 10)
     return {"seconds": found["seconds"], "end": np.hstack([last["q"], last["qd"]]).tolist()}
