@@ -57,8 +57,7 @@ class Endpoints:
         for option, endpoints in (("--listen", self.listen), ("--connect", self.connect)):
             for endpoint in endpoints:
                 _expect_allowed(option, Address.of(option, endpoint), self)
-        for name in ("lease", "wait"):
-            value = getattr(self, name)
+        for name, value in (("lease", self.lease), ("--wait", self.wait)):
             if value is not None and not 0.01 <= value <= 1e6:
                 raise InputError(f"{name}: expected 0.01 to 1000000 s, got {value!r}")
         if self.tls:

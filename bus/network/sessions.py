@@ -1,6 +1,7 @@
 """A session opens, or says in our words why it does not."""
 
 import json
+import re
 
 import zenoh
 
@@ -59,5 +60,6 @@ def _expect_no_refusal(endpoints: Endpoints, findings: dict[str, Finding]) -> No
 
 
 def _cause(error: Exception) -> str:
-    """Return an error of Zenoh's without the places in its source."""
-    return str(error).partition(" at /")[0].rstrip(".")
+    """Return the system's reason in an error of Zenoh's, or all but the places in its source."""
+    found = re.search(r"([^:\[\]]+) \(os error \d+\)", str(error))
+    return found[1].strip() if found else str(error).partition(" at /")[0].rstrip(".")

@@ -136,7 +136,7 @@ class Homes(dict[str, Home]):
         if not hello.robots or not {*hello.robots} <= {*free}:
             raise NotLetInError(
                 f"--robots: {named(free)} of {self._n} have no home yet, but "
-                f"{named(hello.robots) if hello.robots else 'none'} were asked for",
+                f"this host asks for {named(hello.robots) if hello.robots else 'none'}",
                 final=True,
             )
         return Home(sorted({*hello.robots}))

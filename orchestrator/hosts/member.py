@@ -11,6 +11,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from threading import Thread
 from time import monotonic
 
 from bus.errors import BusError, CosimError, InputError, RunError
@@ -86,18 +87,21 @@ def serve(member: Membership, endpoints: Endpoints) -> None:
     """
     expect_host_name(member.name, "--name")
     while True:
-        with ExitStack() as stack:
-            bus = ZenohBus("*", endpoints)
-            stack.callback(bus.close)
-            try:
+        bus = ZenohBus("*", endpoints)
+        close = bus.close
+        try:
+            with ExitStack() as stack:
                 welcome = _let_in(bus, member, endpoints.tls is not None)
                 _take_part(stack, bus, member, welcome)
-            except EndedError:
+        except EndedError:
+            return
+        except AbandonedError as error:
+            if not member.stays:
                 return
-            except AbandonedError as error:
-                if not member.stays:
-                    return
-                member.show(f"{error}; looking for it again")
+            close = Thread(target=bus.close).start  # a cut link is waited for, some 10 s
+            member.show(f"{error}; looking for it again")
+        finally:
+            close()
 
 
 def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:

@@ -89,8 +89,8 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
         older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
         free = "--robots: robots 3-6 of 6 have no home yet, but"
         for host, kind, why in [
-            (("a", (2, 3)), InputError, f"{free} robots 2-3 were asked for"),
-            (("b", (6, 7)), InputError, f"{free} robots 6-7 were asked for"),
+            (("a", (2, 3)), InputError, f"{free} this host asks for robots 2-3"),
+            (("b", (6, 7)), InputError, f"{free} this host asks for robots 6-7"),
             (("good",), RunError, "within 1 s: there is a host of the name 'good' already"),
             (("a/b",), InputError, "--name: expected the name of a host"),
         ]:
