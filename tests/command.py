@@ -4,7 +4,7 @@ What a process is for, as signals and crashes, is tested with one.
 """
 
 import sys
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from contextlib import chdir, nullcontext, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -15,14 +15,14 @@ import numpy as np
 from orchestrator.__main__ import main
 
 
-def nrs(*arguments, cwd=Path()) -> CompletedProcess[str]:
+def nrs(*arguments, cwd: Path | None = None) -> CompletedProcess[str]:
     """Run the command; return it done, with its output as text."""
     command = ["nrs", *map(str, arguments)]
     with (
         redirect_stdout(StringIO()) as printed,
         redirect_stderr(StringIO()) as errors,
         patch.object(sys, "argv", command),
-        chdir(cwd),
+        chdir(cwd) if cwd else nullcontext(),
         np.errstate(),  # which the command changes
     ):
         try:

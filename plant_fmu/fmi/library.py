@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
@@ -25,6 +26,8 @@ _FMPY = {
     (3, "CoSimulation"): FMU3Slave,
     (3, "ModelExchange"): FMU3Model,
 }
+_WHERE = Lock()
+"""FMPy loads from within the library's folder; all threads of a process are in the same one."""
 
 
 class Library:
@@ -48,18 +51,19 @@ class Library:
         self._fmi = int(description.fmiMajorVersion)
         self.progress = 0
         """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
-        here = Path.cwd()
-        try:
-            self._prototype = _FMPY[self._fmi, kind](
-                guid=description.instantiationToken,
-                unzipDirectory=str(folder),
-                modelIdentifier=self.interface.modelIdentifier,
-                instanceName="",
-            )
-        except Exception as error:  # FMPy raises bare Exceptions, and AttributeError for a symbol
-            raise FmuError(f"{archive.label}: its library cannot be loaded: {error}") from None
-        finally:
-            os.chdir(here)
+        with _WHERE:
+            here = Path.cwd()
+            try:
+                self._prototype = _FMPY[self._fmi, kind](
+                    guid=description.instantiationToken,
+                    unzipDirectory=str(folder),
+                    modelIdentifier=self.interface.modelIdentifier,
+                    instanceName="",
+                )
+            except Exception as error:  # FMPy's are bare, and AttributeError for a symbol
+                raise FmuError(f"{archive.label}: its library cannot be loaded: {error}") from None
+            finally:
+                os.chdir(here)
         self.calls: Calls = self.bind(bind_common)
         self._instances: list[Any] = []
         self._said: deque[tuple[str, str]] = deque(maxlen=100)

@@ -1,15 +1,19 @@
 """An archive from a stranger is read, or refused with its cause; it never does anything else."""
 
+import os
 import random
 import re
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from threading import Event
 from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import fmpy
 import pytest
+from fmpy.fmi3 import FMU3Slave
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +22,8 @@ from plant_fmu.archives.archive import open_archive, unpacked
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
+from plant_fmu.fmi import library
+from plant_fmu.fmi.library import Library
 from tests.plant_fmu.archives import NAME, description, rewritten
 
 FUZZ = settings(
@@ -71,6 +77,29 @@ def test_an_archive_is_read_and_unpacked_and_nothing_is_left(temporary, fmi):
         assert {name: file.read_bytes() for name, file in files.items()} == expected
     assert not list(temporary.iterdir())
     assert Path.cwd() == here
+
+
+def test_threads_that_load_together_leave_the_working_directory(monkeypatch):
+    """The second comes while the first is in its library's folder, unless it is made to wait."""
+    here, archive, seen = Path.cwd(), open_archive(build("two_link_arm")), []
+    first, second = Event(), Event()
+
+    def begun(**options: str) -> FMU3Slave:
+        seen.append(Path.cwd())
+        os.chdir(options["unzipDirectory"])
+        (second if first.is_set() else first).set()
+        second.wait(0.1)
+        return FMU3Slave(**options)
+
+    def load(turn: int) -> None:
+        assert not turn or first.wait(60)
+        with unpacked(archive) as folder, Library(archive, folder, "CoSimulation"):
+            pass
+
+    monkeypatch.setitem(library._FMPY, (3, "CoSimulation"), begun)
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(load, range(2)))
+    assert [*seen, Path.cwd()] == [here] * 3
 
 
 def test_the_folder_ends_with_an_interrupt(temporary):
