@@ -1,8 +1,9 @@
 """A x = b for sparse A; not numbers where A is singular, so that nothing is promised of it.
 
-The factors of a large digraph without structure are dense: GMRES, which needs A's own entries
-alone, is asked first, and believed where it leaves a 10⁻¹⁰ of b at most: less may be beyond
-rounding, for x is larger than b by as much as 1/(1 − ρ).
+Where the second half of x depends on nothing of the first, as velocities on no positions, it is
+found first, and each half by itself. The factors of a large digraph without structure are dense:
+GMRES, which needs A's own entries alone, is asked first, and believed where it leaves a 10⁻¹⁰ of b
+at most: less may be beyond rounding, for x is larger than b by as much as 1/(1 − ρ).
 """
 
 from typing import Any
@@ -20,8 +21,14 @@ RESTART, ROUNDS = 60, 5
 def solve(A: sparse.sparray, b: NDArray[Any]) -> NDArray[Any]:
     """Return x, (p,), of A, (p, p), and b, (p,)."""
     x: NDArray[Any]
+    half = len(b) // 2
     if len(b) >= LARGE:
-        x, missed = gmres(A.tocsr(), b, rtol=LEFT, restart=RESTART, maxiter=ROUNDS)
+        rows = sparse.csr_array(A)
+        if not rows[half:, :half].count_nonzero():
+            last = solve(rows[half:, half:], b[half:])
+            first = solve(rows[:half, :half], b[:half] - rows[:half, half:] @ last)
+            return np.concatenate([first, last])
+        x, missed = gmres(rows, b, rtol=LEFT, restart=RESTART, maxiter=ROUNDS)
         if not missed:
             return x
     try:

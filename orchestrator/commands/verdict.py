@@ -107,7 +107,7 @@ def _any_order(found: "AnyOrder") -> str:
             + (", for both gains are below 1" if found.by_gains else ""),
             "refuted": f"the estimates diverge in the order {turns}, over and over",
             "not decided": "it is not decided whether the estimates settle in any order",
-            "not computed": "not computed: there are too many robots, or too many periods",
+            "not computed": "not computed, of so many robots or at times that are not periodic",
         }[found.verdict]
     )
 

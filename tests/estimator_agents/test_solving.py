@@ -15,3 +15,16 @@ def test_the_solution_of_a_large_system_is_the_one_it_was_made_from(heard):
     D = sparse.csr_array((np.full(p * heard, 0.99 / heard), (sink, source)), shape=(p, p))
     A, x = sparse.eye_array(p) - D, rng.uniform(1, 2, p)
     assert np.abs(solve(A, A @ x) - x).max() < 1e-7
+
+
+def test_halves_are_solved_apart_where_one_has_sparse_factors_and_the_other_none():
+    """A cycle, which GMRES does not come round, beside a digraph whose factors are dense."""
+    rng, p = np.random.default_rng(2), LARGE
+    robot = np.arange(p)
+    cycle = sparse.csr_array((np.full(p, 0.999), (robot, (robot + 1) % p)), shape=(p, p))
+    sink, source = np.repeat(robot, 3), rng.integers(p, size=3 * p)
+    random = sparse.csr_array((np.full(3 * p, 0.33), (sink, source)), shape=(p, p))
+    one = sparse.eye_array(p)
+    A = sparse.block_array([[one - random, cycle], [None, one - cycle]])
+    x = rng.uniform(1, 2, 2 * p)
+    assert np.abs(solve(A, A @ x) - x).max() < 1e-7

@@ -21,6 +21,7 @@ from orchestrator.scenario.setting import topologies_of
 from orchestrator.scenario.tables import json_schema
 from recordings.reading import Reader
 from recordings.tables import samples
+from tests.estimator_agents.paper import second_order
 from tests.hosts.runs import digest, turning
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS, scenario_of
@@ -343,6 +344,43 @@ def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
     for row in found.quantities[:2]:
         assert row.measured == pytest.approx(row.bound.exact, rel=1e-3)
         assert row.bound.exact <= row.bound.sharp <= row.bound.paper
+
+
+def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
+    text = (SCENARIOS / "switching.toml").read_text("utf-8").replace('"dcea1"', '"dcea2"')
+    scenario = parse_scenario(text, "second", SCENARIOS, "second").scenario
+    checked = check(scenario)
+    assert all(condition.holds for turn in checked.turns for condition in turn.conditions)
+    assert (checked.spectral_radius < 1, checked.any_order.verdict) == (True, "refuted")
+    assert checked.any_order.order == (2, 3, 2, 2, 2, 3, 2)
+    worst = np.eye(12)
+    for turn in checked.any_order.order:
+        D = topologies_of(scenario).exchanges[turn - 1].position.D.toarray()
+        worst = second_order(0.9, 0.8, 0.1, D) @ worst
+    growth = np.abs(np.linalg.eigvals(worst)).max() ** (1 / 7)
+    assert growth == pytest.approx(1.007, abs=5e-4)
+    assert checked.any_order.lower == pytest.approx(growth, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "algorithm", "why_not", "settles"),
+    [
+        ("hetero_information", "dcea1", "", True),
+        ("switching", "dcea1", "there are bounds at periodic sampling times alone", True),
+        ("switching", "dcea2", "at times that are not periodic it is not computed", False),
+        ("switching", "sliding", "the algorithm does not jump linearly", False),
+    ],
+)
+def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles):
+    text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
+    text = text.replace('"dcea1"', f'"{algorithm}"')
+    text = text.replace("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
+    scenario = parse_scenario(text, "jitter", SCENARIOS, "jitter").scenario
+    checked = check(scenario)
+    promised = promises(scenario, checked.growth)
+    assert promised.why_not.endswith(why_not)
+    assert (promised.why_not == "") == (promised.sharp is not None) == (name != "switching")
+    assert (checked.spectral_radius < 1) == settles
 
 
 def test_a_check_says_it_in_words():
