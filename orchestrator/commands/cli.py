@@ -249,7 +249,7 @@ def doctor(
 @app.command()
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    from orchestrator.scenario.tables import json_schema
+    from orchestrator.scenario.tables.scenario import json_schema
 
     print_json(json_schema())
 

@@ -10,7 +10,7 @@ from bus.errors import InputError
 from orchestrator.terminal import AsJson, out, print_json, say
 
 if TYPE_CHECKING:
-    from orchestrator.scenario.tables import Scenario
+    from orchestrator.scenario.tables.scenario import Scenario
     from plant_fmu.archives.archive import Archive
     from plant_fmu.checking.findings import Task
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bus.errors import InputError
 from bus.network.certificates import Tls
-from orchestrator.scenario.tables import TlsTable
+from orchestrator.scenario.tables.scenario import TlsTable
 
 
 def tls_of(

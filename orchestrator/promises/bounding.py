@@ -16,7 +16,9 @@ import numpy as np
 from estimator_agents.condition import Condition
 from estimator_agents.theory.tracking import Constants, Drive, constants
 from orchestrator.scenario.setting import gain, target_of
-from orchestrator.scenario.tables import Axis, Plant, Robot, Scenario
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.scenario import Robot, Scenario
+from orchestrator.scenario.tables.targets import Axis
 from plant_fmu.bundled.bounds import Bounds, bounds_of
 
 Find = Callable[[Plant, int], Bounds | str]

@@ -22,7 +22,7 @@ from orchestrator.promises.settling import (
 )
 from orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
 from orchestrator.scenario.setting import gain, target_of, topologies_of
-from orchestrator.scenario.tables import Scenario
+from orchestrator.scenario.tables.scenario import Scenario
 
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""

@@ -21,7 +21,7 @@ from orchestrator.promises.checking import finite
 from orchestrator.promises.promising import Bound, Promises, bounds, promises
 from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.setting import clock_of, target_of, topologies_of
-from orchestrator.scenario.tables import Scenario
+from orchestrator.scenario.tables.scenario import Scenario
 from recordings.measuring import SteadyState, errors_by_tick
 from recordings.reading import Reader
 

@@ -3,7 +3,7 @@
 from bus.errors import CosimError
 from orchestrator.scenario.file import ScenarioFile
 from orchestrator.scenario.setting import bodies, names_of
-from orchestrator.scenario.tables import Plant
+from orchestrator.scenario.tables.fmus import Plant
 from plant_fmu.archives.archive import find_archive
 from plant_fmu.bundled.bounds import Bounds
 from plant_fmu.checking.apart import p3_of

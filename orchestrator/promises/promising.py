@@ -34,7 +34,8 @@ from orchestrator.promises.settling import (
     why_unknown,
 )
 from orchestrator.scenario.setting import links_of, target_of, topologies_of
-from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
+from orchestrator.scenario.tables.scenario import Scenario
+from orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from estimator_agents.theory.switching import period, period_factor
 from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.setting import clock_of
-from orchestrator.scenario.tables import Scenario
+from orchestrator.scenario.tables.scenario import Scenario
 
 UNKNOWN = Growth(float("nan"), float("nan"))
 

@@ -11,7 +11,8 @@ from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.setting import clock_of, target_of, topologies_of
-from orchestrator.scenario.tables import Plant, Scenario
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.scenario import Scenario
 from plant_fmu.bundled.declaration import bundled_models, declaration
 from recordings.measuring import Array, SteadyState
 from recordings.reading import Reader

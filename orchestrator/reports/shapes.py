@@ -3,7 +3,7 @@
 import numpy as np
 
 from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.tables import Plant
+from orchestrator.scenario.tables.fmus import Plant
 from plant_fmu.bundled.declaration import declaration
 from recordings.scene import Shape, write_scene
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from orchestrator.scenario.setting import clock_of, names_of
-from orchestrator.scenario.tables import Plant, Scenario
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.scenario import Scenario
 from plant_fmu.archives.archive import Archive, find_archive
 from plant_fmu.archives.naming import Spec
 from plant_fmu.drives.driving import Driving

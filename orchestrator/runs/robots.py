@@ -26,7 +26,7 @@ from orchestrator.scenario.setting import (
     silent_of,
     topologies_of,
 )
-from orchestrator.scenario.tables import Scenario
+from orchestrator.scenario.tables.scenario import Scenario
 from plant_fmu.archives.archive import Archive
 
 

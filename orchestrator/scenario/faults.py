@@ -14,7 +14,8 @@ from bus.links.links import LinkFault
 from bus.links.outages import Spans
 from bus.topology import Topology
 from orchestrator.scenario.clock import nanoseconds
-from orchestrator.scenario.tables import FaultyLink, Scenario, Span, WholeUniform
+from orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
+from orchestrator.scenario.tables.scenario import Scenario
 
 
 def link_faults(scenario: Scenario, topology: Topology) -> dict[tuple[int, int], LinkFault]:

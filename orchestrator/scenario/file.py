@@ -19,16 +19,11 @@ from orchestrator.scenario.inlining import inline_target
 from orchestrator.scenario.moving import with_motion
 from orchestrator.scenario.networks import hetero_at, topologies_of
 from orchestrator.scenario.numbers import parse_robots
-from orchestrator.scenario.tables import (
-    FORMS,
-    TARGETS,
-    Disturbance,
-    Faults,
-    Plant,
-    Scenario,
-    TlsTable,
-    Uniform,
-)
+from orchestrator.scenario.tables.faults import Faults
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
+from orchestrator.scenario.tables.targets import TARGETS
+from orchestrator.scenario.tables.values import FORMS, Uniform
 from orchestrator.scenario.targets import unsampled_times, wrong_target
 from orchestrator.scenario.times import wrong_times
 from orchestrator.scenario.wrong_networks import wrong_form, wrong_network

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.scenario.chance import chance
-from orchestrator.scenario.tables import Generator
+from orchestrator.scenario.tables.networks import Generator
 
 Nodes = NDArray[np.intp]
 REWIRE = 0.1

@@ -16,7 +16,8 @@ from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.inlining import expect_agreement, written
 from orchestrator.scenario.setting import clock_of, names_of
-from orchestrator.scenario.tables import FmuTarget, Scenario
+from orchestrator.scenario.tables.scenario import Scenario
+from orchestrator.scenario.tables.targets import FmuTarget
 from orchestrator.scenario.targets import wrong_variables
 from orchestrator.scenario.times import wrong_times
 from plant_fmu.drives.grid import parts

@@ -11,9 +11,10 @@ import numpy as np
 
 from bus.topologies import Exchange, Topologies
 from bus.topology import Topology
-from orchestrator.scenario import tables
 from orchestrator.scenario.generators import generated
-from orchestrator.scenario.tables import Digraph, Edge, Network, Scenario
+from orchestrator.scenario.tables.networks import Digraph, Edge, Network
+from orchestrator.scenario.tables.networks import Exchange as ExchangeTable
+from orchestrator.scenario.tables.scenario import Scenario
 
 
 def topologies_of(scenario: Scenario) -> Topologies:
@@ -51,14 +52,14 @@ def _weight(edge: Edge) -> float:
     return edge[2] if len(edge) == 3 else 1.0
 
 
-def turns_of(network: Network) -> list[tuple[str, tables.Exchange]]:
+def turns_of(network: Network) -> list[tuple[str, ExchangeTable]]:
     """Return what holds in turn, and where it stands in the scenario."""
     if network.switching is None:
         return [("network", network)]
     return [(f"network.switching[{i}]", turn) for i, turn in enumerate(network.switching)]
 
 
-def digraphs_of(where: str, given: tables.Exchange) -> list[tuple[str, Digraph]]:
+def digraphs_of(where: str, given: ExchangeTable) -> list[tuple[str, Digraph]]:
     """Return the one digraph of an exchange, or its two, and where each stands."""
     if given.position is None or given.velocity is None:
         return [(where, given)]

@@ -20,16 +20,10 @@ from orchestrator.scenario import networks, times
 from orchestrator.scenario.chance import chance
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.faults import link_faults, silences
-from orchestrator.scenario.tables import (
-    Axis,
-    FmuTarget,
-    Name,
-    Pattern,
-    Robot,
-    SampledTarget,
-    Scenario,
-    Uniform,
-)
+from orchestrator.scenario.tables.fmus import Name, Pattern
+from orchestrator.scenario.tables.scenario import Robot, Scenario
+from orchestrator.scenario.tables.targets import Axis, FmuTarget, SampledTarget
+from orchestrator.scenario.tables.values import Uniform
 from plant_fmu.archives import naming
 from plant_fmu.plants import Body, Disturbance
 

@@ -9,7 +9,8 @@ import numpy as np
 from estimator_agents.target import Sampled
 from orchestrator.scenario.clock import seconds
 from orchestrator.scenario.setting import clock_of, target_of
-from orchestrator.scenario.tables import FmuTarget, SampledTarget, Scenario
+from orchestrator.scenario.tables.scenario import Scenario
+from orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 from orchestrator.scenario.times import wrong_times
 from plant_fmu.archives.quantities import MOTION
 

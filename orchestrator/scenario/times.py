@@ -9,7 +9,7 @@ from decimal import Decimal
 from itertools import pairwise
 
 from orchestrator.scenario.clock import Clock, Jitter, nanoseconds
-from orchestrator.scenario.tables import Run
+from orchestrator.scenario.tables.scenario import Run
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 

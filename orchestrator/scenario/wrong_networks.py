@@ -10,7 +10,8 @@ import numpy as np
 
 from bus.topology import Topology
 from orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
-from orchestrator.scenario.tables import Digraph, Edge, Generator, Network, Scenario
+from orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
+from orchestrator.scenario.tables.scenario import Scenario
 
 MOST_EDGES = 10_000_000
 SHOWN = 8

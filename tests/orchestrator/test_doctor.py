@@ -14,7 +14,7 @@ from bus.errors import InputError
 from bus.network.vetting import vet
 from orchestrator.commands.doctor import diagnose
 from orchestrator.commands.tls import tls_of
-from orchestrator.scenario.tables import TlsTable
+from orchestrator.scenario.tables.scenario import TlsTable
 from tests.command import nrs
 from tests.network.authority import LONG_AGO, Authority
 

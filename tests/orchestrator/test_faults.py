@@ -17,7 +17,7 @@ from orchestrator.runs.running import run
 from orchestrator.scenario.faults import link_faults
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import links_of, missing_of, topologies_of
-from orchestrator.scenario.tables import json_schema
+from orchestrator.scenario.tables.scenario import json_schema
 from recordings.export import export
 from recordings.reading import Reader
 from recordings.tables import samples, states

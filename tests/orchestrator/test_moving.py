@@ -19,7 +19,7 @@ from orchestrator.runs.running import run
 from orchestrator.runs.summary import describe, lines, measure, scenario_of
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import clock_of, target_of
-from orchestrator.scenario.tables import json_schema
+from orchestrator.scenario.tables.scenario import json_schema
 from plant_fmu.bundled.building import build
 from recordings.reading import Reader
 from recordings.recording import Recording

@@ -10,7 +10,7 @@ from orchestrator.runs.running import run
 from orchestrator.scenario import graphs
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import topologies_of
-from orchestrator.scenario.tables import json_schema
+from orchestrator.scenario.tables.scenario import json_schema
 from recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 

@@ -9,7 +9,9 @@ from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import Clock, nanoseconds
 from orchestrator.scenario.file import read_scenario
 from orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
-from orchestrator.scenario.tables import Pattern, Uniform, json_schema
+from orchestrator.scenario.tables.fmus import Pattern
+from orchestrator.scenario.tables.scenario import json_schema
+from orchestrator.scenario.tables.values import Uniform
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -18,7 +18,7 @@ from orchestrator.runs.running import past_of, run
 from orchestrator.runs.summary import measure
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import topologies_of
-from orchestrator.scenario.tables import json_schema
+from orchestrator.scenario.tables.scenario import json_schema
 from recordings.reading import Reader
 from recordings.tables import samples
 from tests.estimator_agents.paper import second_order

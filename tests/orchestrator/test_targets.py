@@ -22,7 +22,7 @@ from orchestrator.runs.running import past_of, run
 from orchestrator.runs.summary import measure, scenario_of, scenario_text
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import target_of
-from orchestrator.scenario.tables import json_schema
+from orchestrator.scenario.tables.scenario import json_schema
 from recordings.foreign import read_columns
 from recordings.reading import Reader
 from tests.orchestrator.arms import target

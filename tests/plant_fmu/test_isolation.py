@@ -21,7 +21,7 @@ import pytest
 from orchestrator.runs.plants import Group, open_fleet
 from orchestrator.runs.running import run
 from orchestrator.scenario.file import parse_scenario
-from orchestrator.scenario.tables import Plant
+from orchestrator.scenario.tables.fmus import Plant
 from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.bundled import building
 from plant_fmu.bundled.building import build

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from bus.messages import FAULT, Codec
 from orchestrator.commands.cli import app
 from orchestrator.reports.reporting import arm_of
-from orchestrator.scenario.tables import Plant
+from orchestrator.scenario.tables.fmus import Plant
 from recordings.reading import Reader
 from recordings.report import page as pages
 from recordings.report.decimating import BUCKETS, kept

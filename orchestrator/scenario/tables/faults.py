@@ -1,0 +1,89 @@
+"""Faults in a scenario: of links, and of robots."""
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Field, Tag
+
+from orchestrator.scenario.tables.values import (
+    DRAW,
+    NUMBER,
+    PAIR,
+    PERIODS,
+    Count,
+    Number,
+    Table,
+    Weight,
+)
+
+
+def _delay_form(value: Any) -> str:
+    return DRAW if isinstance(value, dict | WholeUniform) else PERIODS
+
+
+def _pair_form(value: Any) -> str:
+    return PAIR if isinstance(value, dict | Pair) else NUMBER
+
+
+Periods = Annotated[Count, Field(le=1000)]
+Extent = Annotated[Number, Field(ge=0, le=1e100)]
+Span = tuple[Weight, Weight]
+
+
+class WholeUniform(Table):
+    """A seeded draw of a whole number."""
+
+    uniform: tuple[Periods, Periods] = Field(description="[low, high], both included")
+
+
+class Pair(Table):
+    """One number for positions and one for velocities."""
+
+    position: Extent = 0.0
+    velocity: Extent = 0.0
+
+
+Delay = Annotated[
+    Annotated[WholeUniform, Tag(DRAW)] | Annotated[Periods, Tag(PERIODS)],
+    Discriminator(_delay_form),
+]
+Each = Annotated[
+    Annotated[Extent, Tag(NUMBER)] | Annotated[Pair, Tag(PAIR)], Discriminator(_pair_form)
+]
+
+
+class FaultyLink(Table):
+    """What is wrong with some links; a later entry's keys replace an earlier one's."""
+
+    from_: Count | None = Field(
+        None, alias="from", description="a node, 0 is the target; all unless given"
+    )
+    to: Count | None = Field(None, description="a robot; all unless given")
+    loss: Annotated[Number, Field(ge=0, le=1)] = Field(
+        0.0, description="the probability that a sample is lost"
+    )
+    delay: Delay = Field(0, description="sampling periods: a whole number or {uniform = [a, b]}")
+    outages: tuple[Span, ...] = Field(
+        (), description="s; [from, to]: samples of from <= t_k < to are lost"
+    )
+    noise: Each = Field(
+        0.0, description="standard deviation of what is added to each number of a sample"
+    )
+    quantisation: Each = Field(
+        0.0, description="each number is rounded to a multiple of this, after the noise"
+    )
+
+
+class FaultyRobot(Table):
+    """When a robot neither sends nor hears."""
+
+    id: int = Field(strict=True, ge=1, description="1 to n")
+    outages: tuple[Span, ...] = Field(
+        (), description="s; [from, to]: at from <= t_k < to it neither sends nor hears"
+    )
+
+
+class Faults(Table):
+    """What goes wrong between robots, by the seed and by the clock."""
+
+    links: tuple[FaultyLink, ...] = ()
+    robots: tuple[FaultyRobot, ...] = ()

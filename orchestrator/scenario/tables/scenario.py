@@ -1,0 +1,175 @@
+"""A scenario is data: a TOML file, parsed once into frozen values of known types and shapes.
+
+Each class in these modules is a table of the file, and its fields are the keys that the table may
+have. n is the number of robots and m the number of the target's axes.
+"""
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from estimator_agents.hearing import Missing
+from orchestrator.scenario.tables.faults import Faults
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.networks import Network
+from orchestrator.scenario.tables.targets import Axis, TargetMotion
+from orchestrator.scenario.tables.values import (
+    Count,
+    Gain,
+    InitialRow,
+    InitialRows,
+    Number,
+    Positive,
+    Table,
+    Text,
+)
+
+
+class Run(Table):
+    """How long, how often, and from which seed."""
+
+    duration: Positive | None = Field(
+        None,
+        description="s; a whole number of sampling periods, or of turns of sampling_times, which "
+        "is one by default",
+    )
+    sampling_period: Positive | None = Field(
+        None, description="s; h of the paper, whole nanoseconds"
+    )
+    sampling_jitter: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        0.0,
+        description="a part of sampling_period: each sampling time is early by up to so much, "
+        "drawn from the seed",
+    )
+    sampling_times: tuple[Positive, ...] = Field(
+        (),
+        description="s; t_1, t_2, … in place of sampling_period, increasing, whole nanoseconds; "
+        "repeated up to the duration",
+    )
+    output_step: Positive | None = Field(
+        None,
+        description="s; divides sampling_period, which it is by default; with sampling_times the "
+        "longest, of which each interval has as many as the longest one",
+    )
+    seed: Count = Field(0, description="of all that is drawn")
+    divergence_limit: Positive = Field(
+        1e5, description="rad, rad/s; the run fails when an estimate or a state is beyond it"
+    )
+    checkpoint_every: Count = Field(
+        500, description="ticks between checkpoints, from which robots can be restored; 0 for none"
+    )
+
+    @property
+    def end(self) -> float | None:
+        """The duration, s; None where nothing tells it."""
+        return self.duration or (self.sampling_times[-1] if self.sampling_times else None)
+
+
+class AlgorithmChoice(Table):
+    """The estimator and its gains."""
+
+    name: str = Field(description="dcea1, dcea2, or the name of an installed plug-in")
+    alpha: Positive = Field(description="gain on the positions")
+    beta: Positive = Field(description="gain on the velocities")
+    missing: Missing | None = Field(
+        None,
+        description="without a neighbour's sample an agent goes by the last one (hold), or without "
+        "that neighbour (drop); by default the first that the algorithm knows",
+    )
+
+
+class Controller(Table):
+    """tau = kp (position_i − q) + kd (velocity_i − qd)."""
+
+    kp: Gain = Field(description="N m/rad: a number, m numbers, or m x m")
+    kd: Gain = Field(description="N m s/rad: a number, m numbers, or m x m")
+
+
+class Disturbance(Table):
+    """tau_d, N m."""
+
+    axes: tuple[Axis, ...] = Field(
+        (), description="one for each of the m joints, or none; a bundled model takes 8 waves each"
+    )
+
+
+class Initial(Table):
+    """Estimates and states of all robots at t_0."""
+
+    position: InitialRows = Field(description="eps_i(t_0): {uniform = [low, high]} or n x m")
+    velocity: InitialRows = Field(description="ups_i(t_0): {uniform = [low, high]} or n x m")
+    q: InitialRows = Field(description="rad: {uniform = [low, high]} or n x m")
+    qd: InitialRows = Field(description="rad/s: {uniform = [low, high]} or n x m")
+
+
+class RobotInitial(Table):
+    """Estimates and states of one robot at t_0; what is not given stays as for all."""
+
+    position: InitialRow | None = None
+    velocity: InitialRow | None = None
+    q: InitialRow | None = None
+    qd: InitialRow | None = None
+
+
+class Robot(Table):
+    """What one robot has of its own."""
+
+    id: int = Field(strict=True, ge=1, description="1 to n")
+    plant: Plant | None = None
+    controller: Controller | None = None
+    disturbance: Disturbance | None = None
+    initial: RobotInitial = RobotInitial()
+
+
+class TlsTable(Table):
+    """Certificates of the run's orchestrator, and of the hosts that may take part."""
+
+    ca: str = Field(description="path of the authority's certificate, PEM, relative to this file")
+    certificate: str = Field(description="path of the orchestrator's own")
+    key: str = Field(description="path of its private key")
+    hosts: dict[str, Text] = Field(
+        {}, description="robots, such as 1-3,7, by the common name of their host's certificate"
+    )
+
+
+class BusTable(Table):
+    """How hosts of a run on several machines talk."""
+
+    deadline: Positive = Field(
+        30.0, description="s of wall time; a tick that hosts do not close in it ends the run"
+    )
+    tls: TlsTable | None = None
+
+
+class Scenario(Table):
+    """A run, whole."""
+
+    run: Run
+    algorithm: AlgorithmChoice
+    controller: Controller
+    network: Network
+    target: TargetMotion
+    plant: Plant
+    disturbance: Disturbance = Disturbance()
+    initial: Initial
+    robots: tuple[Robot, ...] = ()
+    faults: Faults = Faults()
+    bus: BusTable = BusTable()
+
+    @property
+    def n(self) -> int:
+        """The number of robots."""
+        return self.network.n
+
+    @property
+    def m(self) -> int:
+        """The number of joints of each robot: the target's axes."""
+        return self.target.m
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of scenario files."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Scenario.model_json_schema(),
+    }

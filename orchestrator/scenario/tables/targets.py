@@ -1,0 +1,121 @@
+"""The target in a scenario: a motion of sums of sines, through samples, or of an FMU."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from orchestrator.scenario.tables.fmus import Fmu
+from orchestrator.scenario.tables.values import (
+    HARMONIC,
+    MOVING,
+    SAMPLED,
+    Number,
+    Positive,
+    Table,
+    Text,
+    Vector,
+)
+
+
+class Wave(Table):
+    """amplitude · sin or cos (frequency t + phase)."""
+
+    amplitude: Number
+    frequency: Number = Field(description="rad/s")
+    phase: Number = Field(0.0, description="rad")
+
+
+class Axis(Table):
+    """offset + rate t + Σ sines + Σ cosines."""
+
+    offset: Number = 0.0
+    rate: Number = Field(0.0, description="per second")
+    sines: tuple[Wave, ...] = ()
+    cosines: tuple[Wave, ...] = ()
+
+
+def _target_kind(kind: Any) -> Any:
+    if kind != "harmonic":  # the others have tables of their own
+        raise ValueError("'harmonic', 'sampled' or 'fmu'")
+    return kind
+
+
+def _target_form(value: Any) -> str:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return {"sampled": SAMPLED, "fmu": MOVING}.get(str(kind), HARMONIC)
+
+
+class HarmonicTarget(Table):
+    """The target moves by a formula on each axis."""
+
+    kind: Annotated[Literal["harmonic"], BeforeValidator(_target_kind)] = "harmonic"
+    axes: tuple[Axis, ...] = Field(min_length=1, description="one for each of the m joints")
+
+    @property
+    def m(self) -> int:
+        """The number of axes."""
+        return len(self.axes)
+
+
+class SampledTarget(Table):
+    """The target moves along the cubic spline through what was sampled: in `file`, or given here.
+
+    A file is read once, and `times` and `positions` of the scenario's text take its place.
+    """
+
+    kind: Literal["sampled"]
+    file: str | None = Field(
+        None,
+        description="path relative to this file, .csv or .parquet: columns t (s) and position_1 … "
+        "position_m; velocity_1 … velocity_m, where given, are checked against the spline's",
+    )
+    times: Vector = Field((), description="s; increasing, from 0 or before to the run's end")
+    positions: tuple[Annotated[Vector, Field(min_length=1)], ...] = Field(
+        (), description="one row of m numbers for each time"
+    )
+
+    @property
+    def m(self) -> int:
+        """The number of axes; 0 before a file is read."""
+        return len(self.positions[0]) if self.positions else 0
+
+
+class FmuTarget(Fmu):
+    """The target moves as an FMU does that nothing drives, by its outputs position and velocity.
+
+    It is run once, when a scenario file is read, and what it did is then in the scenario's text.
+    """
+
+    kind: Literal["fmu"]
+    step: Positive | None = Field(
+        None,
+        description="s; the longest between two samples of the FMU, which is sampled at all output "
+        "times too; a quarter of each sampling period by default",
+    )
+    sha256: Text | None = Field(None, description="of the FMU that was run")
+    times: Vector = Field(
+        (), description="s; when it was sampled. Without the samples the FMU is run again"
+    )
+    positions: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
+    velocities: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
+
+    @property
+    def m(self) -> int:
+        """The number of axes; 0 before the FMU was run."""
+        return len(self.positions[0]) if self.positions else 0
+
+
+TargetMotion = Annotated[
+    Annotated[HarmonicTarget, Tag(HARMONIC)]
+    | Annotated[SampledTarget, Tag(SAMPLED)]
+    | Annotated[FmuTarget, Tag(MOVING)],
+    Discriminator(_target_form),
+]
+
+
+TARGETS: dict[Any, type[Table]] = {
+    HARMONIC: HarmonicTarget,
+    SAMPLED: SampledTarget,
+    MOVING: FmuTarget,
+}
+"""The target's tables by form."""

@@ -1,0 +1,68 @@
+"""Values of a scenario's tables: numbers, and forms of which one is written.
+
+n is the number of robots and m the number of the target's axes.
+"""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Weight = Annotated[Number, Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+Tick = Annotated[int, Field(strict=True, ge=1)]
+MOST_ROBOTS = 100_000
+Node = Annotated[int, Field(strict=True, ge=0, le=MOST_ROBOTS)]
+RobotNumber = Annotated[int, Field(strict=True, ge=1, le=MOST_ROBOTS)]
+Text = Annotated[str, Field(strict=True)]
+Vector = tuple[Number, ...]
+Matrix = tuple[Vector, ...]
+
+
+class Table(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
+VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
+VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
+DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
+PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
+HARMONIC, SAMPLED, MOVING = "a harmonic target", "a sampled target", "an FMU as target"
+EDGE, WEIGHTED = "[source, sink]", "[source, sink, weight]"
+FORMS = frozenset(
+    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
+    | {HARMONIC, SAMPLED, MOVING, EDGE, WEIGHTED}
+)
+
+
+def _form(value: Any) -> str:
+    """Return which form of a value was written, so that its errors speak of that form alone."""
+    if isinstance(value, dict | Uniform):
+        return DRAW
+    if not isinstance(value, list | tuple):
+        return NUMBER
+    return MATRIX if any(isinstance(row, list | tuple) for row in value) else VECTOR
+
+
+class Uniform(Table):
+    """A seeded draw of every component."""
+
+    uniform: tuple[Number, Number] = Field(description="[low, high)")
+
+
+Gain = Annotated[
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[Vector, Tag(VECTOR)]
+    | Annotated[Matrix, Tag(MATRIX)],
+    Discriminator(_form),
+]
+InitialRows = Annotated[
+    Annotated[Uniform, Tag(DRAW)] | Annotated[Matrix, Tag(MATRIX)], Discriminator(_form)
+]
+InitialRow = Annotated[
+    Annotated[Uniform, Tag(DRAW)] | Annotated[Vector, Tag(VECTOR)], Discriminator(_form)
+]
