@@ -29,6 +29,7 @@ def test_tools_have_no_complaint(command):
     ("module", "unneeded"),
     [
         ("orchestrator.commands.cli", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
+        ("orchestrator.promises.judging", {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"}),
         ("orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
         ("orchestrator.hosts.process", {"mcap", "rich", "scipy", "tomlkit", "typer"}),
     ],

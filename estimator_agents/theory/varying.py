@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
 
 Array = NDArray[np.float64]
@@ -125,6 +124,8 @@ def _surely(product: NDArray[np.float64]) -> float:
 
 def _shrunk(matrices: Array) -> Array:
     """Return S⁻¹ A_i S for an S in which the largest 2-norm is small, as far as one is found."""
+    from scipy.optimize import minimize  # noqa: PLC0415, 0.2 s that most checks need not wait for
+
     p = matrices.shape[1]
     scale = float(np.linalg.norm(matrices, 2, axis=(1, 2)).max())
     if p == 1 or not scale:
