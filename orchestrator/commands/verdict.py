@@ -28,10 +28,8 @@ def verdict(checked: "Check") -> dict[str, str]:
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
             f"{periods.mean:g} s in the mean"
         )
-    if 0 < checked.rate < inf:
-        told["rate"] = (
-            f"{checked.rate:.4g} per s: an error falls to a millionth in {checked.settling:.4g} s"
-        )
+    if checked.rate > 0:
+        told["rate"] = _rate(checked)
     return told
 
 
@@ -94,6 +92,15 @@ def _factor(checked: "Check") -> str:
     }[growth.verdict]
     bounds = f"{growth.lower:.6f} to {growth.upper:.6f}"
     return f"{bounds} on the error per sampling time, at worst: {verdict}"
+
+
+def _rate(checked: "Check") -> str:
+    """Say how fast errors fall in the long run, and how long it is until the beginning is over."""
+    rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
+    fallen = checked.millionth
+    if fallen is None:
+        return f"{rate} in the long run; how long the beginning lasts is not computed"
+    return f"{rate} in the long run; any error has fallen to a millionth in {fallen:.4g} s"
 
 
 def _any_order(found: "AnyOrder") -> str:

@@ -10,13 +10,16 @@ from estimator_agents.algorithm import Spectrum, conditions, demands, load_algor
 from estimator_agents.condition import Condition
 from estimator_agents.theory.aperiodic import Growth, Periods
 from estimator_agents.theory.network import Network
+from estimator_agents.theory.recursion import Recursion
 from estimator_agents.theory.spectrum import smallest_theta
 from estimator_agents.theory.tracking import TRACKING
+from estimator_agents.theory.transient import ticks_until
 from orchestrator.promises.bounding import Find, tracking_conditions
 from orchestrator.promises.settling import (
     growth_of,
     merged,
     periods_of,
+    recursions_of,
     spectra_of,
     why_unknown,
 )
@@ -50,6 +53,8 @@ class Check:
     """After how many ticks the turns come again."""
     any_order: AnyOrder | None
     periods: Periods
+    recursion: Recursion | None
+    """Of all ticks; None where it is not one, or the jump is not linear."""
 
     @property
     def network(self) -> Network | None:
@@ -83,6 +88,14 @@ class Check:
         """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
         return log(1e6) / self.rate if self.rate > 0 else inf
 
+    @property
+    def millionth(self) -> float | None:
+        """s, from the beginning, until any error is a millionth of it; None where not known."""
+        if self.recursion is None or not self.growth.upper < 1:
+            return None
+        ticks = ticks_until(self.recursion, 1e-6)
+        return None if ticks is None else ticks * self.recursion.h
+
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
         told: dict[str, Any] = {
@@ -98,6 +111,7 @@ class Check:
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
             "settling": finite(self.settling),
+            "millionth": self.millionth,
         }
         if self.periods.alike is None:
             told["aperiodic"] = {
@@ -149,6 +163,7 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
     own = conditions(algorithm, everywhere, periods.longest)
     bounds = [c.right for c in own if c.name == OF_PERIOD]
     spectrum = np.concatenate(everywhere)
+    recursions = recursions_of(algorithm, topologies, periods.mean)
     return Check(
         algorithm=choice.name,
         spectrum=_pairs(spectrum),
@@ -166,6 +181,7 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
         repeat=topologies.repeat,
         any_order=any_order_of(algorithm, topologies, periods),
         periods=periods,
+        recursion=recursions[0] if len(recursions) == 1 and periods.alike is not None else None,
     )
 
 

@@ -238,6 +238,7 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     }  # fmt: skip
     assert told["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
     assert told["settling"] == pytest.approx(np.log(1e6) / told["rate"])
+    assert told["millionth"] == pytest.approx(11.1)
 
 
 @pytest.mark.parametrize(
