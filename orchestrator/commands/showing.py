@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimator_agents.theory.estimates import Pair
     from orchestrator.commands.doctor import Diagnosis
     from orchestrator.promises.checking import Check
-    from orchestrator.promises.judging import Judgement
+    from orchestrator.promises.judging import Judged, Judgement
     from orchestrator.promises.promising import Bound, Promises
     from orchestrator.replays.comparing import Comparison
     from orchestrator.runs.running import Profile
@@ -37,13 +37,8 @@ _VERDICTS = {
 }
 
 
-_KEPT = {
-    "within": "[green]within[/]",
-    "exceeds": "[red]beyond what is proven, at k = {}[/]",
-    "unknown": "",
-}
-SETTLED = 1e-3
-"""The part of an error that the beginning may have without being told of."""
+NEAR = 0.01
+"""By how much a measured factor may differ without a word."""
 
 
 class _SimulatedTime(ProgressColumn):
@@ -111,14 +106,41 @@ def judgement(console: Console, judged: "Judgement") -> None:
     for row in judged.quantities:
         b = row.bound
         numbers = map(_number, (row.measured, b.exact, b.sharp, b.paper))
-        table.add_row(b.name, *numbers, _KEPT[row.verdict].format(row.tick))
+        table.add_row(b.name, *numbers, _kept(row))
     if judged.measured_factor is not None and judged.factor is not None:
         factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
         table.add_row("factor", *factors, "", "", "each tick")
     console.print(table)
-    rest = max(row.rest for row in judged.quantities)
-    if rest > SETTLED * max(row.measured for row in judged.quantities):
-        summary(console, {"settling": f"up to {rest:.4g} is left of the beginning"})
+    summary(console, _beside(judged))
+
+
+def _kept(row: "Judged") -> str:
+    """Say whether a measurement is within the bounds of the long run, in a word."""
+    if row.verdict == "exceeds":
+        return f"[red]beyond what is proven, at k = {row.tick}[/]"
+    if row.verdict == "unknown":
+        return "[yellow]not judged[/]" if row.above else ""
+    if row.above and row.above != ("paper",):
+        return "[yellow]settling[/]"
+    return f"[green]within{' any target' * bool(row.above)}[/]"
+
+
+def _beside(judged: "Judgement") -> dict[str, str]:
+    """Return lines on what is above a bound of the long run and yet breaks none."""
+    told, left = {}, judged.left
+    known = [row for row in judged.quantities if row.verdict != "exceeds"]
+    over = [row for row in known if row.above and row.above != ("paper",)]
+    loose = [row.bound.name for row in known if row.above == ("paper",)]
+    if left is not None or over:
+        begun = "is not known" if left is None else f"is up to {left:.4g}"
+        above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
+        told["settling"] = f"what is left of the beginning {begun}{above}"
+    if loose:
+        told["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
+    seen, computed = judged.measured_factor, judged.factor
+    if seen is not None and computed is not None and abs(seen - computed) > NEAR:
+        told["factor"] = "the computed one is of the long run, and this run's is not near it"
+    return told
 
 
 def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled: bool) -> None:

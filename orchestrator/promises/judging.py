@@ -6,10 +6,12 @@ proven when it is more than the bound for this target and the largest such rest 
 together. z also has the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over
 the second half of the ticks until it is lost in rounding. Where it is not known what x settles to,
 z = x: at any t_k the rest of x(t_k) is within the bound for any target. There is no factor then.
+What is left of the robots' own beginning is not known: while the estimates settle, tracking beyond
+its bound is not judged.
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice
 from typing import Any, Literal
 
@@ -30,6 +32,8 @@ Verdict = Literal["within", "exceeds", "unknown"]
 
 SLACK = 1e-6
 """Relative: how far a measurement may be above a bound by rounding."""
+SETTLED = 1e-3
+"""The part of an error that the beginning may have without being told of."""
 LOST = 1e-9
 """Of the first error: what is below may be rounding."""
 LONGEST = 200_000
@@ -48,6 +52,14 @@ class Judged:
     """What is left of the beginning, at most, in the last fifth; 0 where that is not known."""
     verdict: Verdict
 
+    @property
+    def above(self) -> tuple[str, ...]:
+        """The bounds of the long run that were passed: `this target`, `any target`, `paper`."""
+        b = self.bound
+        laws = {"this target": b.exact, "any target": b.sharp, "paper": b.paper}
+        most = (self.measured - LOST) / (1 + SETTLED)
+        return tuple(law for law, bound in laws.items() if bound is not None and most > bound)
+
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
@@ -61,6 +73,12 @@ class Judgement:
     measured_factor: float | None
     """What it was in the run; None where too little was recorded."""
 
+    @property
+    def left(self) -> float | None:
+        """What is left of the beginning, at most; None where that is no part worth telling."""
+        rest = max((row.rest for row in self.quantities), default=0.0)
+        return rest if rest > SETTLED * max(row.measured for row in self.quantities) else None
+
     def as_json(self) -> dict[str, Any]:
         """Return the judgement for JSON."""
         rows = [
@@ -70,6 +88,7 @@ class Judgement:
                 "tick": row.tick,
                 "rest": finite(row.rest),
                 "verdict": row.verdict,
+                "above": list(row.above),
             }
             for row in self.quantities
         ]
@@ -91,11 +110,16 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
         measured.velocity_tracking,
     )
     rows = zip(bounds(promised), found, measured.times_ns, rest, strict=True)
-    quantities = tuple(
+    quantities = [
         Judged(bound, value, clock.since(at + 1) - 1, left or 0.0, _verdict(bound, value, left))
         for bound, value, at, left in rows
-    )
-    return Judgement(promised.why_not, quantities, finite(promised.radius), factor)
+    ]
+    estimates, tracking = quantities[:2], quantities[2:]
+    if any(row.rest > SETTLED * row.measured for row in estimates):
+        tracking = [
+            replace(row, verdict="unknown") if row.verdict == "exceeds" else row for row in tracking
+        ]
+    return Judgement(promised.why_not, (*estimates, *tracking), finite(promised.radius), factor)
 
 
 def _verdict(bound: Bound, measured: float, rest: float | None) -> Verdict:

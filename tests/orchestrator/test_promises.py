@@ -1,17 +1,22 @@
 """Runs beside what was promised of them: kept, broken, or not given; and the proof's own V."""
 
+import io
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from estimator_agents.theory.estimates import Pair
+from orchestrator.commands import showing
 from orchestrator.promises.bounding import bounded, tracking_conditions
 from orchestrator.promises.checking import check
-from orchestrator.promises.judging import judge
+from orchestrator.promises.judging import Judged, Judgement, judge
 from orchestrator.promises.probing import Sampling
-from orchestrator.promises.promising import bounds, designed, promises
+from orchestrator.promises.promising import Bound, bounds, designed, promises
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import measure
 from orchestrator.scenario.file import parse_scenario, read_scenario
@@ -33,6 +38,12 @@ def changed(*pairs, path=PAPER):
         assert old in text
         text = text.replace(old, new)
     return parse_scenario(text, "changed", SCENARIOS, "changed.toml")
+
+
+def shown(judged):
+    written = io.StringIO()
+    showing.judgement(Console(file=written, width=100, soft_wrap=True), judged)
+    return written.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +101,42 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     assert row.measured > row.bound.sharp
     assert row.verdict == "within"
     assert row.rest > 0.1
+    assert row.above == ("this target", "any target")
+    words = shown(judged)
+    assert re.search(r"^\|eps - eps_0\|inf .* settling", words, re.MULTILINE)
+    assert "|eps - eps_0|inf is above this target and any target" in words
+    assert f"is up to {max(one.rest for one in judged.quantities):.4g}" in words
+
+
+@pytest.mark.parametrize(
+    ("measured", "verdict", "above", "word"),
+    [
+        (0.16, "within", (), "within"),
+        (0.174, "within", ("paper",), "within any target"),
+        (0.46, "unknown", ("any target", "paper"), "not judged"),
+    ],
+)
+def test_a_verdict_says_what_it_is_within(measured, verdict, above, word):
+    bound = Bound("|q - eps_0|2", None, 0.4504, 0.1675)
+    row = Judged(bound, measured, 10, 0.0, verdict)
+    assert row.above == above
+    words = shown(Judgement("", (row,), 0.1, 0.1021))
+    assert re.search(rf"{word} *$", words.splitlines()[1])
+    assert ("not proven" in words) == (above == ("paper",))
+    assert ("long run" in words) is False
+    far = shown(Judgement("", (row,), 0.1, 0.9))
+    assert "factor     the computed one is of the long run" in far
+
+
+def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven(tmp_path):
+    file = changed(("duration = 30.0", "duration = 2.0"))
+    run(file, tmp_path / "short.mcap")
+    with Reader(tmp_path / "short.mcap") as reader:
+        broken = replace(measure(reader), position_tracking=50.0)
+        judged = judge(reader, file.scenario, broken)
+    row = judged.quantities[2]
+    assert row.measured > row.bound.sharp
+    assert row.verdict == "unknown"
 
 
 def test_robots_of_their_own_are_bounded_on_their_own():
