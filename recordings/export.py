@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from recordings.errors import UncreatableError
 from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, STATES, Table, joints, rows
+from recordings.tables import FAULTS, SAMPLES, STATES, Put, Table, joints, rows
 
 Format = Literal["csv", "parquet"]
-Put = Callable[[NDArray[np.void]], None]
 Opener = Callable[[Path, Table, int], AbstractContextManager[Put]]
 """Opens a file for a table of vectors of m numbers; what it gives puts rows into it."""
 
@@ -53,17 +52,11 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
         raise UncreatableError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def header(table: Table, m: int) -> list[str]:
-    """Return the names of a table's columns."""
-    vectors = [f"{name}_{i}" for name in table.kind.vectors for i in range(1, m + 1)]
-    return [*table.scalars, *vectors]
-
-
 @contextmanager
 def _csv(path: Path, table: Table, m: int) -> Iterator[Put]:
     with path.open("w", newline="", encoding="ascii") as file:
         out = csv.writer(file, lineterminator="\n")
-        out.writerow(header(table, m))
+        out.writerow(table.columns(m))
 
         def put(found: NDArray[np.void]) -> None:
             scalars = zip(*(found[name].tolist() for name in table.scalars), strict=True)

@@ -13,8 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from recordings.export import Put, header
-from recordings.tables import Table
+from recordings.tables import Put, Table
 
 GROUP = 4 * 2**20
 
@@ -23,7 +22,7 @@ GROUP = 4 * 2**20
 def opened(path: Path, table: Table, m: int) -> Iterator[Put]:
     """Open a file for a table of vectors of m numbers; what it gives puts rows into it."""
     kinds = {name: pa.float64() if name == "t" else pa.uint32() for name in table.scalars}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in header(table, m)])
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in table.columns(m)])
     waiting: list[NDArray[np.void]] = []
     with parquet.ParquetWriter(path, schema) as file:
 

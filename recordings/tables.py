@@ -20,6 +20,9 @@ from recordings.container import DamageError
 from recordings.errors import UnreadableError
 from recordings.reading import Reader
 
+Put = Callable[[NDArray[np.void]], None]
+"""Takes rows of a table."""
+
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
 
@@ -44,6 +47,11 @@ class Table:
     def order(self) -> tuple[str, ...]:
         """What rows are sorted by, the last one first, as `numpy.lexsort` wants it."""
         return (*reversed(self.kind.further), "robot", "time_ns")
+
+    def columns(self, m: int) -> list[str]:
+        """Return the names of the columns where each number has one of its own."""
+        vectors = [f"{name}_{i}" for name in self.kind.vectors for i in range(1, m + 1)]
+        return [*self.scalars, *vectors]
 
     def dtype(self, m: int) -> np.dtype[np.void]:
         """Return the type of a row of vectors of m numbers."""
