@@ -3,6 +3,7 @@
 CosimError
 ├── Interrupted           orchestrator: the user asked a run to end                (exit 130)
 ├── InputError            what the user gave is wrong: a file, a field, an option   (exit 2)
+│   ├── AlgorithmError      estimator_agents: another package's does not work; a RunError too
 │   ├── FmuError            plant_fmu: an FMU that cannot be built, found, read or used
 │   ├── MissingExtraError   recordings: what draws is not installed
 │   ├── ScenarioError       orchestrator: a scenario's field or shape

@@ -1,11 +1,13 @@
 """An algorithm says how an estimate jumps at a sampling time, and when that converges.
 
 It is a pure function of what was heard, and works alike on one robot, (m,), and on many, (n, m).
-Others' packages add algorithms through the entry-point group `nrs.algorithms`.
+Others' packages add algorithms through the entry-point group `nrs.algorithms`; what they do wrong
+is told by `foreign`.
 """
 
 from collections.abc import Sequence
-from importlib.metadata import entry_points
+from functools import partial
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from estimator_agents.condition import Condition
 from estimator_agents.estimate import Disagreement, Estimate
+from estimator_agents.foreign import Foreign, loaded
 from estimator_agents.hearing import POLICIES, Missing
 
 GROUP = "nrs.algorithms"
@@ -95,7 +98,9 @@ def algorithm_names() -> tuple[str, ...]:
 
 def load_algorithm(name: str, alpha: float, beta: float) -> Algorithm:
     """Return an installed algorithm with its gains; `InputError` if there is none of that name."""
-    algorithm: Algorithm = _installed(name)(alpha, beta)
+    entry = _entry(name)
+    build: Any = entry.load() if _is_ours(entry) else partial(Foreign.built, entry)
+    algorithm: Algorithm = build(alpha, beta)
     return algorithm
 
 
@@ -125,9 +130,18 @@ def why_one_digraph(name: str) -> str:
 
 
 def _installed(name: str) -> Any:
+    entry = _entry(name)
+    return entry.load() if _is_ours(entry) else loaded(entry)
+
+
+def _is_ours(entry: EntryPoint) -> bool:
+    return entry.module.partition(".")[0] == __package__
+
+
+def _entry(name: str) -> EntryPoint:
     found = entry_points(group=GROUP, name=name)
     if not found:
         raise InputError(
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {name!r}"
         )
-    return next(iter(found)).load()
+    return next(iter(found))

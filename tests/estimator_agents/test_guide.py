@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from estimator_agents.algorithm import algorithm_names, load_algorithm, policies_of
+from recordings.reading import Reader
+from tests.command import nrs
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "algorithms.md").read_text("utf-8")
@@ -70,6 +72,101 @@ def test_the_guide_s_algorithm_checks_and_runs(installed):
     assert [row["verdict"] for row in theory["quantities"]] == ["within"] * 4
     assert position["measured"] == pytest.approx(position["exact"], rel=1e-2)
     assert theory["measured_factor"] == pytest.approx(theory["factor"], rel=2e-2)
+
+
+@pytest.fixture
+def broken(installed, monkeypatch):
+    """Return a call of the command on the guide's algorithm with a part of its code replaced."""
+    monkeypatch.syspath_prepend(str(installed))
+    module = installed / "leaky.py"
+    right = module.read_text("utf-8")
+
+    def command(name, scenario, was, now):
+        assert right.count(was) == 1
+        module.write_text(right.replace(was, now), "utf-8")
+        (installed / "s.toml").write_text(scenario.replace('"dcea1"', '"leaky"'), "utf-8")
+        monkeypatch.delitem(sys.modules, "leaky", raising=False)
+        monkeypatch.setattr(sys, "dont_write_bytecode", True)
+        output = ["-o", "s.mcap"] if name == "run" else []
+        done = nrs(name, "s.toml", *output, cwd=installed)
+        lines = module.read_text("utf-8").splitlines()
+        place = {line.strip(): f"at {module}:{i}" for i, line in enumerate(lines, 1)}
+        return done, place
+
+    yield command
+    sys.modules.pop("leaky", None)
+
+
+HETERO = (ROOT / "scenarios" / "hetero_information.toml").read_text("utf-8")
+
+
+def test_it_may_hear_velocities_over_another_digraph(broken):
+    done, _ = broken("check", HETERO, "Leaky consensus", "Leaky")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize(
+    ("scenario", "was", "now", "told", "line"),
+    [
+        (
+            HETERO,
+            "def conditions(self, spectrum, h, velocity=None):",
+            "def conditions(self, spectrum, h):",
+            "leaky.conditions(spectrum, h, velocity): TypeError: Leaky.conditions() takes 3 "
+            "positional arguments but 4 were given",
+            "def conditions(self, spectrum, h):",
+        ),
+        (
+            PAPER,
+            "heard.velocity",
+            "heard.velocty",
+            "leaky.jump(estimate, heard): AttributeError: 'Disagreement' object has no attribute "
+            "'velocty'",
+            "0.99 * estimate.velocity + self.beta * heard.velocty,",
+        ),
+        (
+            PAPER,
+            "    beta: float\n",
+            "    beta: float\n    gamma: float\n",
+            "leaky(alpha, beta): TypeError: Leaky.__init__() missing 1 required positional "
+            "argument: 'gamma'",
+            "@dataclass(frozen=True)",
+        ),
+        (
+            PAPER,
+            "import numpy as np",
+            "import nunpy as np",
+            "leaky from 'leaky:Leaky': ModuleNotFoundError: No module named 'nunpy'",
+            "import nunpy as np",
+        ),
+        (
+            PAPER,
+            "0.99 * estimate.velocity + self.beta * heard.velocity",
+            "0.0",
+            "leaky.jump(estimate, heard): ValueError: expected a velocity of shape (4,), as it was "
+            "given, got ()",
+            "def jump(self, estimate, heard):",
+        ),
+    ],
+    ids=["third argument", "typo", "fields", "import", "shape"],
+)  # fmt: skip
+def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, told, line):
+    done, place = broken(command, scenario, was, now)
+    assert done.stderr.replace("\n", "") == f"error: algorithm.name: {told}, {place[line]}"
+    assert done.returncode == 2
+
+
+def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
+    was = "        return Estimate("
+    done, place = broken("run", PAPER, was, f"        1 / (estimate.position.ndim - 2)\n{was}")
+    with Reader(installed / "s.mcap") as reader:
+        assert (reader.status, reader.ticks) == ("failed", 0)
+        assert reader.reason == (
+            "algorithm.name: leaky.jump(estimate, heard): ZeroDivisionError: division by zero, "
+            + place["1 / (estimate.position.ndim - 2)"]
+        )
+    assert done.returncode == 1
 
 
 def test_the_guide_s_table_names_all_algorithms():
