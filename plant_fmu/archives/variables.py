@@ -3,7 +3,7 @@
 A name is looked for as it is, then as the stem of a family (see `naming`), below one prefix too:
 `q` finds `arm.q[1]`, `arm.q[2]`. Two families that fit are an error, since none is better. Without
 any, qd is the derivative of q: `der(…)` of each of its variables. So is a target's velocity that of
-its position.
+its position. A target has no inputs: nothing sets them, and it would stand still.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,11 @@ from plant_fmu.errors import FmuError
 
 MOST_NUMBERS = 1_000_000
 """That one variable may hold."""
+
+JOINTS = {"position": "q", "velocity": "qd"}
+"""What a robot calls what a target calls otherwise."""
+MOVING = {"output", "local"}
+"""The causalities of variables that may move though nothing is set."""
 
 Pick = tuple[ModelVariable, slice]
 """A variable, and which of its numbers."""
@@ -73,6 +78,8 @@ def _found(
         if not picks:
             return _unknown(archive, name, spec)
         parts = tuple(_part(archive, name, pick, dict(sizes)) for pick in picks)
+        if name in MOTION and any(variable.causality == "input" for variable, _ in picks):
+            return _moves_not(archive, name, picks)
     except FmuError as error:
         return str(error)
     quantity = Quantity(name, parts)
@@ -200,12 +207,38 @@ def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
     """Say that there is no such quantity, what is near, and what to write."""
     looked_for = spec.pattern if isinstance(spec, Pattern) else spec
     what = f"variable {looked_for!r}" + (f" for {ours}" if spec != ours else "")
+    near = suggestion(str(looked_for), _moving(archive) if ours in MOTION else by_name(archive))
+    write = f'"its name", or a list of names, or {{ pattern = "{ours}[{{i}}]", base = 1 }}'
+    if joints := _joints(archive, ours):
+        near, write = f"; a robot's {JOINTS[ours]} is there.", joints
     return (
-        f"{archive.label}: has no {what}{suggestion(str(looked_for), by_name(archive))} Write "
-        f"in the scenario's [{table_of(ours)}]: "
-        f'variables.{ours} = "its name", or a list of names, or '
-        f'{{ pattern = "{ours}[{{i}}]", base = 1 }}'
+        f"{archive.label}: has no {what}{near} Write in the scenario's [{table_of(ours)}]: "
+        f"variables.{ours} = {write}"
     )
+
+
+def _moves_not(archive: Archive, ours: str, picks: Sequence[Pick]) -> str:
+    """Say that a target's quantity is an input, and what to take instead."""
+    names = listed([variable.name for variable, _ in picks])
+    instead = _joints(archive, ours) or f"one of {listed(_moving(archive))}"
+    return (
+        f"{archive.label}: variables.{ours} = {names}: an input, which nothing sets, so that the "
+        f"target would stand still; take an output or a state, {instead}"
+    )
+
+
+def _joints(archive: Archive, ours: str) -> str:
+    """Return as TOML what a robot calls a target's quantity; empty where that is not there."""
+    stem, moving = JOINTS.get(ours, ""), _moving(archive)
+    if stem in moving:
+        return f'"{stem}"'
+    found = families(stem, moving) if stem else []
+    return str(found[0]) if len(found) == 1 else ""
+
+
+def _moving(archive: Archive) -> list[str]:
+    """Return the names of outputs, and of what is known inside alone, as states are."""
+    return [v.name for v in archive.description.modelVariables if v.causality in MOVING]
 
 
 def _wrong_size(archive: Archive, quantity: Quantity, picks: Sequence[Pick], size: int) -> str:

@@ -216,6 +216,18 @@ BAD_RUNS = {
     "unknown": ('"planar_robot"', '"planar_robt"', "target.fmu: .*planar_robt"),
     "misspelt": ("position =", "postion =", "target.variables.postion: .*did you mean 'position'"),
     "not found": ('position = "q"', 'position = "x"', "has no variable 'x' for position"),
+    "not said": (
+        'variables = { position = "q", velocity = "qd" }',
+        "",
+        r"planar_robot: has no variable 'position'; a robot's q is there. Write in the scenario's "
+        r'\[target\]: variables.position = "q"$',
+    ),
+    "an input": (
+        'position = "q"',
+        'position = "position_ref"',
+        "planar_robot: variables.position = position_ref: an input, which nothing sets, so that "
+        'the target would stand still; take an output or a state, "q"$',
+    ),
     "parameter": ("relative_tolerance", "relative", "target.fmu: .*no parameter 'relative'"),
     "size": (
         'position = "q", velocity = "qd"',
@@ -224,7 +236,7 @@ BAD_RUNS = {
     ),
     "not its velocity": (
         'velocity = "qd"',
-        'velocity = "velocity_ref"',
+        'velocity = ["qd[1:2]", "qd[0:1]"]',
         "velocity_1 of sample .* as the positions have it.*; take a shorter target.step, or say",
     ),
     "too many": ('kind = "fmu"', 'kind = "fmu"\nstep = 1e-7', "target.step: .*1000000 samples"),

@@ -120,8 +120,12 @@ def test_a_velocity_may_be_the_derivative_of_the_position(tmp_path):
 
 BAD = {
     "nothing is found": ({}, "has no variable 'position'"),
-    "no velocity": ({"position": "position_ref"}, "has no variable 'velocity'"),
+    "no velocity": ({"position": "reference_position"}, "has no variable 'velocity'"),
     "what to write": ({}, "Write in the scenario's [target]: variables.position = "),
+    "an input": (
+        {"position": "position_ref"},
+        "variables.position = position_ref: an input, which nothing sets",
+    ),
     "another size": (
         {"position": "q", "velocity": Pattern("disturbance_amplitude[{i}]")},
         "has no variable 'disturbance_amplitude[{i}]'",
