@@ -7,7 +7,7 @@ import typer
 
 from bus.errors import InputError
 from orchestrator.commands.options import Connect, Listen, Output, RecordingPath
-from orchestrator.terminal import AsJson, out, print_json
+from orchestrator.terminal import AsJson, out, print_json, say
 
 FAILED = 1
 LISTENER = "tcp/127.0.0.1:7447"
@@ -93,10 +93,14 @@ def diff(
     with Reader(a) as one, Reader(b) as other:
         found = compare(one, other)
     if picture:
+        if found.why_not:
+            raise InputError(f"--picture: nothing to draw: {found.why_not}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
         replaying.draw(found, picture)
     if as_json:
         print_json(found.as_json())
     else:
         showing.comparison(out, found)
+        if found.why_not:
+            say("yellow", "apart", found.why_not)
     raise typer.Exit(0 if found.is_same else FAILED)

@@ -1,8 +1,8 @@
 """What is not the same in two recordings: scenario fields, the first tick, and how far apart.
 
 Runs are compared tick by tick, message by message in total order. Distances are between the states
-that both have of a robot at a time: |a − b| over all joints, its maximum, when that was, and its
-root mean square.
+that both have of a robot at a time, in the same tick: |a − b| over all joints, its maximum, when
+that was, and its root mean square.
 """
 
 import tomllib
@@ -56,6 +56,8 @@ class Comparison:
     """Of each robot the times of its states that both have, s."""
     apart: Mapping[int, Array]
     """And how far apart they are then, (times, quantities)."""
+    why_not: str
+    """Why there are no distances after t = 0; empty where there are, or no states to measure."""
 
     @property
     def is_same(self) -> bool:
@@ -69,6 +71,7 @@ class Comparison:
             "fields": dict(self.fields),
             "first": asdict(self.first) if self.first else None,
             "distances": [asdict(distance) for distance in self.distances],
+            "why_not": self.why_not,
         }
 
 
@@ -80,17 +83,24 @@ def compare(a: Reader, b: Reader) -> Comparison:
     alike = joints(a) == joints(b)
     codec = Codec(STATE, joints(a))
     nothing: list[Message] = []
+    both = 0
     for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):
         if first is None and tick_a != tick_b:
             was, now = next((was, now) for was, now in zip_longest(tick_a, tick_b) if was != now)
             first = difference_in(joints(a), joints(b), was, now)
+        both += bool(tick_a and tick_b)
         if alike and tick_a and tick_b:
             for robot, *part in _apart(_states(codec, tick_a), _states(codec, tick_b)):
                 measured[robot].append((part[0], part[1]))
     times = {robot: np.concatenate([t for t, _ in parts]) for robot, parts in measured.items()}
     apart = {robot: np.concatenate([d for _, d in parts]) for robot, parts in measured.items()}
     found = (d for robot in sorted(times) for d in _distances(robot, times[robot], apart[robot]))
-    return Comparison(fields, first, tuple(found), times, apart)
+    why_not = ""
+    if not alike:
+        why_not = f"robots have {joints(a)} joints in A, and {joints(b)} in B"
+    elif both > 1 and not any(t[-1] > 0 for t in times.values()):
+        why_not = "no tick has times in common: sampling times differ"
+    return Comparison(fields, first, tuple(found), times, apart, why_not)
 
 
 def _distances(robot: int, times: Array, apart: Array) -> Iterator[Distance]:

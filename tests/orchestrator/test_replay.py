@@ -20,6 +20,7 @@ from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from recordings.reading import Reader
 from recordings.writing import Writer
+from tests.command import nrs
 from tests.network.ports import free_port
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
@@ -185,6 +186,7 @@ def test_distances_are_those_of_the_states(paper, tmp_path):
         found = compare(a, b)
         assert dict(found.fields) == {"algorithm.beta": (1.1, 0.9)}
         assert compare(a, a).is_same
+        assert not found.why_not
         for name, reader in (("a", a), ("b", b)):
             rows = {}
             for batch in reader.batches():
@@ -199,6 +201,23 @@ def test_distances_are_those_of_the_states(paper, tmp_path):
     assert q.rms == pytest.approx(np.sqrt(np.mean(np.square([*apart.values()]))), rel=1e-12)
     assert found.first.topic == "state/1"
     assert found.first.t == pytest.approx(0.12)
+
+
+JITTER = ("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
+ALONE = "why_not", "no tick has times in common: sampling times differ"
+
+
+def test_runs_of_other_sampling_times_say_that_they_are_not_measured(paper, tmp_path):
+    a, b, picture = (tmp_path / name for name in ("a.mcap", "b.mcap", "apart.png"))
+    run(paper(SHORT), a)
+    run(paper(SHORT, JITTER), b)
+    done = nrs("diff", a, b)
+    assert (done.returncode, done.stderr) == (1, f"apart: {ALONE[1]}\n")
+    assert ALONE in json.loads(nrs("diff", a, b, "--json").stdout).items()
+    done = nrs("diff", a, b, "--picture", picture)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"error: --picture: nothing to draw: {ALONE[1]}\n"
+    assert not picture.exists()
 
 
 def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
