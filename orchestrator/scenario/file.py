@@ -26,7 +26,7 @@ from orchestrator.scenario.tables.targets import TARGETS
 from orchestrator.scenario.tables.values import FORMS, Uniform
 from orchestrator.scenario.targets import unsampled_times, wrong_target
 from orchestrator.scenario.times import wrong_times
-from orchestrator.scenario.wrong_networks import wrong_form, wrong_network
+from orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
 from plant_fmu.archives.quantities import MOTION, UNITS
 
 SHORTEST = 1e-6
@@ -166,6 +166,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     yield from time_faults or unsampled_times(scenario)
     yield from _plant_faults("plant", scenario.plant)
     yield from network_faults
+    if not (time_faults or network_faults):
+        yield from unused_turns(scenario)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     for name, value in scenario.initial:

@@ -12,6 +12,7 @@ from bus.topology import Topology
 from orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
 from orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
 from orchestrator.scenario.tables.scenario import Scenario
+from orchestrator.scenario.times import clock
 
 MOST_EDGES = 10_000_000
 SHOWN = 8
@@ -100,6 +101,17 @@ def _wrong_turns(network: Network) -> Iterator[str]:
             f"network.repeat: expected at least {turns[-1].from_}, where the last entry begins, "
             f"got {network.repeat}"
         )
+
+
+def unused_turns(scenario: Scenario) -> Iterator[str]:
+    """Yield which turns a run ends before, where its network and its times are right."""
+    ticks = clock(scenario.run).ticks
+    for i, turn in enumerate(scenario.network.switching or ()):
+        if turn.from_ > ticks:
+            yield (
+                f"network.switching[{i}].from: expected at most {ticks}, the last tick of the run, "
+                f"got {turn.from_}; leave the entry out, or make run.duration longer"
+            )
 
 
 def _wrong_topology(where: str, digraph: Digraph, topology: Topology) -> Iterator[str]:

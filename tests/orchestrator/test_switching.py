@@ -105,6 +105,10 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
     [
         (turns((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
         (turns((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entri"),
+        (
+            turns((1, PAPER), (10, PATH), (11, PAPER), (2100, PATH), repeat=2100),
+            "network.switching[2].from: expected at most 10, the last tick of the run, got 11; ",
+        ),
         (turns((1, PAPER), (9, PATH), repeat=8), "network.repeat: expected at least 9, where the"),
         (f"repeat = 3\n{PAPER}", "network.repeat: is of network.switching, got 3; leave it out"),
         (turns((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got 0"),
