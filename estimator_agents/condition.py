@@ -13,6 +13,18 @@ class Condition:
     right: float
     sampled: bool = False
     """Whether the left side is the worst that was seen, in place of a bound; it may be greater."""
+    at_least: bool = False
+    """Whether the right side is the scenario's, which the left one is the bound of."""
+
+    @property
+    def value(self) -> float:
+        """What the scenario has."""
+        return self.right if self.at_least else self.left
+
+    @property
+    def bound(self) -> float:
+        """What it is to be below, or above where it is to be that at least."""
+        return self.left if self.at_least else self.right
 
     @property
     def margin(self) -> float:

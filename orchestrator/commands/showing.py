@@ -15,6 +15,7 @@ from rich.text import Text
 
 from orchestrator.commands.verdict import grounds, verdict
 from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.numbers import decimals
 
 if TYPE_CHECKING:
     from estimator_agents.theory.design import Design
@@ -77,7 +78,8 @@ def check(
         )
     for c in checked.conditions:
         mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
-        numbers = (f"{c.left:g}", f"{c.right:.6f}", f"{c.margin:+.6f}")
+        bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
+        numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
         source = f"{c.source}, [yellow]sampled[/]" if c.sampled else c.source
         table.add_row(c.name, *numbers, mark, source)
     console.print()

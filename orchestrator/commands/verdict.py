@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from math import inf, isnan
 from typing import TYPE_CHECKING
 
+from orchestrator.scenario.numbers import multiple
+
 if TYPE_CHECKING:
     from estimator_agents.algorithm import Spectrum
     from estimator_agents.theory.aperiodic import Growth
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 
 TURNS = 12
 """Of digraphs, that are shown."""
+FAULTLESS = ", of links without faults"
+"""What is said of growth where links have faults."""
 
 
 def verdict(checked: "Check") -> dict[str, str]:
@@ -46,7 +50,7 @@ def _networks(checked: "Check") -> dict[str, str]:
     told = {}
     for turn in checked.turns[:TURNS]:
         digraphs = ". ".join(
-            f"{digraph.of}: {_ways(digraph.network)}; eigenvalues "
+            f"{digraph.of}: {_ways(digraph.network)}; spectrum "
             f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
             for digraph in turn.digraphs
         )
@@ -63,7 +67,7 @@ def _networks(checked: "Check") -> dict[str, str]:
 def _ways(network: "Network") -> str:
     """Say how the target comes to all."""
     return (
-        f"a path of at most {network.depth} links leads from the target to every robot "
+        f"a path of at most {_count(network.depth, 'link')} leads from the target to every robot "
         f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it"
     )
 
@@ -72,8 +76,8 @@ def _alone(growth: "Growth") -> str:
     if isnan(growth.upper):
         return "no factor"
     if isnan(growth.factor):
-        return f"a factor of {growth.lower:.6f} to {growth.upper:.6f}"
-    return f"a factor of {growth.factor:.6f}"
+        return f"a factor of {multiple(growth.lower)} to {multiple(growth.upper)}"
+    return f"a factor of {multiple(growth.factor)}"
 
 
 def _factor(checked: "Check") -> str:
@@ -81,31 +85,37 @@ def _factor(checked: "Check") -> str:
     growth = checked.growth
     if isnan(growth.upper):
         return f"none: {checked.why}"
+    faulty = FAULTLESS * checked.faulty
     if not isnan(growth.factor):
         settles = growth.factor < 1
         verdict = "the estimates settle near the target" if settles else "the estimates diverge"
-        return f"{growth.factor:.6f} on the error per sampling time: {verdict}"
+        return f"{multiple(growth.factor)} on the error per sampling time{faulty}: {verdict}"
     verdict = {
         "proven": "the estimates settle near the target under every jitter",
         "refuted": "under some jitter the estimates diverge",
         "not decided": "it is not decided whether the estimates settle under every jitter",
     }[growth.verdict]
-    bounds = f"{growth.lower:.6f} to {growth.upper:.6f}"
-    return f"{bounds} on the error per sampling time, at worst: {verdict}"
+    bounds = f"{multiple(growth.lower)} to {multiple(growth.upper)}"
+    return f"{bounds} on the error per sampling time, at worst{faulty}: {verdict}"
 
 
 def _rate(checked: "Check") -> str:
     """Say how fast errors fall in the long run, and how long it is until the beginning is over."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
+    rate += " in the long run" + FAULTLESS * checked.faulty
     fallen = checked.millionth
     if fallen is None:
-        return f"{rate} in the long run; how long the beginning lasts is not computed"
-    return f"{rate} in the long run; any error has fallen to a millionth in {fallen:.4g} s"
+        return f"{rate}; how long the beginning lasts is not computed"
+    return f"{rate}; any error has fallen to a millionth in {fallen:.4g} s"
 
 
 def _any_order(found: "AnyOrder") -> str:
     """Say whether the estimates would settle whatever the order of turns."""
-    bounds = "" if found.upper is None else f"{found.lower:.6f} to {found.upper:.6f} at worst: "
+    bounds = ""
+    if found.lower is not None and found.upper is not None:
+        below = found.upper == 1 and found.verdict == "proven"
+        upper = "below 1" if below else multiple(found.upper)
+        bounds = f"{multiple(found.lower)} to {upper} at worst: "
     turns = ", ".join(map(str, found.order))
     return (
         bounds
@@ -125,7 +135,12 @@ def _parts(network: "Network") -> str:
     if not loops:
         return "no robots hear one another in a loop"
     shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
-    return f"{len(network.components)} strongly connected components, of several robots: {shown}"
+    parts = _count(len(network.components), "strongly connected component")
+    return f"{parts}, of several robots: {shown}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _robots(robots: Sequence[int]) -> str:
@@ -137,9 +152,10 @@ def _spectrum(found: "Spectrum", whole: bool) -> str:
     if len(found) <= 24:
         return ", ".join(_complex(s) for s in sorted(found.tolist(), key=_parts_of))
     imaginary = float(abs(found.imag).max())
+    parts = f"imaginary parts up to {imaginary:.6g}" if imaginary else "all real"
     return (
         f"{len(found)} {'' if whole else 'outermost '}eigenvalues, {found.real.min():.6g} to "
-        f"{found.real.max():.6g}, imaginary parts up to {imaginary:.6g}"
+        f"{found.real.max():.6g}, {parts}"
     )
 
 

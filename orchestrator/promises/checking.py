@@ -24,7 +24,8 @@ from orchestrator.promises.settling import (
     why_unknown,
 )
 from orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
-from orchestrator.scenario.setting import gain, target_of, topologies_of
+from orchestrator.scenario.numbers import multiple
+from orchestrator.scenario.setting import gain, has_faults, target_of, topologies_of
 from orchestrator.scenario.tables.scenario import Scenario
 
 OF_PERIOD = "sampling_period"
@@ -55,6 +56,8 @@ class Check:
     periods: Periods
     recursion: Recursion | None
     """Of all ticks; None where it is not one, or the jump is not linear."""
+    faulty: bool
+    """Whether links have faults, which the growth knows nothing of."""
 
     @property
     def network(self) -> Network | None:
@@ -137,18 +140,18 @@ class Check:
         if self.spectral_radius >= 1:
             unmet.append(
                 f"the estimates diverge: their error grows by a factor of "
-                f"{self.spectral_radius:.6f} at each sampling time"
+                f"{multiple(self.spectral_radius)} at each sampling time"
             )
         elif self.growth.lower >= 1:
             unmet.append(
                 f"some jitter lets the estimates diverge: their error grows by a factor of "
-                f"{self.growth.lower:.6f} at each sampling time"
+                f"{multiple(self.growth.lower)} at each sampling time"
             )
         elif self.growth.upper >= 1:
             unmet.append(
                 f"it is not decided whether the estimates settle under every jitter: at worst "
-                f"their error is multiplied by {self.growth.lower:.6f} to {self.growth.upper:.6f} "
-                f"at each sampling time"
+                f"their error is multiplied by {multiple(self.growth.lower)} to "
+                f"{multiple(self.growth.upper)} at each sampling time"
             )
         return unmet
 
@@ -182,6 +185,7 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
         any_order=any_order_of(algorithm, topologies, periods),
         periods=periods,
         recursion=recursions[0] if len(recursions) == 1 and periods.alike is not None else None,
+        faulty=has_faults(scenario),
     )
 
 
@@ -242,7 +246,7 @@ def _gain_conditions(scenario: Scenario) -> list[Condition]:
     for name in ("kp", "kd"):
         gains = [gain(getattr(controller, name), scenario.m) for controller in controllers]
         smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
-        conditions.append(Condition(name, "positive definite", 0.0, smallest))
+        conditions.append(Condition(name, "positive definite", 0.0, smallest, at_least=True))
     return conditions
 
 

@@ -4,8 +4,6 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any
 
-import numpy as np
-
 from estimator_agents.algorithm import Algorithm, load_algorithm, modes
 from estimator_agents.target import Harmonic
 from estimator_agents.theory.aperiodic import Growth, Periods
@@ -33,7 +31,7 @@ from orchestrator.promises.settling import (
     spectra_of,
     why_unknown,
 )
-from orchestrator.scenario.setting import links_of, target_of, topologies_of
+from orchestrator.scenario.setting import has_faults, target_of, topologies_of
 from orchestrator.scenario.tables.scenario import Scenario
 from orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 
@@ -266,10 +264,9 @@ def _why_not(
     growth: Growth,
 ) -> str:
     topologies, periods = topologies_of(scenario), periods_of(scenario)
-    faulty = links_of(scenario, np.arange(1, scenario.n + 1)) is not None
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
-        "links have faults, and the theory is of links without": faulty,
+        "links have faults, and the theory is of links without": has_faults(scenario),
         why_unknown(algorithm, topologies, periods): isnan(growth.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _unsettled(growth): growth.verdict != "proven",

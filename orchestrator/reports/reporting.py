@@ -45,7 +45,7 @@ def subject_of(scenario: Scenario) -> Subject:
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
         unit=_unit(scenario.plant),
         verdicts=_verdicts(checked),
-        factor=finite(checked.spectral_radius),
+        factor=None if checked.faulty else finite(checked.spectral_radius),
         bounds=_bounds(scenario, checked),
     )
 
@@ -53,6 +53,9 @@ def subject_of(scenario: Scenario) -> Subject:
 def _pace(clock: Clock) -> str:
     if clock.period is not None:
         return f"every {seconds(clock.period):g} s"
+    if clock.jitter:
+        early = f"up to {seconds(clock.jitter.most):g} s early, drawn from the seed"
+        return f"every {seconds(clock.turn):g} s, each {early},"
     return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
 
 
@@ -105,4 +108,6 @@ def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:
 
 
 def _verdicts(checked: Check) -> list[Verdict]:
-    return [Verdict(c.name, c.left, c.right, c.holds, c.source) for c in checked.conditions]
+    return [
+        Verdict(c.name, c.value, c.bound, c.at_least, c.holds, c.source) for c in checked.conditions
+    ]

@@ -1,4 +1,4 @@
-"""Robots' numbers as people write them, like pages: `1-3,7` are the robots 1, 2, 3 and 7."""
+"""Numbers as people write and read them: robots like pages, `1-3,7`, and factors beside 1."""
 
 import re
 from collections.abc import Sequence
@@ -45,3 +45,15 @@ def spans(numbers: Sequence[int]) -> str:
 def named(numbers: Sequence[int]) -> str:
     """Return `robot 7` or `robots 1-3, 7`."""
     return f"robot{'s' * (len(numbers) > 1)} {spans(numbers)}"
+
+
+def multiple(factor: float) -> str:
+    """Return a factor with six decimals; as its distance from 1 where these are those of 1."""
+    if factor != 1 and f"{factor:.6f}" == "1.000000":
+        return f"1 {'-' if factor < 1 else '+'} {abs(factor - 1):.2g}"
+    return decimals(factor)
+
+
+def decimals(number: float) -> str:
+    """Return a number with six decimals, or in short where it has seven digits before them."""
+    return f"{number:.6f}" if abs(number) < 1e6 else f"{number:.6g}"

@@ -60,6 +60,11 @@ def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
     return Links(topologies, robots, faults, quiet, ticks=ticks, seed=seed, m=scenario.m)
 
 
+def has_faults(scenario: Scenario) -> bool:
+    """Return whether a link or a robot has faults."""
+    return links_of(scenario, np.arange(1, scenario.n + 1)) is not None
+
+
 def silent_of(scenario: Scenario) -> Callable[[int], NDArray[np.intp]]:
     """Return which robots send nothing, ascending, by the tick."""
     return Outages.of(silences(scenario), clock_of(scenario).since).at

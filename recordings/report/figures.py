@@ -158,11 +158,16 @@ _NORMS = (
 
 
 def _envelopes(stories: Sequence[Story]) -> Figure:
+    slope = "."
+    if any(story.subject.factor for story in stories):
+        slope = (
+            ": the slope is that of ρ, the factor that is left of the estimation error after a "
+            "sampling period, in the long run."
+        )
     return Figure(
         "envelopes",
         "How fast it settles",
-        "The largest errors over all robots, and what the theory has beside them: the slope is "
-        "that of ρ, the factor that is left of the estimation error after a sampling period.",
+        "The largest errors over all robots, and what the theory has beside them" + slope,
         tuple(_envelope_panels(stories)),
     )
 

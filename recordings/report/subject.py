@@ -20,11 +20,12 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A condition of the theory: value < bound."""
+    """A condition of the theory: value < bound, or value > bound where `at_least`."""
 
     name: str
     value: float
     bound: float
+    at_least: bool
     holds: bool
     source: str
 
@@ -51,7 +52,7 @@ class Subject:
     factor: float | None
     """ρ: what is left of the estimation error after one sampling period, in the long run.
 
-    None where there is no such number.
+    None where there is no such number, or links have faults, which it knows nothing of.
     """
     bounds: Mapping[str, Mapping[str, float]]
     """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""

@@ -66,6 +66,7 @@ def verdicts(story: Story) -> list[dict[str, Any]]:
             "name": verdict.name,
             "value": verdict.value,
             "bound": verdict.bound if np.isfinite(verdict.bound) else None,
+            "at_least": verdict.at_least,
             "holds": verdict.holds,
             "source": verdict.source,
         }

@@ -296,7 +296,7 @@ def test_check_finds_what_the_run_would(tmp_path):
         done = nrs("check", tmp_path / "s.toml")
         assert done.returncode == (2 if message else 0)
         assert message is None or message in done.stderr
-    assert re.search(r"kp +0 +-2.000000 +-2.000000 +fails", done.stdout)
+    assert re.search(r"kp +-2 +> 0.000000 +-2.000000 +fails", done.stdout)
 
 
 def test_schema_is_json():

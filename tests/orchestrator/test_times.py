@@ -209,6 +209,7 @@ def test_a_page_has_no_factor_where_there_is_none(paper, tmp_path):
     with Reader(run(paper(*changes), tmp_path / "run.mcap").path) as reader:
         (page,) = told([story_of(reader)])["runs"]
     assert page["factor"] is None
+    assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in page["lead"]
     json.dumps(page, allow_nan=False)
 
 

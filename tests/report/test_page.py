@@ -132,6 +132,25 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     assert sorted(i + j for j, i in heard) == expected.split()
 
 
+def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faults(paper, lossy):
+    for path, there in ((paper, True), (lossy, False)):
+        data = told(page([story(path)]))
+        (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
+        drawn = [c["name"] for panel in figure["panels"] for c in panel["curves"]]
+        assert any("slope of ρ" in name for name in drawn) == there
+        assert ("slope" in json.dumps(figure["about"])) == there
+        (run,) = data["runs"]
+        assert (run["factor"] is not None) == there
+
+
+def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
+    (run,) = told(page([story(paper)]))["runs"]
+    rows = {v["name"]: v for v in run["verdicts"]}
+    assert [v["at_least"] for v in rows.values()] == [False, False, *[True] * 4]
+    assert (rows["kp"]["value"], rows["kp"]["bound"]) == (200, 0)
+    assert rows["kd_tracking"]["value"] == 300 > rows["kd_tracking"]["bound"] > 0
+
+
 def test_what_a_run_says_at_its_end_is_told(paper):
     spent = replace(story(paper), ending={"time": '{"host": {"plants": 0.5}}', "note": "a word"})
     (run,) = told(page([spent]))["runs"]

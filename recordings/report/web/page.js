@@ -147,15 +147,20 @@ function table(caption, heads, rows) {
 const number = (value, digits = 6) =>
   ({ text: value === null ? "∞" : Number(value.toPrecision(digits)).toString(), number: true });
 
+const bounded = (value, atLeast) => {
+  const { text } = number(value);
+  return { text: `${atLeast ? ">" : "<"} ${text}`, number: true };
+};
+
 function tellTheory(runs) {
   const several = runs.length > 1;
   $("#theory").hidden = false;
   $("#theory .tables").replaceChildren(...runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
     const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
-      [...run.verdicts.map((v) => [v.name, number(v.value), number(v.bound),
+      [...run.verdicts.map((v) => [v.name, number(v.value), bounded(v.bound, v.at_least),
         { text: v.holds ? "holds" : "fails", name: v.holds ? "holds" : "fails" }, v.source]),
-       ...(run.factor === null ? [] : [["ρ", number(run.factor), number(1),
+       ...(run.factor === null ? [] : [["ρ", number(run.factor), bounded(1, false),
         { text: run.factor < 1 ? "holds" : "fails", name: run.factor < 1 ? "holds" : "fails" },
         "left of the estimation error after a sampling period"]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];

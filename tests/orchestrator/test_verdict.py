@@ -1,0 +1,97 @@
+"""What `nrs check` says, word by word, where a reader could take it for more than it is."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from orchestrator.commands import showing
+from orchestrator.commands.verdict import verdict
+from orchestrator.promises.checking import check
+from orchestrator.promises.promising import bounds, promises
+from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.numbers import multiple
+from tests.orchestrator.conftest import SCENARIOS
+from tests.orchestrator.test_networks import scenario_of, text_of
+from tests.orchestrator.test_switching import turns
+
+PATH = 'generator = { kind = "path", n = 30 }'
+
+
+def said(scenario):
+    return verdict(check(scenario))
+
+
+def along_a_path(gain):
+    text = text_of(PATH, 1).replace("alpha = 0.9", f"alpha = {gain}")
+    text = text.replace("beta = 1.1", f"beta = {gain}")
+    return parse_scenario(text, "path", SCENARIOS, "path.toml").scenario
+
+
+def table(scenario):
+    """Return the rows of the conditions by name."""
+    written = io.StringIO()
+    promised = promises(scenario)
+    showing.check(Console(file=written, width=100), check(scenario), promised, bounds(promised))
+    rows = (line.split() for line in written.getvalue().splitlines())
+    return {row[0]: row[1:] for row in rows if len(row) > 2}
+
+
+def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
+    lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
+    plain = said(read_scenario(SCENARIOS / "paper_first_order.toml").scenario)
+    for name in ("factor", "rate"):
+        assert "of links without faults" in lossy[name]
+        assert lossy[name].replace(", of links without faults", "") == plain[name]
+
+
+def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
+    scenario = along_a_path(0.9)
+    assert said(scenario)["rate"].startswith("23.03 per s in the long run; any error has fallen to")
+    assert check(scenario).settling == pytest.approx(0.6)
+    assert check(scenario).millionth > 3
+
+
+def test_gains_of_1_on_a_path_settle_without_limit_once_the_news_is_there():
+    told = said(along_a_path(1))["rate"]
+    assert told == "without limit in the long run; any error has fallen to a millionth in 3 s"
+
+
+def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
+    told = said(read_scenario(SCENARIOS / "switching.toml").scenario)
+    assert (
+        told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
+    )
+    assert told["any order"].startswith("0.996294 to below 1 at worst: the estimates settle in any")
+
+
+def test_one_is_no_plural_and_nothing_is_said_twice():
+    told = said(scenario_of("edge_list = [[0, 1], [2, 1], [1, 2]]"))
+    assert told["parts"].startswith(
+        "1 strongly connected component, of several robots: robots 1, 2"
+    )
+    assert "at most 2 links leads" in told["network"]
+    assert "at most 1 link leads" in said(scenario_of("edge_list = [[0, 1], [0, 2]]"))["network"]
+    long = said(scenario_of(turns((1, PATH), (5, PATH))))["k >= 5"]
+    assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (0.8778174593, "0.877817"),
+        (1.0, "1.000000"),
+        (1 - 3e-8, "1 - 3e-08"),
+        (1 + 2e-9, "1 + 2e-09"),
+        (1.70710678e300, "1.70711e+300"),
+    ],
+)
+def test_a_factor_is_short_and_never_that_of_another_verdict(factor, told):
+    assert multiple(factor) == told
+
+
+def test_what_is_to_be_above_a_bound_stands_there_as_that():
+    rows = table(read_scenario(SCENARIOS / "paper_first_order.toml").scenario)
+    assert rows["kp"][:3] == ["200", ">", "0.000000"]
+    assert rows["kd_tracking"][:4] == ["300", ">", "30.778666", "+269.221334"]
+    assert rows["alpha"][:3] == ["0.9", "<", "1.171573"]
