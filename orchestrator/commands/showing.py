@@ -137,6 +137,8 @@ def _beside(judged: "Judgement") -> dict[str, str]:
         begun = "is not known" if left is None else f"is up to {left:.4g}"
         above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
         told["settling"] = f"what is left of the beginning {begun}{above}"
+    if judged.untracked:
+        told["bounds"] = f"none of tracking: {judged.untracked}"
     if loose:
         told["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
     seen, computed = judged.measured_factor, judged.factor

@@ -91,7 +91,8 @@ def _bounded(
     lambda_d = _largest(disturbance.axes)
     p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), scenario.m)
     if p3 is None:
-        p3 = find(plant, robots[0]) if find else f"the bounds of P3 are not known of {plant.fmu}"
+        unknown = f"the bounds of P3 are not known of {plant.fmu}; `nrs check` samples them"
+        p3 = find(plant, robots[0]) if find else unknown
     if isinstance(p3, str):
         why, p3 = p3, None
     else:

@@ -72,6 +72,8 @@ class Judgement:
     """ρ"""
     measured_factor: float | None
     """What it was in the run; None where too little was recorded."""
+    untracked: str = ""
+    """Why there are no bounds on tracking; empty where there are."""
 
     @property
     def left(self) -> float | None:
@@ -114,12 +116,15 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
         Judged(bound, value, clock.since(at + 1) - 1, left or 0.0, _verdict(bound, value, left))
         for bound, value, at, left in rows
     ]
+    why = next((part.why for part in promised.robots if part.why), "")
     estimates, tracking = quantities[:2], quantities[2:]
     if any(row.rest > SETTLED * row.measured for row in estimates):
         tracking = [
             replace(row, verdict="unknown") if row.verdict == "exceeds" else row for row in tracking
         ]
-    return Judgement(promised.why_not, (*estimates, *tracking), finite(promised.radius), factor)
+    return Judgement(
+        promised.why_not, (*estimates, *tracking), finite(promised.radius), factor, why
+    )
 
 
 def _verdict(bound: Bound, measured: float, rest: float | None) -> Verdict:

@@ -83,6 +83,17 @@ def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
     assert judged.measured_factor is not None
 
 
+def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(recording):
+    other = changed(('fmu = "two_link_arm"', 'fmu = "theirs.fmu"'))
+    with Reader(recording) as reader:
+        judged = judge(reader, other.scenario, measure(reader))
+        ours = judge(reader, read_scenario(PAPER).scenario, measure(reader))
+    why = "none of tracking: the bounds of P3 are not known of theirs.fmu; `nrs check` samples them"
+    assert f"bounds     {why}" in shown(judged)
+    assert "none of tracking" not in shown(ours)
+    assert [row.verdict for row in judged.quantities] == [*["within"] * 2, *["unknown"] * 2]
+
+
 def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
     lossy = promises(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
     assert "faults" in lossy.why_not
