@@ -282,6 +282,8 @@ def test_the_policy_is_the_algorithms_first_unless_asked(paper):
 class Installed:
     """An algorithm's entry point, as an installed package has it."""
 
+    name, module, value = "other", "others", "others:Other"
+
     def __init__(self, missing):
         self.load = lambda: type("Other", (), {} if missing is None else {"missing": missing})
 
