@@ -79,13 +79,16 @@ def read_scenario(path: Path) -> ScenarioFile:
 def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
     """Parse a scenario's text; errors begin with its origin."""
     try:
-        scenario = Scenario.model_validate(tomllib.loads(text))
+        tables = tomllib.loads(text)
+        if not tables:
+            raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
+        scenario = Scenario.model_validate(tables)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
     except RecursionError:
         raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
-        faults = [_describe(fault) for fault in error.errors()]
+        faults = [_describe(fault) for fault in _told_once(error.errors())]
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
@@ -93,6 +96,23 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
     if faults:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
     return ScenarioFile(scenario, text, name, folder)
+
+
+def _needed() -> list[str]:
+    """Return the tables without which there is no scenario."""
+    return [f"[{name}]" for name, field in Scenario.model_fields.items() if field.is_required()]
+
+
+def _told_once(faults: Sequence[Any]) -> Iterator[Any]:
+    """Yield pydantic's errors without those keys that are missing because they are misspelt."""
+    meant: set[tuple[int | str, ...]] = set()
+    for fault in faults:
+        if fault["type"] == "extra_forbidden":
+            *table, name = fault["loc"]
+            meant |= {(*table, key) for key in _close(str(name), _keys_at(table))}
+    for fault in faults:
+        if fault["type"] != "missing" or fault["loc"] not in meant:
+            yield fault
 
 
 def _describe(fault: Any) -> str:
@@ -103,17 +123,25 @@ def _describe(fault: Any) -> str:
         return f"{field}: unknown key{_nearest(str(path[-1]), _keys_at(fault['loc'][:-1]))}"
     if kind == "missing":
         return f"{field}: missing, it has no default"
-    if kind == "model_type":
-        return f"{field}: expected a table, got {value!r}"
-    if kind == "union_tag_invalid":
-        return f"{field}: expected {_forms(fault)}, got {value!r}"
-    if kind == "tuple_type":
-        return f"{field}: expected a list, got {value!r}"
-    expected = fault["msg"].replace("Input should be", "expected")
-    expected = expected.replace("Tuple should have", "expected").replace(
-        "Value error, ", "expected "
-    )
-    return f"{field}: {expected}, got {value!r}"
+    return f"{field}: expected {_expected(fault)}, got {value!r}"
+
+
+def _expected(fault: Any) -> str:
+    """Return in our words what one of pydantic's errors asks for."""
+    match fault["type"]:
+        case "model_type":
+            return "a table"
+        case "tuple_type":
+            return "a list"
+        case "union_tag_invalid":
+            return _forms(fault)
+        case "too_short":
+            least = fault["ctx"]["min_length"]
+            return f"at least {'one' if least == 1 else least}"
+        case "too_long":
+            return f"at most {fault['ctx']['max_length']}"
+    said: str = fault["msg"].removeprefix("Value error, ")
+    return said.removeprefix("Input should be ")
 
 
 def _forms(fault: Any) -> str:
@@ -149,8 +177,13 @@ def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def _nearest(name: str, known: Sequence[str]) -> str:
     """Suggest the nearest known name, or list them all."""
-    close = get_close_matches(name, known, n=1)
+    close = _close(name, known)
     return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
+
+
+def _close(name: str, known: Sequence[str]) -> list[str]:
+    """Return the nearest known name, if one is near."""
+    return get_close_matches(name, known, n=1)
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:

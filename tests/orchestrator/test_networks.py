@@ -248,7 +248,7 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         ("adjacency = [[0]]", "network.pinning: missing, it has no default beside"),
         ("pinning = [1]", "network.adjacency: missing, it has no default beside"),
         ("edges = 'a.csv'", "this text is from elsewhere, got 'a.csv'; give network.edge_list"),
-        ("edge_list = []", "network.edge_list: expected at least 1 item"),
+        ("edge_list = []", "network.edge_list: expected at least one, got []"),
         ("edge_list = [[0, 1], [1]]", "edge_list[1]: expected [source, sink] or [source, sink, w"),
         ("edge_list = [[0, 1], [1, 0]]", "network.edge_list[1][1]: expected greater than or equal"),
         ("edge_list = [[0, 1, 0.0]]", "network.edge_list[0][2]: expected greater than 0, got 0.0"),
@@ -268,7 +268,7 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         (generator(kind="small_world", n=5, k=1, rewire=0.1), "expected 0 with k = 1"),
         (generator(**K_IN, pinned=[6]), "network.generator.pinned[0]: expected 1 to 5, got 6"),
         (generator(**K_IN, pinned=[2, 2]), "pinned: expected each robot once, got [2, 2]"),
-        (generator(**K_IN, pinned=[]), "network.generator.pinned: expected at least 1 item"),
+        (generator(**K_IN, pinned=[]), "network.generator.pinned: expected at least one, got []"),
         (generator(kind="random_k_in", n=100_000, k=5000), "expected n k of at most 10000000"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import Clock, nanoseconds
-from orchestrator.scenario.file import read_scenario
+from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
 from orchestrator.scenario.tables.fmus import Pattern
 from orchestrator.scenario.tables.scenario import json_schema
@@ -188,12 +188,34 @@ def test_bad_scenario(paper, change, message):
     assert all(line.startswith("paper.toml: ") for line in str(error.value).splitlines())
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[controller]", "[controler]"), "controler: unknown key; did you mean 'controller'?"),
+        (("alpha", "alhpa"), "algorithm.alhpa: unknown key; did you mean 'alpha'?"),
+    ],
+)
+def test_what_is_misspelt_is_not_missing_too(paper, change, message):
+    with pytest.raises(ScenarioError) as error:
+        paper(change)
+    assert str(error.value).splitlines() == [f"paper.toml: {message}"]
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n"])
+def test_an_empty_file_is_one_line(text):
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text, "s", SCENARIOS, "s.toml")
+    assert str(error.value) == (
+        "s.toml: is empty; a scenario has [run], [algorithm], [controller], [network], [target], "
+        "[plant], [initial]"
+    )
+
+
 def test_all_faults_are_told_at_once(paper):
     with pytest.raises(ScenarioError) as error:
         paper(("alpha", "alhpa"), ("seed = 1", "seed = -1"))
     assert [line.split(": ")[1] for line in str(error.value).splitlines()] == [
         "run.seed",
-        "algorithm.alpha",
         "algorithm.alhpa",
     ]
 

@@ -113,6 +113,7 @@ BAD = {
         "run.sampling_times: give these or run.sampling_period, not both",
     ),
     "neither": (((PERIOD, ""),), "run.sampling_period: missing; give it, or run.sampling_times"),
+    "no times": (listed([]), "run.sampling_times: expected at least one, got []"),
     "no duration": (((DURATION, ""),), "run.duration: missing, it has no default"),
     "jittered list": (
         listed([0.1], ("seed = 1", "seed = 1\nsampling_jitter = 0.1")),

@@ -43,6 +43,7 @@ class Run(Table):
     )
     sampling_times: tuple[Positive, ...] = Field(
         (),
+        min_length=1,
         description="s; t_1, t_2, … in place of sampling_period, increasing, whole nanoseconds; "
         "repeated up to the duration",
     )
