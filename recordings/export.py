@@ -73,6 +73,6 @@ def _parquet() -> Opener:
         from recordings.parquet import opened  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise InputError(
-            "--format parquet: pyarrow is missing; pip install 'nrs-cosim[analysis]'"
+            "--format parquet: pyarrow is missing; pip install '.[analysis]' in nrs-cosim's sources"
         ) from error
     return opened

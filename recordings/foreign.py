@@ -61,7 +61,8 @@ def _parquet(path: Path) -> Columns:
         from pyarrow import parquet  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            f"{path}: pyarrow is missing; pip install 'nrs-cosim[analysis]', or give a .csv file"
+            f"{path}: pyarrow is missing; "
+            "pip install '.[analysis]' in nrs-cosim's sources, or give a .csv file"
         ) from error
     try:
         table = parquet.read_table(path)

@@ -30,7 +30,7 @@ def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, Verdict, s
     try:
         from cryptography import x509  # noqa: PLC0415, an extra that may be missing
     except ImportError:
-        yield "certificate", "warning", "not read: pip install 'nrs-cosim[tls]'"
+        yield "certificate", "warning", "not read: pip install '.[tls]' in nrs-cosim's sources"
         return
     authorities = x509.load_pem_x509_certificates(tls.ca.read_bytes())
     own, *between = x509.load_pem_x509_certificates(tls.certificate.read_bytes())

@@ -118,9 +118,11 @@ def export(
     ] = "csv",
 ) -> None:
     """Write a recording's samples, states and faults as tables."""
+    from orchestrator.commands.places import expect_folder
     from recordings.export import export as tables
     from recordings.reading import Reader
 
+    expect_folder(output)
     with Reader(recording) as reader:
         for path in tables(reader, output, form):
             out.print(str(path), markup=False)
@@ -164,7 +166,8 @@ def scene(
         from orchestrator.reports.shapes import shapes_of, write_scene
     except ImportError as error:
         raise InputError(
-            "scene: foxglove-schemas-protobuf is missing; pip install 'nrs-cosim[scene]'"
+            "scene: foxglove-schemas-protobuf is missing; "
+            "pip install '.[scene]' in nrs-cosim's sources"
         ) from error
     with Reader(recording) as reader:
         shapes = shapes_of(scenario_of(reader))
@@ -203,12 +206,12 @@ def check(
     from orchestrator.promises.checking import check as theory_of
     from orchestrator.promises.probing import Sampling
     from orchestrator.promises.promising import bounds, designed, promises
-    from orchestrator.runs.plants import group_by_archive, open_fleet
+    from orchestrator.runs.plants import group_by_archive, named, open_fleet
     from orchestrator.scenario.file import read_scenario
     from orchestrator.scenario.setting import bodies
 
     file = read_scenario(scenario)
-    with ExitStack() as stack:
+    with named(str(scenario)), ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
     find = Sampling(file)

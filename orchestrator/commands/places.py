@@ -21,6 +21,7 @@ def place_for(output: Path | None, name: str) -> Iterator[Path]:
     """
     folder = DATA if output is None else output.parent
     try:
+        expect_folder(folder)
         folder.mkdir(parents=True, exist_ok=True)
         path = _new(name) if output is None else output
         if output is not None and output.exists():
@@ -36,6 +37,7 @@ def place_for(output: Path | None, name: str) -> Iterator[Path]:
 
 def expect_replaceable(path: Path, kind: str, *begins: bytes) -> None:
     """Raise `InputError` for a path that has a file of another kind, which begins otherwise."""
+    expect_folder(path.parent)
     if not path.exists():
         return
     if not path.is_file():
@@ -44,6 +46,13 @@ def expect_replaceable(path: Path, kind: str, *begins: bytes) -> None:
         begin = file.read(max(map(len, begins)))
     if begin and not begin.lower().startswith(tuple(b.lower() for b in begins)):
         raise InputError(f"{path}: exists and is no {kind}; give another name")
+
+
+def expect_folder(folder: Path) -> None:
+    """Raise `InputError` for a folder that can be none, since a file is in its place."""
+    there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    if there.exists() and not there.is_dir():
+        raise InputError(f"{there}: is a file and not a folder; give another place")
 
 
 def expect_another(output: Path | None, recording: Path) -> None:

@@ -29,7 +29,8 @@ def draw(found: Comparison, picture: Path) -> None:
         from recordings.report.apart import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
         raise MissingExtraError(
-            "--picture: needs matplotlib, which is not installed: pip install 'nrs-cosim[report]'"
+            "--picture: needs matplotlib, which is not installed: "
+            "pip install '.[report]' in nrs-cosim's sources"
         ) from None
     try:
         write_distances(found.times, found.apart, QUANTITIES, picture)

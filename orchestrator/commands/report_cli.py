@@ -63,6 +63,6 @@ def _print(stories: "list[Story]", path: Path, form: Literal["png", "pdf"]) -> N
     except ImportError:
         raise MissingExtraError(
             f"--format {form}: figures need matplotlib, which is not installed: "
-            "pip install 'nrs-cosim[report]'"
+            "pip install '.[report]' in nrs-cosim's sources"
         ) from None
     write_figures(stories, path, form)

@@ -60,6 +60,7 @@ def run(
     from orchestrator.commands import performing
     from orchestrator.commands.tls import tls_of
     from orchestrator.promises.checking import check
+    from orchestrator.runs.plants import named
     from orchestrator.scenario.file import read_scenario
 
     pace = performing.pace_of(realtime)
@@ -77,13 +78,14 @@ def run(
     start = partial(
         performing.perform, file, output, man, compression, profile, deadline, pace=pace
     )
-    if not live:
-        start()
-    else:
-        from orchestrator.reports.live import Live
+    with named(str(scenario)):
+        if not live:
+            start()
+        else:
+            from orchestrator.reports.live import Live
 
-        with Live(port or 0, stay) as page:
-            start(begin=page.begin)
+            with Live(port or 0, stay) as page:
+                start(begin=page.begin)
 
 
 def resume(

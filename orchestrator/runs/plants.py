@@ -90,7 +90,7 @@ def group_by_archive(
             members[alike].append(row_of[robot])
     groups = []
     for alike, (field, plant) in given.items():
-        with _named(field):
+        with named(field):
             archive = find(plant.fmu)
         groups.append(Group(field, plant, archive, members[alike], first[alike], uneven))
     return groups
@@ -109,7 +109,7 @@ def open_fleet(
     _expect_once(groups)
     opened = []
     for group, others in zip(groups, alike or [()] * len(groups), strict=True):
-        with _named(group.field):
+        with named(group.field):
             opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
     rows = [np.array(group.rows) for group in groups]
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
@@ -144,9 +144,9 @@ def _expect_once(groups: Sequence[Group]) -> None:
 
 
 @contextmanager
-def _named(field: str) -> Iterator[None]:
-    """Put the field that gives a plant before what is wrong with it."""
+def named(origin: str) -> Iterator[None]:
+    """Put the field or the file that gives a plant before what is wrong with it."""
     try:
         yield
     except FmuError as error:
-        raise FmuError(f"{field}: {error}") from None
+        raise FmuError(f"{origin}: {error}") from None

@@ -127,7 +127,7 @@ def _of_graphml(data: bytes, where: str) -> list[Weighted]:
     except ImportError:
         raise ScenarioError(
             f"{where}: reading it needs networkx, which is not installed: "
-            "pip install 'nrs-cosim[graphs]'; or give network.edges, a CSV file"
+            "pip install '.[graphs]' in nrs-cosim's sources; or give network.edges, a CSV file"
         ) from None
     try:
         graph = networkx.read_graphml(BytesIO(data))

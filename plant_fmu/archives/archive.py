@@ -14,6 +14,7 @@ from fmpy.model_description import ModelDescription
 from plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
 from plant_fmu.archives.reading import read_description
 from plant_fmu.bundled.building import build, built_here
+from plant_fmu.bundled.declaration import bundled_models
 from plant_fmu.errors import FmuError
 from plant_fmu.folders import own_folder
 
@@ -102,6 +103,8 @@ def find_archive(fmu: str, folder: Path) -> Archive:
     """
     if fmu.endswith(".fmu") or "/" in fmu or "\\" in fmu:
         return open_archive(folder / fmu)
+    if fmu not in bundled_models() and (folder / fmu).is_file():
+        raise FmuError(f"{fmu}: is no FMU, for its name does not end with .fmu")
     return open_archive(build(fmu), fmu)
 
 
@@ -122,7 +125,7 @@ def _file(path: Path, label: str) -> Iterator[BufferedReader]:
     try:
         file = path.open("rb")
     except FileNotFoundError:
-        raise FmuError(f"{label}: no such FMU") from None
+        raise FmuError(f"{label}: no such FMU in {path.parent.absolute()}") from None
     except (OSError, ValueError) as error:
         raise FmuError(f"{label}: cannot be read: {error}") from None
     with file:

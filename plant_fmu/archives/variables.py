@@ -249,7 +249,8 @@ def _wrong_size(archive: Archive, quantity: Quantity, picks: Sequence[Pick], siz
         if quantity.size > size
         else ""
     )
+    why = ", one for each of the scenario's target.axes," if quantity.name == "q" else ""
     return (
-        f"{archive.label}: {quantity.name} takes {size} numbers here, but the FMU has "
+        f"{archive.label}: {quantity.name} takes {size} numbers here{why or ','} but the FMU has "
         f"{quantity.size}: {members}{advice}"
     )

@@ -27,7 +27,7 @@ def build_urdf(robot: Robot, fmi: int = 3, gravity: Three = GRAVITY) -> Path:
     except ImportError as error:
         raise FmuError(
             f"the packages that generate the dynamics of a URDF are not installed ({error}): "
-            "pip install 'nrs-cosim[urdf]'"
+            "pip install '.[urdf]' in nrs-cosim's sources"
         ) from None
     equations = {
         "model.c": (MODELS / "rigid_body" / "model.c").read_bytes(),

@@ -118,7 +118,8 @@ def expect_plotly() -> None:
     """Raise MissingExtraError without plotly."""
     if find_spec("plotly") is None:
         raise MissingExtraError(
-            "a page needs plotly, which is not installed: pip install 'nrs-cosim[report]'"
+            "a page needs plotly, which is not installed: "
+            "pip install '.[report]' in nrs-cosim's sources"
         )
 
 

@@ -198,7 +198,7 @@ def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
     ("change", "message"),
     [
         (('fmu = "two_link_arm"', 'fmu = "two_link_am"'), "did you mean two_link_arm?"),
-        (('fmu = "two_link_arm"', 'fmu = "none.fmu"'), "none.fmu: no such FMU"),
+        (('fmu = "two_link_arm"', 'fmu = "none.fmu"'), "none.fmu: no such FMU in /"),
         (("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { mm1 = 1 }\n#"), "'mm1'"),
         (
             ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = [1, 2] }\n#"),
@@ -225,6 +225,18 @@ def test_bad_input_exits_2_without_a_file_or_a_traceback(tmp_path, change, messa
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "s.mcap").exists()
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(PAPER.read_text("utf-8").replace("axes = [", "axes = [{},"), "utf-8")
+    done = nrs(command, scenario, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"error: {scenario}: plant: two_link_arm: q takes 3 numbers here, one for each of the "
+        "scenario's target.axes, but the FMU has 2: q\n"
+    )
 
 
 def test_wrong_options_exit_2():

@@ -130,7 +130,10 @@ class TestCertificates:
     def test_without_the_extra_it_is_named(self, authority, monkeypatch):
         left = authority.issue("left")
         monkeypatch.setitem(sys.modules, "cryptography", None)
-        assert seen(left)["certificate"] == ("warning", "not read: pip install 'nrs-cosim[tls]'")
+        assert seen(left)["certificate"] == (
+            "warning",
+            "not read: pip install '.[tls]' in nrs-cosim's sources",
+        )
 
 
 class TestOptions:

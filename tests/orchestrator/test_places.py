@@ -3,7 +3,7 @@
 import pytest
 
 from bus.errors import InputError
-from orchestrator.commands.places import expect_another, expect_replaceable
+from orchestrator.commands.places import expect_another, expect_replaceable, place_for
 
 
 @pytest.mark.parametrize("held", [b"\x89MCAP0\r\n", b"[run]\n", b"\x89PNG\r\n", b"PK\x03\x04"])
@@ -26,6 +26,18 @@ def test_one_of_the_same_kind_an_empty_one_or_none_is(tmp_path, held):
 def test_a_folder_is_no_place_for_a_file(tmp_path):
     with pytest.raises(InputError, match="is no regular file"):
         expect_replaceable(tmp_path, "report", b"%PDF")
+
+
+@pytest.mark.parametrize("below", ["x.mcap", "deeper/x.mcap"])
+def test_a_file_is_no_folder(tmp_path, below):
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(InputError, match=r"file: is a file and not a folder"),
+        place_for(tmp_path / "file" / below, "run"),
+    ):
+        raise AssertionError
+    with place_for(tmp_path / "new" / below, "run") as path:
+        assert path.parent.is_dir()
 
 
 def test_what_is_read_is_not_written(tmp_path):

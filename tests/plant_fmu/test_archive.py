@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from plant_fmu.archives import entries, reading
-from plant_fmu.archives.archive import open_archive, unpacked
+from plant_fmu.archives.archive import find_archive, open_archive, unpacked
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
@@ -136,9 +136,17 @@ def test_a_description_against_the_schema_still_serves(tmp_path):
 # What is refused
 
 
+def test_a_file_whose_name_is_no_fmus(tmp_path):
+    (tmp_path / "base.toml").touch()
+    (tmp_path / "two_link_arm").touch()
+    with pytest.raises(FmuError, match=r"^base\.toml: is no FMU, for its name does not end with"):
+        find_archive("base.toml", tmp_path)
+    assert find_archive("two_link_arm", tmp_path).name == "two_link_arm"
+
+
 def test_what_is_no_archive(tmp_path):
     path = tmp_path / "arm.fmu"
-    assert refused(path) == "no such FMU"
+    assert refused(path) == f"no such FMU in {tmp_path}"
     assert refused(tmp_path).startswith("cannot be read: ")
     for content in (b"", b"PK\5\6", b"none", build("two_link_arm").read_bytes()[:-30]):
         path.write_bytes(content)

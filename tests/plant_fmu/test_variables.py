@@ -166,11 +166,15 @@ def test_nothing_found_tells_what_to_write(fmu):
 def test_a_wrong_size_tells_what_was_found_and_how_to_take_a_part(fmu):
     archive = fmu("q1", "q2", "q3")
     assert refused(archive, size=2) == (
-        "q takes 2 numbers here, but the FMU has 3: q1, q2, q3; "
+        "q takes 2 numbers here, one for each of the scenario's target.axes, but the FMU has 3: "
+        "q1, q2, q3; "
         'a part of it would be variables.q = "q[0:2]"'
     )
     assert references(archive, spec="q[0:2]", size=2) == [0, 1]
-    assert refused(archive, size=4) == "q takes 4 numbers here, but the FMU has 3: q1, q2, q3"
+    assert refused(archive, size=4) == (
+        "q takes 4 numbers here, one for each of the scenario's target.axes, but the FMU has 3: "
+        "q1, q2, q3"
+    )
 
 
 def test_without_qd_the_derivative_of_q_is_it(fmu):

@@ -257,11 +257,11 @@ def test_a_missing_extra_is_named(paper, tmp_path, monkeypatch):
     for form in ("html", "png"):
         out = tmp_path / f"page.{form}"
         result = nrs.invoke(app, ["report", str(paper), "-o", str(out), "--format", form])
-        assert "nrs-cosim[report]" in str(result.exception)
+        assert "pip install '.[report]' in nrs-cosim's sources" in str(result.exception)
         assert not out.exists()
 
 
 def test_where_nothing_can_be_written_is_named(paper, tmp_path):
     (tmp_path / "file").touch()
     result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "file" / "page.html")])
-    assert "cannot be written" in str(result.exception)
+    assert "file: is a file and not a folder" in str(result.exception)
