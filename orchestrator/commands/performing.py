@@ -136,6 +136,8 @@ def perform(
     showing.judgement(out, judged)
     if profile:
         showing.profile(out, outcome.profile, took)
+        if outcome.restarts:
+            say("yellow", "profile", "what a host did before it was gone is under other")
     if outcome.status == "failed":
         say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])

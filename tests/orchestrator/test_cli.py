@@ -8,12 +8,14 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from orchestrator.commands import performing
 from recordings.reading import Reader
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -237,6 +239,20 @@ def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
         f"error: {scenario}: plant: two_link_arm: q takes 3 numbers here, one for each of the "
         "scenario's target.axes, but the FMU has 2: q\n"
     )
+
+
+@pytest.mark.parametrize("restarts", [0, 1])
+def test_a_profile_says_where_the_time_of_a_host_that_died_is(tmp_path, monkeypatch, restarts):
+    real = performing.run_scenario
+
+    def run(*given, **options):
+        return replace(real(*given, **options), restarts=restarts)
+
+    monkeypatch.setattr(performing, "run_scenario", run)
+    (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
+    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap", "--profile")
+    told = "profile: what a host did before it was gone is under other\n"
+    assert (done.returncode, done.stderr) == (0, told * restarts)
 
 
 def test_wrong_options_exit_2():
