@@ -210,7 +210,7 @@ def test_without_networkx_graphml_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "net.graphml").write_text("", "utf-8")
     path = tmp_path / "net.toml"
     path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
-    with pytest.raises(ScenarioError, match=r"pip install 'nrs-cosim\[graphs\]'"):
+    with pytest.raises(ScenarioError, match=r"pip install '\.\[graphs\]' in nrs-cosim's sources"):
         read_scenario(path)
 
 

@@ -568,7 +568,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "plant_fmu.bundled.rigid_body", raising=False)
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(FmuError, match=r"pip install 'nrs-cosim\[urdf\]'"):
+    with pytest.raises(FmuError, match=r"pip install '\.\[urdf\]' in nrs-cosim's sources"):
         build_urdf(read_urdf(ARM))
 
 
