@@ -1,7 +1,8 @@
 """Other co-simulation engines, on the same FMU and for as many steps, beside a recorded run.
 
-    driven    position_ref of every arm is a constant, set once; a run does the same whose target
-              stands and whose agents begin there, and records everything
+    driven    position_ref of every arm is a constant, set once, and a disturbance keeps it in
+              motion; a run does the same whose target stands and whose agents begin there, and
+              records everything
     chain     position_ref of each arm is q of the one before, for a few steps: what is told is in
               which of the ways of `benchmarks.peers.work` the engine hands values over
 
@@ -27,7 +28,7 @@ import numpy as np
 
 from benchmarks.measured import apart, recorded_file
 from benchmarks.peers.fmpy_loop import run as looped
-from benchmarks.peers.work import KD, KP, REFERENCE, Work, start
+from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Work, start
 from benchmarks.table import compared, keep, machine, told
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from plant_fmu.bundled.building import build
@@ -42,7 +43,7 @@ PEERS: Mapping[str, Sequence[str]] = {
     "helics_federates": ["helics"],
 }
 """Modules beside this one, and what they need."""
-TICKS = {6: 500, 100: 100}
+TICKS = 500
 CHAIN = (6, 20)
 """Robots and ticks."""
 WAYS = ("Jacobi", "Jacobi, first late", "Gauss-Seidel")
@@ -71,6 +72,11 @@ generator = {{ kind = "random_k_in", n = {n}, k = 3, pinned = [1] }}
 axes = [{{ offset = {reference[0]} }}, {{ offset = {reference[1]} }}]
 [plant]
 fmu = "{fmu}"
+[disturbance]
+axes = [
+  {{ sines = [{{ amplitude = {amplitude}, frequency = {frequencies[0]} }}] }},
+  {{ sines = [{{ amplitude = {amplitude}, frequency = {frequencies[1]} }}] }},
+]
 [initial]
 position = {position}
 velocity = {zero}
@@ -90,6 +96,8 @@ def standing(work: Work) -> ScenarioFile:
         kd=KD,
         n=n,
         reference=REFERENCE,
+        amplitude=AMPLITUDE,
+        frequencies=FREQUENCIES,
         fmu=work.fmu,
         position=[list(REFERENCE)] * n,
         zero=[[0.0, 0.0]] * n,
@@ -201,7 +209,7 @@ def main() -> None:
     """Install, measure, print the table, and write it as JSON beside."""
     parser = ArgumentParser(description="other engines beside a recorded run")
     parser.add_argument("python", help="of the engines' own environment")
-    parser.add_argument("--robots", type=int, nargs="+", default=list(TICKS))
+    parser.add_argument("--robots", type=int, nargs="+", default=[6, 100])
     parser.add_argument("--rounds", type=int, default=7)
     given = parser.parse_args()
     python, of = str(Path(given.python).absolute()), machine()
@@ -215,7 +223,7 @@ def main() -> None:
     rows, fmu = [], str(build("two_link_arm", 2))
     with TemporaryDirectory(prefix="nrs-") as folder:
         for n in given.robots:
-            work = Work(fmu, n, TICKS.get(n, 100), chain=False)
+            work = Work(fmu, n, TICKS, chain=False)
             found = rounds_of(work, python, names, given.rounds, Path(folder))
             rows += [row(name, work, found, {OURS: found[OURS][0]["end"]}) for name in found]
         work = Work(fmu, *CHAIN, chain=True)

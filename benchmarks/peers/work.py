@@ -1,6 +1,6 @@
 """What every peer does: arms of one FMU, driven to a reference, or each to where the one before is.
 
-    driven    position_ref of every arm is a constant, set once
+    driven    position_ref of every arm is a constant, set once; a disturbance keeps it in motion
     chain     position_ref of arm i is q of arm i - 1; that of the first is the constant
 
 After every step of h the values q, qd of every arm are handed to Python. This runs in the engines'
@@ -22,6 +22,8 @@ from pathlib import Path
 H = 0.1
 REFERENCE = (0.5, -0.3)
 KP, KD = 200.0, 300.0
+AMPLITUDE, FREQUENCIES = 50.0, (1.0, 2.0)
+"""Of the disturbance, N m and rad/s."""
 JOINTS = (1, 2)
 
 States = list[list[float]]
@@ -42,6 +44,8 @@ class Work:
         return {
             **{f"kp[{i},{i}]": KP for i in JOINTS},
             **{f"kd[{i},{i}]": KD for i in JOINTS},
+            **{f"disturbance_amplitude[{i},1]": AMPLITUDE for i in JOINTS},
+            **{f"disturbance_frequency[{i},1]": FREQUENCIES[i - 1] for i in JOINTS},
             **{f"position_ref[{i}]": REFERENCE[i - 1] for i in JOINTS},
             **{f"q[{i}]": q for i, q in zip(JOINTS, start(arm), strict=True)},
         }
