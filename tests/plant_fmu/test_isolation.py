@@ -211,7 +211,7 @@ def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
     _, errors = command.communicate(timeout=120)
     assert command.returncode == 2
     assert cause in errors
-    assert errors.startswith("error: plant: faulty.fmu: ")
+    assert errors.startswith("error: s.toml: plant: faulty.fmu: ")
     assert "robot 2" in errors
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
@@ -222,8 +222,8 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, 
     command = start(scenario())
     _, errors = command.communicate(timeout=120)
     assert command.returncode == 2
-    told = "error: plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading\n"
-    assert errors == told
+    told = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
+    assert errors == f"error: s.toml: {told}\n"
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
 
