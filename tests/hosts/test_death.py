@@ -193,7 +193,7 @@ def test_a_failure_is_told_also_when_another_host_hangs_at_the_same_tick(tmp_pat
     plant = f'fmu = "faulty.fmu", isolate = false, parameters = {fault}'
     text += f"[[robots]]\nid = 3\nplant = {{ {plant} }}\n"
     spread = Spread(parse_scenario(text, "error", tmp_path, "error"), 3)
-    outcome = spread.run(tmp_path / "3.mcap", deadline=1.0)
+    outcome = spread.run(tmp_path / "3.mcap", deadline=5.0)
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
 
