@@ -9,19 +9,11 @@ from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass
 from typing import Any
 
-from fmpy import calloc, free
-from fmpy.fmi2 import (
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
-from fmpy.logging import addLoggerProxy
+from plant_fmu.fmi.callbacks import Callbacks, Log, text_of
 
 Call = Callable[..., int]
-Log = Callable[[str], None]
 
-WARNING, DISCARD = 1, 2
+WARNING, DISCARD, FATAL = 1, 2, 4
 _INTEGER = {2: {"Enumeration": "Integer"}, 3: {"Enumeration": "Int64"}}
 ENDED, EARLY = 6, 7
 """What we answer for a step of FMI 3.0 whose status is fine, but which cannot be gone on from."""
@@ -61,7 +53,10 @@ class Calls:
     reset: Call
     free: Call
     instantiate: Callable[[Any, Log], None]
-    """Instantiates a copy of FMPy's instance, whose log goes where the second argument says."""
+    """Instantiates a copy of FMPy's instance, whose log goes where the second argument says.
+
+    The copy holds what the FMU may call: it is kept until the library is unloaded.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +101,7 @@ def _common_fmi3(dll: Any) -> Calls:
 
     def instantiate(instance: Any, log: Log) -> None:
         instance.instantiate(
-            loggingOn=True, logMessage=lambda _env, _status, _category, text: log(_text(text))
+            loggingOn=True, logMessage=lambda _env, _status, _category, text: log(text_of(text))
         )
 
     return Calls(
@@ -130,13 +125,7 @@ def _common_fmi2(dll: Any) -> Calls:
     enter = bind(dll, "fmi2EnterInitializationMode", c_void_p)
 
     def instantiate(instance: Any, log: Log) -> None:
-        callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(
-            lambda _env, _name, _status, _category, text: log(_text(text))
-        )
-        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-        addLoggerProxy(byref(callbacks))
+        callbacks = Callbacks(instance.instanceName, log)
         instance.instantiate(loggingOn=True, callbacks=callbacks)
 
     def initialize(handle: int, start: float) -> int:
@@ -168,10 +157,6 @@ def bind(dll: Any, name: str, *arguments: Any, result: Any = c_int) -> Call:
     function.argtypes, function.restype = arguments, result
     call: Call = function
     return call
-
-
-def _text(message: bytes | None) -> str:
-    return (message or b"").decode("utf-8", "replace").strip()
 
 
 def _nothing(_handle: int) -> int:

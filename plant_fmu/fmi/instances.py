@@ -13,7 +13,7 @@ from plant_fmu.archives.quantities import Quantity, View
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
-from plant_fmu.fmi.calls import answer, c_references, is_fine
+from plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
 from plant_fmu.fmi.library import Library
 from plant_fmu.fmi.native.rounds import native_rounds
 from plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
@@ -136,9 +136,7 @@ class Instances:
 
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
-        return self.failure(
-            row, seconds, f"{act} ended with {answer(status)}{self._last_words(row)}"
-        )
+        return self.failure(row, seconds, f"{act} {self._ending(row, status)}")
 
     def failure(self, row: int, seconds: float, cause: str) -> StepError:
         """Return the error that names a row's robot, the FMU, the time and the cause."""
@@ -171,13 +169,13 @@ class Instances:
 
     def _expect_ok(self, row: int, act: str, status: int) -> None:
         if not is_fine(status):
-            raise FmuError(
-                f"{self.library.archive.label}: {act} of {called(self.robots[row])} ended with "
-                f"{answer(status)}{self._last_words(row)}"
-            )
+            who, fmu = called(self.robots[row]), self.library.archive.label
+            raise FmuError(f"{fmu}: {act} of {who} {self._ending(row, status)}")
 
-    def _last_words(self, row: int) -> str:
-        return self.library.last_words(called(self.robots[row]))
+    def _ending(self, row: int, status: int) -> str:
+        """Say how a call ended, with the FMU's last words; after Fatal there is no other."""
+        self.library.is_dead |= status == FATAL
+        return f"ended with {answer(status)}{self.library.last_words(called(self.robots[row]))}"
 
 
 def _listed(quantities: Sequence[Quantity]) -> str:

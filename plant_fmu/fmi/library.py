@@ -2,9 +2,9 @@
 
 import copy
 import os
-from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -28,12 +28,15 @@ _FMPY = {
 }
 _WHERE = Lock()
 """FMPy loads from within the library's folder; all threads of a process are in the same one."""
+_LEFT: list[list[Any]] = []
+"""The instances of dead libraries, which are never freed or unloaded, and might call us still."""
 
 
 class Library:
     """An FMU loaded for one FMI interface; a context that frees it with all its instances.
 
-    `ending` frees what the instances hold, just before they are freed themselves.
+    `ending` frees what the instances hold, just before they are freed themselves. What the FMU may
+    call while it is freed, and until it is unloaded, is kept as long.
     """
 
     def __init__(self, archive: Archive, folder: Path, kind: Kind) -> None:
@@ -65,8 +68,10 @@ class Library:
             finally:
                 os.chdir(here)
         self.calls: Calls = self.bind(bind_common)
+        self.is_dead = False
+        """Whether a call ended with Fatal: none of any instance may follow (FMI 3.0, 2.3)."""
         self._instances: list[Any] = []
-        self._said: deque[tuple[str, str]] = deque(maxlen=100)
+        self._last_words: dict[str, str] = {}
 
     def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return the calls that a binder makes of the library; `FmuError` where one is missing."""
@@ -82,21 +87,21 @@ class Library:
     def instantiate(self, name: str) -> int:
         """Return the handle of a new instance; `FmuError` with the FMU's words if it refuses."""
         instance = copy.copy(self._prototype)
-        instance.instanceName = name
+        instance.instanceName, instance.component = name, None
+        self._instances.append(instance)
         try:
-            self.calls.instantiate(instance, lambda text: self._said.append((name, text)))
+            self.calls.instantiate(instance, partial(self._last_words.__setitem__, name))
         except Exception:  # FMPy raises a bare Exception
             raise FmuError(
                 f"{self.archive.label}: cannot be instantiated{self.last_words(name)}"
             ) from None
-        self._instances.append(instance)
         handle: int = instance.component
         return handle
 
     def last_words(self, name: str) -> str:
         """Return what an instance logged last, as the end of a sentence."""
-        said = [text for instance, text in self._said if instance == name]
-        return f": {said[-1]}" if said else ""
+        said = self._last_words.get(name)
+        return f": {said}" if said else ""
 
     def __enter__(self) -> Self:
         return self
@@ -108,6 +113,11 @@ class Library:
         trace: TracebackType | None,
     ) -> None:
         self.ending.close()
-        while self._instances:
-            self.calls.free(self._instances.pop().component)
+        if self.is_dead:
+            _LEFT.append(self._instances)
+            return
+        for instance in reversed(self._instances):
+            if instance.component is not None:
+                self.calls.free(instance.component)
         self._prototype.freeLibrary()
+        self._instances.clear()

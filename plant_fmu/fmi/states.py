@@ -55,5 +55,7 @@ class States:
         return buffer.raw
 
     def _free(self) -> None:
+        if self._instances.library.is_dead:
+            return
         for row, handle in enumerate(self._instances.handles):
             self._calls.free(handle, place(self._states, row))

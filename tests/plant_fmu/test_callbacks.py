@@ -1,0 +1,230 @@
+"""An FMU may call what it was given as long as it lives: its words are its own, and it ends well.
+
+The FMU of these tests does so to its last moment. What could end the process runs in one of its
+own, so that a crash is a failure of one test.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tests.plant_fmu.talker import build_talker
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+
+NRS = [sys.executable, "-c", "from orchestrator.__main__ import main; main()"]
+
+SCENARIO = """
+[run]
+duration = 1.0
+sampling_period = 0.1
+seed = 1
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 1.1
+[controller]
+kp = 20.0
+kd = 10.0
+[network]
+adjacency = [[0, 1], [1, 0]]
+pinning = [1, 0]
+[target]
+axes = [{{ offset = 0.2, sines = [{{ amplitude = 0.3, frequency = 1.0 }}] }}]
+[plant]
+fmu = "talker.fmu"
+isolate = {isolate}
+[initial]
+position = {{ uniform = [0.0, 0.5] }}
+velocity = {{ uniform = [-0.5, 0.5] }}
+q = {{ uniform = [0.0, 0.5] }}
+qd = {{ uniform = [-0.5, 0.5] }}
+[[robots]]
+id = 1
+plant = {{ fmu = "talker.fmu", isolate = {isolate}, parameters = {{ refuses = {refuses} }} }}
+"""
+
+BEGIN = """
+import json, sys
+from ctypes import byref, c_double, c_uint
+from contextlib import ExitStack
+from pathlib import Path
+from plant_fmu.archives.archive import open_archive, unpacked
+from plant_fmu.fmi.calls import bind_step
+from plant_fmu.fmi.library import Library
+
+stack, libraries = ExitStack(), []
+
+def load(path, *names):
+    archive = open_archive(Path(path))
+    folder = stack.enter_context(unpacked(archive))
+    library = stack.enter_context(Library(archive, folder, "CoSimulation"))
+    libraries.append((library, names))
+    return library, [library.instantiate(name) for name in names]
+
+def refuse(library, handle):
+    library.calls.set(handle, (c_uint * 1)(3), 1, byref(c_double(0.1)), 1)
+    assert library.bind(bind_step).step(handle, 0.0, 1.0) == 3
+
+def words():
+    return [{name: library.last_words(name) for name in names} for library, names in libraries]
+"""
+TELL = "\nprint(json.dumps(words()))\n"
+
+
+def told(script, *paths):
+    """Run a script in a process of its own, and return what it printed."""
+    command = [sys.executable, "-c", BEGIN + script + TELL, *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, f"{done.returncode}: {done.stderr}"
+    return json.loads(done.stdout)
+
+
+def said(fmi, what):
+    return f": {what} as no. 7, 0.25" if fmi == 2 else f": {what}"
+
+
+@pytest.fixture(scope="module")
+def talker(tmp_path_factory):
+    """Return a function that gives the FMU of a version."""
+    folder = tmp_path_factory.mktemp("talker")
+    paths = {fmi: build_talker(folder / f"talker{fmi}.fmu", fmi) for fmi in (2, 3)}
+    return paths.__getitem__
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_all_instances_of_two_libraries_are_freed_and_say_so(talker, fmi):
+    script = """
+load(sys.argv[1], "robot 1", "robot 2")
+load(sys.argv[1], "robot 1", "robot 3")
+stack.close()
+"""
+    freed = said(fmi, "freed")
+    assert told(script, talker(fmi)) == [
+        {"robot 1": freed, "robot 2": freed},
+        {"robot 1": freed, "robot 3": freed},
+    ]
+
+
+@pytest.mark.parametrize("first", [2, 3])
+def test_a_library_goes_on_after_another_has_been_unloaded(talker, first):
+    script = """
+library, handles = load(sys.argv[1], "robot 1", "robot 2")
+with stack.pop_all():
+    with ExitStack() as stack:
+        load(sys.argv[2], "robot 1")
+    refuse(library, handles[0])
+    heard = words()
+words = lambda: heard
+"""
+    second = 5 - first
+    assert told(script, talker(first), talker(second)) == [
+        {"robot 1": said(first, "refused"), "robot 2": said(first, "born")},
+        {"robot 1": said(second, "freed")},
+    ]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_words_of_robot_1_are_not_those_of_robot_2(talker, fmi):
+    script = """
+library, handles = load(sys.argv[1], "robot 1", "robot 2")
+refuse(library, handles[0])
+"""
+    assert told(script, talker(fmi)) == [
+        {"robot 1": said(fmi, "refused"), "robot 2": said(fmi, "born")}
+    ]
+
+
+def test_another_who_logs_by_fmpy_takes_no_words_away(talker):
+    script = """
+from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.logging import addLoggerProxy
+
+library, handles = load(sys.argv[1], "robot 1", "robot 2")
+other = fmi2CallbackFunctions()
+other.logger = fmi2CallbackLoggerTYPE(lambda *_: None)
+addLoggerProxy(byref(other))
+del other
+stack.close()
+"""
+    freed = said(2, "freed")
+    assert told(script, talker(2)) == [{"robot 1": freed, "robot 2": freed}]
+
+
+@pytest.mark.parametrize(
+    ("environment", "name", "heard"),
+    [
+        ("NULL", "joint->name", {"robot 1": "refused", "robot 2": "born"}),
+        ("joint", "joint->name", {"robot 1": "refused", "robot 2": "born"}),
+        ("NULL", "NULL", {"robot 1": "born", "robot 2": ""}),
+        ("given->componentEnvironment", "NULL", {"robot 1": "refused", "robot 2": "born"}),
+    ],
+)
+def test_words_without_the_given_environment_go_to_the_name_or_to_nobody(
+    tmp_path, environment, name, heard
+):
+    path = build_talker(tmp_path / "talker.fmu", 2, environment, name)
+    script = """
+library, handles = load(sys.argv[1], "robot 1", "robot 2")
+refuse(library, handles[0])
+"""
+    expected = {robot: said(2, what) if what else "" for robot, what in heard.items()}
+    assert told(script, path) == [expected]
+
+
+@pytest.fixture(scope="module")
+def place(talker, tmp_path_factory):
+    """Return a folder with the FMU, and a scenario of two robots that have it."""
+    folder = tmp_path_factory.mktemp("place")
+    shutil.copy(talker(2), folder / "talker.fmu")
+    for isolate in ("true", "false"):
+        text = SCENARIO.format(isolate=isolate, refuses=0)
+        (folder / f"isolate_{isolate}.toml").write_text(text)
+    return folder
+
+
+def nrs(place, *arguments):
+    """Run the command in a process of its own."""
+    command = [*NRS, *arguments]
+    return subprocess.run(
+        command, cwd=place, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fmu", "check", "talker.fmu"),
+        ("fmu", "check", "talker.fmu", "--scenario", "isolate_true.toml"),
+        ("check", "isolate_true.toml"),
+        ("check", "isolate_false.toml"),
+        ("run", "isolate_true.toml", "-o", "true.mcap"),
+        ("run", "isolate_false.toml", "-o", "false.mcap"),
+    ],
+)
+def test_no_command_dies_of_an_fmu_that_logs_to_its_end(place, arguments):
+    done = nrs(place, *arguments)
+    assert done.returncode == 0, f"{done.returncode}: {done.stdout}{done.stderr}"
+    assert "crashed" not in done.stdout + done.stderr
+    if "check" in arguments and "fmu" not in arguments:
+        assert "(sampled, " in done.stdout
+
+
+@pytest.mark.parametrize("isolate", ["true", "false"])
+def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
+    (place / "refused.toml").write_text(SCENARIO.format(isolate=isolate, refuses=0.55))
+    done = nrs(place, "run", "refused.toml", "-o", "refused.mcap")
+    assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
+    assert "robot 1 (talker.fmu) at t = 0.5" in done.stderr
+    assert "ended with Error: refused as no. 7, 0.25" in done.stderr
+
+
+@pytest.mark.parametrize("isolate", ["true", "false"])
+def test_nothing_is_called_after_a_fatal_step(place, isolate):
+    (place / "fatal.toml").write_text(SCENARIO.format(isolate=isolate, refuses=-0.55))
+    done = nrs(place, "run", "fatal.toml", "-o", "fatal.mcap")
+    assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
+    assert "ended with Fatal: refused as no. 7, 0.25" in done.stderr
