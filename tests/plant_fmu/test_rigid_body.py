@@ -1,0 +1,159 @@
+"""The equations of random trees against Pinocchio, and of a turning slider in closed form."""
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_fmu.bundled.urdf import Robot, read_urdf
+from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from tests.plant_fmu.equations import Equations
+from tests.plant_fmu.random_robots import KINDS, MOST_JOINTS, RandomRobot, random_robot
+
+TREES, STATES = 220, 3
+TOLERANCE = 1e-12
+"""Relative: of the largest acceleration."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _extra() -> None:
+    pytest.importorskip(
+        "plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
+    )
+
+
+@pytest.fixture(scope="module")
+def pinocchio():
+    return pytest.importorskip("pinocchio", reason="needs the package pin, of the extra test")
+
+
+@pytest.fixture(scope="module")
+def robots() -> list[RandomRobot]:
+    return [random_robot(seed) for seed in range(TREES)]
+
+
+class Reference:
+    """Pinocchio's articulated bodies, with q, qd and force in the file's order of joints."""
+
+    def __init__(self, pinocchio, robot: RandomRobot, gravity) -> None:
+        self.pinocchio, self.robot = pinocchio, robot
+        self.model = pinocchio.buildModelFromXML(robot.text)
+        self.model.gravity.linear = np.array(gravity)
+        self.data = self.model.createData()
+        self.damping = np.array([joint.damping for joint in robot.moving])
+
+    def acceleration(self, q, qd, force):
+        ids = [self.model.getJointId(joint.name) for joint in self.robot.moving]
+        into = [self.model.joints[i].idx_v for i in ids]
+        theirs = self.pinocchio.neutral(self.model)
+        for i, joint, angle in zip(ids, self.robot.moving, q, strict=True):
+            there = self.model.joints[i].idx_q
+            if joint.kind == "continuous":
+                theirs[there : there + 2] = np.cos(angle), np.sin(angle)
+            else:
+                theirs[there] = angle
+        v, tau = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        v[into], tau[into] = qd, force - self.damping * qd
+        return self.pinocchio.aba(self.model, self.data, theirs, v, tau)[into]
+
+
+def read(robot: RandomRobot, folder: Path) -> Robot:
+    path = folder / "drawn.urdf"
+    path.write_text(robot.text, "utf-8")
+    return read_urdf(path)
+
+
+def states(m: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    random = np.random.default_rng((14, seed))
+    for _ in range(STATES):
+        yield random.uniform(-3, 3, m), random.uniform(-2, 2, m), random.uniform(-20, 20, m)
+
+
+def test_random_trees_accelerate_as_those_of_another_library(pinocchio, robots, tmp_path):
+    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+
+    wrong = []
+    for seed, robot in enumerate(robots):
+        gravity = tuple(np.random.default_rng((15, seed)).uniform(-10, 10, 3))
+        reference = Reference(pinocchio, robot, gravity)
+        equations = accelerations(read(robot, tmp_path), gravity)
+        for q, qd, force in states(len(robot.moving), seed):
+            wanted = reference.acceleration(q, qd, force)
+            found = np.array(equations(q, qd, force)).ravel()
+            error = np.abs(found - wanted).max() / np.abs(wanted).max()
+            if not error <= TOLERANCE:
+                wrong.append((seed, error))
+    assert not wrong
+
+
+def test_the_trees_have_all_combinations_of_what_a_joint_can_be(robots):
+    joints = [joint for robot in robots for joint in robot.joints]
+    places, yes_no = ("base", "welded", "moving"), (False, True)
+    seen = Counter((j.kind, j.rotated, j.on) for j in joints)
+    assert min(seen[key] for key in product(KINDS, yes_no, places)) >= 3
+    moving = [joint for joint in joints if joint.on == "moving"]
+    for others in (("oblique", "damped"), ("oblique", "branches")):
+        seen = Counter(
+            (j.kind, j.rotated, *(getattr(j, other) for other in others)) for j in moving
+        )
+        assert min(seen[key] for key in product(KINDS, yes_no, yes_no, yes_no)) >= 3
+    assert {len(robot.moving) for robot in robots} == set(range(1, MOST_JOINTS + 1))
+
+
+def test_compiled_trees_accelerate_as_their_equations_do(robots, tmp_path):
+    """C agrees with the function that it is generated from, for both versions of FMI."""
+    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+
+    sliding = [
+        k
+        for k, robot in enumerate(robots)
+        if any(j.kind == "prismatic" and j.rotated and j.on == "moving" for j in robot.joints)
+    ]
+    for seed, fmi in zip(sliding, (3, 2, 3), strict=False):
+        robot = read(robots[seed], tmp_path)
+        function = accelerations(robot, GRAVITY)
+        fmu = Equations(build_urdf(robot, fmi), tmp_path / str(seed))
+        for q, qd, force in states(len(robot.axes), seed):
+            wanted = np.array(function(q, qd, force)).ravel()
+            error = np.abs(fmu.acceleration(q, qd, force) - wanted).max()
+            assert error <= 1e-14 * np.abs(wanted).max()
+        fmu.fmu.freeInstance()
+
+
+BODY = (
+    '<inertial><mass value="{0}"/>'
+    '<inertia ixx="{1}" ixy="0" ixz="0" iyy="{1}" iyz="0" izz="{1}"/></inertial>'
+)
+TURNING_SLIDER = (
+    '<robot name="turning slider"><link name="base"/>'
+    f'<link name="turn">{BODY.format(1, 0.5)}</link><link name="slide">{BODY.format(2, 0.1)}</link>'
+    '<joint name="a" type="revolute"><parent link="base"/><child link="turn"/>'
+    '<axis xyz="0 0 1"/></joint>'
+    '<joint name="b" type="prismatic"><parent link="turn"/><child link="slide"/>'
+    '<origin xyz="1 0 0" rpy="{}"/><axis xyz="{}"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("rpy", "axis"),
+    [("0 0 0", "1 0 0"), (f"0 {np.pi / 2} 0", "0 0 1"), (f"0 0 {np.pi / 2}", "0 -1 0")],
+)
+def test_a_slider_on_a_turning_link_in_closed_form(tmp_path, rpy, axis):
+    """Spellings of one robot: whatever the slider's frame, it slides along the link's x axis.
+
+    With r = 1 + q2 and I = 0.6 + 2 r^2, qdd1 = (tau1 - 4 r qd1 qd2) / I, qdd2 = tau2/2 + r qd1^2.
+    """
+    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+
+    path = tmp_path / "slider.urdf"
+    path.write_text(TURNING_SLIDER.format(rpy, axis), "utf-8")
+    equations = accelerations(read_urdf(path), (0.0, 0.0, 0.0))
+    for q, qd, tau in [([0.3, 0.5], [2.0, 0.7], [0.0, 0.0]), *states(2, 0)]:
+        r = 1 + q[1]
+        turning = (tau[0] - 4 * r * qd[0] * qd[1]) / (0.6 + 2 * r**2)
+        wanted = [turning, tau[1] / 2 + r * qd[0] ** 2]
+        found = np.array(equations(q, qd, tau)).ravel()
+        np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-14)
