@@ -10,6 +10,8 @@ from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Family, families
 from plant_fmu.errors import FmuError
 
+Identity = tuple[str, int]
+
 
 def find_variables(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     """Return the variable of a name or the family of which it is the stem; empty when neither."""
@@ -22,15 +24,24 @@ def find_variables(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
 def only(
     archive: Archive, stem: str, found: Sequence[Family], advice: str
 ) -> tuple[ModelVariable, ...]:
-    """Return the variables of the only family; those of the same references are one."""
-    different: dict[tuple[int, ...], tuple[Family, tuple[ModelVariable, ...]]] = {}
+    """Return the variables of the only family; those of the same numbers are one."""
+    different: dict[tuple[Identity, ...], tuple[Family, tuple[ModelVariable, ...]]] = {}
     for family in found:
         variables = tuple(named(archive, entry) for entry in family.entries)
-        different.setdefault(tuple(v.valueReference for v in variables), (family, variables))
+        different.setdefault(tuple(map(identity, variables)), (family, variables))
     if len(different) > 1:
         entries = " or ".join(listed(family.entries, 3) for family, _ in different.values())
         raise FmuError(f"{archive.label}: {stem!r} may be {entries}; {advice}")
     return next((variables for _, variables in different.values()), ())
+
+
+def identity(variable: ModelVariable) -> Identity:
+    """Return what a variable shares with its aliases alone.
+
+    In FMI 2.0 each type that has calls of its own counts its references, and an enumeration is
+    passed as an Integer (section 2.2.7); in FMI 3.0 references are counted over all types.
+    """
+    return "Integer" if variable.type == "Enumeration" else variable.type, variable.valueReference
 
 
 def named(archive: Archive, name: str) -> ModelVariable:

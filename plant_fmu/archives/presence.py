@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import Layout
+from plant_fmu.archives.quantities import TYPES, Layout
 from plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
 from plant_fmu.errors import FmuError
 
@@ -50,7 +50,7 @@ def takes(
     inputs = {
         variable.valueReference
         for variable in archive.description.modelVariables
-        if variable.causality == "input" and variable.type in {"Real", "Float64"}
+        if variable.causality == "input" and variable.type in TYPES
     }
     return has(archive, names, *quantities, sizes=sizes) and all(
         inputs.issuperset(Layout.of([find_quantity(archive, ours, names, sizes=sizes)]).references)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 MOTION = ("position", "velocity")
 """What is looked for in a target; all else is a robot's."""
+TYPES = frozenset({"Real", "Float64"})
+"""Of the variables that a quantity may be. FMI 2.0 counts references anew for each type."""
 UNITS = {
     **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
     **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),

@@ -16,7 +16,7 @@ from fmpy.model_description import ModelVariable
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
 from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
-from plant_fmu.archives.quantities import INTEGRALS, MOTION, UNITS, Part, Quantity
+from plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
 from plant_fmu.archives.units import si_factor
 from plant_fmu.errors import FmuError
 
@@ -159,7 +159,7 @@ def _derivatives(archive: Archive, picks: Sequence[Pick]) -> tuple[Pick, ...]:
 
 def _part(archive: Archive, ours: str, pick: Pick, sizes: Mapping[int, int]) -> Part:
     variable, cut = pick
-    if variable.type not in {"Real", "Float64"}:
+    if variable.type not in TYPES:
         reason = ", whose 7 digits are too few for a run" if variable.type == "Float32" else ""
         raise FmuError(
             f"{archive.label}: variable {variable.name!r} for {ours} is of type "

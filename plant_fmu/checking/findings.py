@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from bus.errors import CosimError
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import Layout, Part, Quantity
+from plant_fmu.archives.quantities import TYPES, Layout, Part, Quantity
 from plant_fmu.archives.reading import NAME
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.checking.mechanics import HOLDING, SPANS, Mechanics, open_probe
@@ -171,7 +171,9 @@ def _mapping(task: Task, sizes: Mapping[int, int]) -> Iterator[Finding]:
 def _named(archive: Archive, part: Part) -> str:
     """Return a part's name in the FMU, with its aliases, its slice and its unit."""
     variables = [
-        v for v in archive.description.modelVariables if v.valueReference == part.reference
+        v
+        for v in archive.description.modelVariables
+        if v.type in TYPES and v.valueReference == part.reference
     ]
     units = [v.unit or (v.declaredType.unit if v.declaredType else None) for v in variables]
     cut = f"[{part.first}:{part.first + part.size}]" if part.size < part.length else ""
@@ -181,7 +183,11 @@ def _named(archive: Archive, part: Part) -> str:
 
 def _at_start(archive: Archive, q: Quantity) -> Body:
     """Return a robot at rest at the FMU's start values, with gains of 1."""
-    declared = {v.valueReference: v.start for v in archive.description.modelVariables if v.start}
+    declared = {
+        v.valueReference: v.start
+        for v in archive.description.modelVariables
+        if v.type in TYPES and v.start
+    }
     theirs: list[float] = []
     for reference in Layout.of([q]).references:
         length = next(part.length for part in q.parts if part.reference == reference)

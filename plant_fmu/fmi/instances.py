@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import Quantity, View
+from plant_fmu.archives.quantities import TYPES, Quantity, View
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
@@ -158,7 +158,8 @@ class Instances:
         ]
         view = View(quantities, np.concatenate(list(values.values()))[None])
         for assignment in assigned:
-            if not set(view.references).isdisjoint(assignment.references):
+            is_ours = assignment.type in TYPES and set(view.references) & set(assignment.references)
+            if is_ours:
                 raise FmuError(
                     f"{archive.label}: parameter {assignment.name} is among "
                     f"{_listed(quantities)}, which the scenario gives in tables of their own"

@@ -116,6 +116,8 @@ int fmi2ExitInitializationMode(void) { return 0; }
 int fmi2Terminate(void *joint) { return say(joint, "terminated"), 0; }
 int fmi2SetReal(void *j, const unsigned r[], size_t n, const double v[]) { return set(j, r, n, v); }
 int fmi2GetReal(void *j, const unsigned r[], size_t n, double v[]) { return get(j, r, n, v); }
+int fmi2SetBoolean(void) { return 0; }
+int fmi2SetInteger(void) { return 0; }
 int fmi2DoStep(void *joint, double t, double h) { return step(joint, t, h); }
 
 #else

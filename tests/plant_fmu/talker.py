@@ -24,6 +24,10 @@ FMI2 = """<?xml version="1.0" encoding="UTF-8"?>
 <Real start="0"/></ScalarVariable>
 <ScalarVariable name="refuses" valueReference="3" causality="parameter" variability="fixed">
 <Real start="0"/></ScalarVariable>
+<ScalarVariable name="debug" valueReference="0" causality="parameter" variability="fixed">
+<Boolean start="false"/></ScalarVariable>
+<ScalarVariable name="level" valueReference="2" causality="parameter" variability="fixed">
+<Integer start="1"/></ScalarVariable>
 </ModelVariables><ModelStructure><Outputs><Unknown index="1"/><Unknown index="2"/></Outputs>
 </ModelStructure></fmiModelDescription>
 """

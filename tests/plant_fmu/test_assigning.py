@@ -18,6 +18,7 @@ from plant_fmu.fmi.instances import Instances
 from plant_fmu.fmi.library import Library
 from plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.archives import reals, rewritten, with_variables
+from tests.plant_fmu.talker import build_talker
 from tests.plant_fmu.typed_fmu import build_typed
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -174,3 +175,17 @@ def test_slices_of_arrays_are_driven_and_read_as_parts_of_them(typed):
             open_plants(stack, typed, [body({"n": 3})], NAMES)
         with pytest.raises(FmuError, match="q and qd stand for the same number"):
             open_plants(stack, typed, [body({"n": 4})], {**NAMES, "qd": "x[1:3]"})
+
+
+def test_parameters_of_other_types_may_have_the_references_of_quantities(tmp_path):
+    archive = open_archive(build_talker(tmp_path / "talker.fmu"), "talker.fmu")
+    numbers = {v.name: v.valueReference for v in archive.description.modelVariables}
+    assert (numbers["debug"], numbers["level"]) == (numbers["q"], numbers["tau"])
+    none = np.zeros(1)
+    still = Disturbance(none, none, *np.zeros((3, 1, 0)))
+    one = Body(1, {"debug": True, "level": 2}, np.eye(1), np.eye(1), still, none, none, none, none)
+    with ExitStack() as stack:
+        plants = open_plants(stack, archive, [one], {})
+        plants.hold(np.ones((1, 1)), none[None])
+        plants.advance(0.0, 0.1)
+        assert plants.q[0, 0] > 0.0

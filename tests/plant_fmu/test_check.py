@@ -242,3 +242,20 @@ def test_exit_statuses(tmp_path):
     assert re.search(r"M positive definite +does not hold", bad.stdout)
     assert nrs("fmu", "check", "none.fmu").returncode == 2
     assert nrs("fmu", "check", "planar_robot", "--scenario", "none.toml").returncode == 2
+
+
+def test_a_variable_of_another_type_with_the_reference_of_a_quantity_changes_nothing(tmp_path):
+    other = (
+        '<ScalarVariable name="mode" valueReference="{}" causality="parameter" '
+        'variability="fixed"><Integer start="3"/></ScalarVariable></ModelVariables>'
+    )
+    plain = rewritten(tmp_path / "plain.fmu", 2, lambda text: text)
+    reference = {v.name: v.valueReference for v in open_archive(plain).description.modelVariables}
+    more = rewritten(
+        tmp_path / "more.fmu",
+        2,
+        lambda text: text.replace("</ModelVariables>", other.format(reference["q[1]"])),
+    )
+    expected, got = (check(Task(open_archive(path))) for path in (plain, more))
+    assert expected.passes
+    assert got.findings == expected.findings

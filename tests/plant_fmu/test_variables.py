@@ -104,6 +104,15 @@ def test_names_for_the_same_variables_are_no_ambiguity(fmu):
     assert references(fmu(xml=xml)) == [0, 1]
 
 
+def test_numbers_of_another_type_are_no_aliases(fmu):
+    whole = reals("arm.q[1]", "arm.q[2]").replace("<Real/>", '<Integer start="0"/>')
+    message = refused(fmu(xml=whole + reals("q[1]", "q[2]")))
+    assert message.startswith("'q' may be arm.q[1], arm.q[2] or q[1], q[2]; write")
+    items = whole.replace("<Integer", "<Enumeration").replace("arm.", "j1.")
+    message = refused(fmu(xml=whole + items + reals("other")))
+    assert message.startswith("variable 'arm.q[1]' for q is of type Integer")
+
+
 def test_an_exact_name_comes_before_all_families(fmu):
     assert references(fmu("q", "q[1]", "q[2]", "arm.q")) == [0]
     assert references(fmu("time", "arm.q")) == [1]
