@@ -143,14 +143,14 @@ class Recorder:
         if k <= self.closed:
             new = False
         elif kind == SAMPLES:
+            new = host not in self._open[k].samples
             first = self._open[k].samples.setdefault(host, samples)
             self._expect_same(k, host, first is samples or first.tobytes() == samples.tobytes())
-            new = first is samples
         else:
+            new = host not in self._open[k].told
             known = self._open[k].told.setdefault(host, tick)
             same = known is tick or known.states.tobytes() == tick.states.tobytes()
             self._expect_same(k, host, same)
-            new = known is tick
         self.taken += new
         self.repeated += not new
 

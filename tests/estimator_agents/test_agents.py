@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bus.errors import InputError
 from bus.topologies import Topologies
 from bus.topology import Topology
 from estimator_agents.agents import Agents
@@ -135,3 +136,35 @@ def test_second_order_positions_are_continuous():
 def test_algorithms_are_found_by_name():
     assert {"dcea1", "dcea2"} <= set(algorithm_names())
     assert load_algorithm("dcea2", 1.1, 0.9) == SecondOrder(1.1, 0.9)
+
+
+def lone() -> Agents:
+    """Return the agents of two robots of the example, whose links have no faults."""
+    topologies = Topologies.constant(Topology.of(*PAPER))
+    return Agents(np.array([2, 5]), topologies, FirstOrder(0.9, 1.1), Estimate(*np.ones((2, 2, 2))))
+
+
+def test_agents_without_faults_have_no_memory():
+    agents = lone()
+    assert agents.memory(0) == agents.memory(1) == b""
+    assert agents.silent(3) == agents.faulty == []
+    assert len(agents.faults) == 0
+    agents.recall(1, b"")
+    with pytest.raises(InputError, match="the memory of robot 5 has 3 bytes, and without faults"):
+        agents.recall(1, b"abc")
+
+
+def test_what_a_robot_was_told_stays_as_it_was_when_more_is_told():
+    agents = lone()
+    sources = Topology.of(*PAPER).in_neighbours(5).tolist()
+    for k in (1, 2):
+        for j in sources:
+            agents.hear(k, np.array([j]), np.full((1, 2), 10.0 * k + j), np.full((1, 2), 1.0 * k))
+        if k == 1:
+            first = agents.heard_by(5)
+    assert list(first) == sources
+    for j, (position, velocity) in first.items():
+        assert position.tolist() == [10.0 + j] * 2
+        assert velocity.tolist() == [1.0] * 2
+    later = agents.heard_by(5)
+    assert all(later[j][0].tolist() == [20.0 + j] * 2 for j in sources)

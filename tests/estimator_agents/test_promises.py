@@ -439,3 +439,40 @@ def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert after.ru_utime - before.ru_utime < 10
     assert after.ru_maxrss < 1e6
+
+
+# The drag of an algorithm whose estimates do not stay where all agree
+
+
+@pytest.mark.parametrize("beta", [0.4, 0.9, 1.3])
+def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
+    """A target of constant velocity: x_∞ = Σ A^j (1 ⊗ d) υ_0 with d = −β [h; 1], dense."""
+    algorithm, h, gamma_1 = Impulsive(0.6, beta), 0.1, 3.0
+    recursion = recursion_of(algorithm, TOPOLOGY, h)
+    np.testing.assert_allclose(recursion.drag, [[0, -beta * h], [0, -beta]])
+    rho = radius_of(algorithm, TOPOLOGY, h)
+    A, x = recursion.matrix.toarray(), np.kron([-beta * h, -beta], np.ones(6))
+    total = np.zeros(12)
+    while np.abs(x).max() > 1e-16:
+        total, x = total + np.abs(x) * gamma_1, A @ x
+    bound = sharp(recursion, gamma_1, 0.0, rho)
+    assert bound.position == pytest.approx(total[:6].max(), rel=1e-9)
+    assert bound.velocity == pytest.approx(total[6:].max(), rel=1e-9)
+    none = np.zeros((1, 1))
+    motion = steady_motion(
+        recursion, Harmonic(np.zeros(1), np.array([-gamma_1]), none, none, none), rho
+    )
+    alone = np.linalg.solve(np.eye(12) - A, np.kron([beta * h, beta], np.ones(6))) * gamma_1
+    np.testing.assert_allclose(motion.constant[..., 0].ravel(), alone, atol=1e-9)
+    assert motion.bound.position <= bound.position * (1 + 1e-9)
+    assert motion.bound.velocity <= bound.velocity * (1 + 1e-9)
+
+
+def test_each_of_the_papers_bounds_gains_by_the_drag():
+    """|Δ_1| / h gains β γ1 and |Δ_2| / h gains β γ1 / h (docs/theory.md)."""
+    beta, h = 0.9, 0.1
+    recursion = recursion_of(Impulsive(0.6, beta), TOPOLOGY, h)
+    for gamma_1, gamma_2 in ((3.0, 1.0), (0.1, 40.0)):
+        found = promise(recursion, gamma_1, gamma_2)
+        most = max((2 + beta) * gamma_1, gamma_2 + beta * gamma_1 / h)
+        assert found.kappa == pytest.approx(found.norm.gain * most)

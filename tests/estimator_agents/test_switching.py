@@ -26,6 +26,7 @@ from estimator_agents.theory.switching import (
     period,
     period_factor,
 )
+from estimator_agents.theory.varying import LARGEST
 from tests.estimator_agents.digraphs import exchanges, ring
 from tests.estimator_agents.paper import HARMONIC
 
@@ -286,3 +287,37 @@ def test_algorithms_say_whether_they_hear_over_two_digraphs():
         assert np.array_equal(whole.position, position.position)
         assert np.array_equal(whole.velocity, velocity.velocity)
     assert len(Sliding(1, 1).modes(np.zeros(2), 0.1, np.zeros(2))) == 0
+
+
+# The limits of what is looked for, without waiting for it
+
+
+@pytest.mark.parametrize(
+    ("topology", "is_tried"),
+    [
+        (ring(LARGEST, True), True),
+        (ring(LARGEST + 1, True), False),
+        (Topology.of_edges(500, np.arange(500), np.arange(1, 501), np.ones(500)), True),
+        (Topology.of_edges(501, np.arange(501), np.arange(1, 502), np.ones(501)), False),
+    ],
+    ids=["largest part", "part too large", "largest matrix", "matrix too large"],
+)
+def test_the_joint_radius_is_tried_up_to_a_size(monkeypatch, topology, is_tried):
+    recursion = recursion_of(FirstOrder(0.9, 1.1), topology, 0.1)
+    tried = []
+    monkeypatch.setattr(switching, "joint_spectral_radius", tried.append)
+    assert any_order([recursion, recursion]) is None
+    assert len(tried) == is_tried
+    for matrices in tried:
+        assert [matrix.shape for matrix in matrices] == [recursion.matrix.shape] * 2
+
+
+@pytest.mark.parametrize("most", [1000, 2], ids=["by the product", "by Arnoldi's method"])
+@pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 1.1), SecondOrder(1.1, 0.9)])
+def test_the_factor_of_a_period_is_that_of_the_dense_product(monkeypatch, algorithm, most):
+    monkeypatch.setattr(switching, "DENSE", most)
+    given = [Exchange.of(ring(5, both)) for both in (True, False)]
+    found = period_factor([recursion_of(algorithm, e, 0.2) for e in given], [(0, 3), (1, 2)])
+    first, second = (dense(algorithm, exchange, 0.2) for exchange in given)
+    product_ = np.linalg.matrix_power(second, 2) @ np.linalg.matrix_power(first, 3)
+    assert found == pytest.approx(np.abs(np.linalg.eigvals(product_)).max() ** (1 / 5), rel=1e-9)

@@ -1,5 +1,7 @@
 """μ, ϱ and δ of Theorems 2 and 3, and inequality (1.9), against sums written by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,28 @@ def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(shar
     assert found.kp * found.period + found.kd * 2 * found.period <= room
     assert found.kp * longer + found.kd * 2 * longer > room
     assert found.sharp_period is None
+
+
+# With friction, which no robot of the examples has
+
+
+def test_constants_with_friction_by_hand():
+    """Four joints, so that √m = 2: a speed of 10 and a pull of 4."""
+    p3 = SimpleNamespace(lambda_m=0.5, lambda_M=3.0, lambda_c=0.25, lambda_g=7.0, lambda_f=1.5)
+    of = constants(p3, 4, 11.0, 5.0, 2.0)
+    assert (of.m, of.lambda_m, of.lambda_M) == (4, 0.5, 3.0)
+    assert of.mu_1 == pytest.approx(11 + 3 * 4 + 0.25 * 100 + 7 + 1.5 * 10)
+    assert of.mu_2 == pytest.approx(0.25 * 10)
+    assert of.rho_1 == pytest.approx(2.5 + 1.5 / 2)
+    assert of.rho_2 == pytest.approx(2 * 2.5 + 3 + 2 * 0.25 + 1.5 / 2)
+
+
+def test_friction_alone_is_pushed_by_as_much_as_inequality_1_9_allows():
+    """F = λ_f I, and the target is as fast as it may be on each axis: ‖F υ_0‖₂ is μ1."""
+    p3 = SimpleNamespace(lambda_m=1.0, lambda_M=0.0, lambda_c=0.0, lambda_g=0.0, lambda_f=0.7)
+    of = constants(p3, 3, 0.0, 2.0, 1.0)
+    assert of.mu_1 == pytest.approx(np.linalg.norm(0.7 * np.eye(3) @ [2.0, -2.0, 2.0]))
+    rng = np.random.default_rng(19)
+    for _ in range(200):
+        friction = np.linalg.qr(rng.normal(size=(3, 3)))[0] * 0.7
+        assert np.linalg.norm(friction @ rng.uniform(-2, 2, 3)) <= of.mu_1

@@ -1,5 +1,6 @@
 """The bundled models against equations of motion written once more, in numpy, and DOP853."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -504,3 +505,13 @@ def test_the_tolerance_must_be_possible(robot: Open, fmi: int) -> None:
         assert r.refuses(lambda: r.initialize(relative_tolerance=1e-20)) == (
             "relative_tolerance: expected 1e-14 to 1, got 1e-20"
         )
+
+
+@each_version
+def test_a_derivative_that_is_not_finite_is_counted_from_one(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi, "Model") as r:
+        r.initialize()
+        r.fmu.enterContinuousTimeMode()
+        x = np.array([0.0, 1.0, 0.0, 1e200])
+        message = r.refuses(lambda: r.derivatives(1.5, x))
+        assert re.fullmatch(r"at t = 1\.5 s: derivative 3 of 4 is -?(inf|nan)", message)

@@ -1,0 +1,70 @@
+"""What two hosts of one robot each put, made up, and a writer that keeps ticks at hand."""
+
+import numpy as np
+
+from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from bus.messages import CHECKPOINT, Blob
+from bus.seal import Seal
+from bus.transport import Message
+from bus.wire import Tick, Wire
+from orchestrator.scenario.clock import Clock
+from recordings.recorder import Recorder, channels
+
+M, H = 2, 100_000_000
+ROBOTS = {"left": 1, "right": 2}
+HOMES = {host: [robot] for host, robot in ROBOTS.items()}
+
+
+def wire_of(ticks: int) -> Wire:
+    """Return the wire of a run of two robots and the target."""
+    homes = {host: np.array(robots) for host, robots in HOMES.items()}
+    return Wire(M, Clock((H,), 1, ticks), {**homes, TARGET: np.array([0])}, Seal())
+
+
+def samples(wire: Wire, host: str, k: int, value: float = 1.0) -> Message:
+    """Return what a host, or the target, puts of its samples of t_k."""
+    records = wire.samples.blank(wire.homes[host])
+    records["k"], records["time_ns"], records["position"] = k, wire.times.t(k), value
+    return Message(wire_key(SAMPLES, host), wire.pack_samples(host, k, records))
+
+
+def told(wire: Wire, host: str, k: int, *, value=1.0, faults=0, checkpoint=False) -> Message:
+    """Return what a host puts of all else of a tick."""
+    states = wire.states.blank(wire.homes[host])
+    states["k"], states["time_ns"], states["q"] = k, wire.times.t(k), value
+    met = wire.faults.blank(np.repeat(wire.homes[host], faults))
+    met["k"], met["time_ns"], met["lost"] = k, wire.times.t(k), 1
+    blobs = [CHECKPOINT.encode(Blob(ROBOTS[host], k, wire.times.t(k), b"s"))] if checkpoint else []
+    return Message(wire_key(RECORDS, host), wire.pack_tick(host, k, Tick(states, met, blobs)))
+
+
+def whole(wire: Wire, k: int, **what) -> list[Message]:
+    """Return all that tick k consists of."""
+    put = [samples(wire, host, k) for host in (*ROBOTS, TARGET) if k]
+    return [*put, *(told(wire, host, k, **what) for host in ROBOTS)]
+
+
+class Kept:
+    """A writer that keeps what is put: see `recordings.recorder.TickWriter`."""
+
+    path = "nowhere"
+
+    def __init__(self, faulty=(), checkpoints=False) -> None:
+        topics = [channel.topic for channel in channels(2, faulty, checkpoints)]
+        self.numbers = {topic: number for number, topic in enumerate(topics, 1)}
+        self._topics = {number: topic for topic, number in self.numbers.items()}
+        self.ticks = []
+
+    def put(self, tick) -> None:
+        """Keep a tick as (topic, time, k) of its messages, in order."""
+        messages = [message for part in tick for message in part.messages(self._topics)]
+        self.ticks.append(sorted((topic, time, k) for time, topic, k, _ in messages))
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+
+def recorder_of(wire: Wire, *, keep=8, faulty=(), checkpoints=False) -> tuple[Recorder, Kept]:
+    """Return a recorder of such a run, and the writer that it writes to."""
+    writer = Kept(faulty, checkpoints)
+    return Recorder(writer, wire, 2, keep), writer

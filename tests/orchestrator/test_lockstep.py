@@ -1,0 +1,286 @@
+"""When ticks close, and when silence ends a run: hosts and clock are made up, nothing waits."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from bus.errors import BusError
+from bus.keys import TARGET, wire_key
+from bus.transport import Message, Presence
+from estimator_agents.target import Harmonic
+from orchestrator.runs import lockstep
+from orchestrator.runs.lockstep import Lockstep, TargetNode, window
+from orchestrator.scenario.clock import Clock, seconds
+from tests.batches import HOMES, H, recorder_of, samples, told, whole, wire_of
+
+DEADLINE = 2.0
+"""s of the made-up clock."""
+TARGET_OF = Harmonic(np.zeros(2), np.ones(2), np.ones((2, 1)), np.ones((2, 1)), np.zeros((2, 1)))
+
+
+class Time:
+    """Wall time, s, that passes only when somebody waits."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+class Hosts:
+    """Two hosts and the bus at once: what they put arrives at its time."""
+
+    def __init__(self, time):
+        self.inbox = self
+        self.time, self.coming, self.there = time, [], []
+        self.refused, self.restarts, self.homes = Counter(), 0, HOMES
+        self.away = (0.0, 0.0)
+        self.asked, self.advanced, self.handled, self.published = [], [], [], []
+
+    def at(self, when, *items):
+        """Let items arrive at a time."""
+        self.coming += [(when, item) for item in items]
+        return self
+
+    def take(self, seconds=0.0):
+        due = [when for when, _ in self.coming]
+        if seconds and not (due and min(due) <= self.time.now):
+            self.time.now = min([self.time.now + seconds, *due])
+        arrived = [item for when, item in self.coming if when <= self.time.now]
+        self.coming = [(when, item) for when, item in self.coming if when > self.time.now]
+        return arrived
+
+    def publisher(self, key):
+        assert key == wire_key("samples", TARGET)
+
+        def put(payload):
+            self.published.append(self.wire_.unpack_samples(TARGET, payload))
+            self.at(self.time.now, Message(key, payload))
+
+        return put
+
+    def advance(self, k):
+        self.advanced.append(k)
+
+    def handle(self, item):
+        self.handled.append(item)
+
+    def look_after(self, k, at_last=False):
+        self.asked.append((k, at_last))
+        start, end = self.away
+        return not start <= self.time.now < end
+
+
+class Case:
+    """A run of so many ticks on made-up hosts."""
+
+    def __init__(self, monkeypatch, ticks=3, ahead=2, needs=None, pace=None):
+        self.time, self.seen = Time(), []
+        monkeypatch.setattr(lockstep, "monotonic", self.time)
+        self.clock, self.wire = Clock((H,), 1, ticks), wire_of(ticks)
+        self.hosts = Hosts(self.time)
+        self.hosts.wire_ = self.wire
+        self.recorder, self.writer = recorder_of(self.wire)
+        target = TargetNode(self.hosts, self.clock, self.wire, TARGET_OF)
+        needs = needs or {"left": {"right", TARGET}, "right": {"left", TARGET}}
+        options = {} if pace is None else {"pace": pace}
+        self.lockstep = Lockstep(
+            self.clock,
+            target,
+            self.hosts,
+            self.recorder,
+            needs,
+            ahead,
+            DEADLINE,
+            self.seen.append,
+            **options,
+        )
+
+    def robots(self, k):
+        """Return what the robots put of tick k."""
+        of_target = wire_key("samples", TARGET)
+        return [message for message in whole(self.wire, k) if message.key != of_target]
+
+    def run(self):
+        return list(self.lockstep.run())
+
+
+@pytest.fixture
+def case(monkeypatch):
+    return lambda **options: Case(monkeypatch, **options)
+
+
+def test_ticks_close_in_order_and_each_is_whole(case):
+    run = case()
+    for k in (2, 0, 3, 1):
+        run.hosts.at(0.0, *run.robots(k))
+    assert run.run() == [0, 1, 2, 3]
+    assert run.hosts.advanced == [0, 1, 2, 3]
+    assert run.writer.ticks[0] == [("state/1", 0, 0), ("state/2", 0, 0)]
+    for k in (1, 2, 3):
+        topics = ["sample/0", "sample/1", "sample/2", "state/1", "state/2"]
+        assert run.writer.ticks[k] == [(topic, k * H, k) for topic in topics]
+    assert run.time.now == 0
+
+
+def test_the_target_moves_as_its_law_and_no_further_ahead_than_the_window(case):
+    run, ahead = case(ticks=5), 2
+    for k in range(6):
+        run.hosts.at(0.0, *run.robots(k))
+    highest = [(k, run.hosts.published[-1][0]) for k in run.lockstep.run()]
+    assert highest == [(k, min(k + ahead, 5)) for k in range(6)]
+    assert [k for k, _ in run.hosts.published] == [1, 2, 3, 4, 5]
+    for k, record in run.hosts.published:
+        t = seconds(k * H)
+        assert record["time_ns"] == k * H
+        assert record["position"][0] == pytest.approx(t + np.sin(t))
+        assert record["velocity"][0] == pytest.approx(1 + np.cos(t))
+
+
+def test_a_run_goes_on_after_what_is_recorded(case):
+    run = case(ticks=4)
+    for k in (0, 1):
+        for message in whole(run.wire, k):
+            run.recorder.take(message)
+        run.recorder.close(k)
+    for k in (2, 3, 4):
+        run.hosts.at(0.0, *run.robots(k))
+    assert run.run() == [2, 3, 4]
+    assert run.hosts.advanced == [2, 3, 4]
+    assert [k for k, _ in run.hosts.published] == [2, 3, 4]
+    assert len(run.writer.ticks) == 5
+
+
+def test_silence_as_long_as_the_deadline_ends_the_run(case):
+    run = case()
+    run.hosts.at(0.0, *run.robots(0)).at(1.0, samples(run.wire, "left", 1))
+    with pytest.raises(BusError) as caught:
+        run.run()
+    assert str(caught.value) == (
+        "tick 1 did not close in 2 s of silence: "
+        "robot 1 on host left sent samples up to tick 1 and lack those of right; "
+        "robot 2 on host right sent samples up to tick 0 and lack nobody's: computing, or stopped"
+    )
+    assert run.time.now == 1.0 + DEADLINE
+    assert run.hosts.asked[-1] == (1, True)
+    assert (1, True) not in run.hosts.asked[:-1]
+
+
+def test_silence_of_the_target_is_named(case):
+    run = case(ahead=-1)
+    run.hosts.at(0.0, *run.robots(0), *run.robots(1))
+    with pytest.raises(BusError, match="the target sent samples up to tick 0"):
+        run.run()
+
+
+def test_each_new_batch_begins_the_silence_anew(case):
+    run = case(ticks=1)
+    run.hosts.at(0.0, *run.robots(0))
+    messages = run.robots(1)
+    for number, message in enumerate(messages, 1):
+        run.hosts.at(number * 0.9 * DEADLINE, message)
+    assert run.run() == [0, 1]
+    assert run.time.now == pytest.approx(len(messages) * 0.9 * DEADLINE)
+
+
+@pytest.mark.parametrize("say", [samples, told])
+def test_what_is_refused_or_said_again_is_silence(case, say):
+    run = case(ticks=1)
+    again = say(run.wire, "left", 1)
+    run.hosts.at(0.0, *run.robots(0), again)
+    run.hosts.at(1.0, again, Message(again.key, b"nothing"), Message(again.key, again.payload))
+    with pytest.raises(BusError, match="tick 1 did not close"):
+        run.run()
+    assert run.time.now == DEADLINE
+    assert run.recorder.repeated == 2
+    assert run.recorder.refused.total() == 1
+
+
+def test_the_deadline_rests_while_a_host_is_known_to_be_away(case):
+    run = case(ticks=1)
+    run.hosts.away = (0.5, 10 * DEADLINE)
+    run.hosts.at(0.0, *run.robots(0))
+    run.hosts.at(10.8 * DEADLINE, *run.robots(1))
+    assert run.run() == [0, 1]
+
+
+def test_the_deadline_begins_when_a_host_is_back(case):
+    run = case(ticks=1)
+    run.hosts.away = (0.5, 10 * DEADLINE)
+    run.hosts.at(0.0, *run.robots(0))
+    with pytest.raises(BusError, match="tick 1 did not close in 2 s of silence"):
+        run.run()
+    assert run.time.now == pytest.approx(11 * DEADLINE, abs=0.5)
+
+
+def test_what_a_host_failed_with_goes_before_its_silence(case):
+    run = case(ticks=1)
+
+    def look_after(_k, at_last=False):
+        if at_last:
+            raise BusError("robot 2 diverged")
+        return True
+
+    run.hosts.look_after = look_after
+    with pytest.raises(BusError, match="robot 2 diverged"):
+        run.run()
+
+
+def test_what_is_no_batch_is_the_hosts_affair(case):
+    run = case(ticks=1)
+    others = [Presence("alive/left", here=True), Message("report/left", b"done")]
+    run.hosts.at(0.0, *run.robots(0), *others, *run.robots(1))
+    assert run.run() == [0, 1]
+    assert run.hosts.handled == others
+    assert not run.recorder.refused
+
+
+def test_who_watches_is_told_the_last_closed_tick_while_another_is_waited_for(case):
+    run = case(ticks=2)
+    for k in range(3):
+        run.hosts.at(0.6 * k, *run.robots(k))
+    run.run()
+    assert run.seen[0] == 0
+    closed = {k * H for k in range(3)}
+    assert set(run.seen) == closed
+    assert run.seen == sorted(run.seen)
+    waited_for_1 = [time for time in run.seen if time == 0]
+    assert len(waited_for_1) == 1 + 3  # t_0 was closed, and 0.6 s are three looks of 0.25 s
+
+
+class Paced:
+    """A pace that keeps what it is asked."""
+
+    def __init__(self):
+        self.told = []
+
+    def start(self, time_ns):
+        self.told.append(("start", time_ns))
+
+    def wait(self, time_ns, ask):
+        self.told.append(("wait", time_ns))
+        ask()
+
+
+def test_a_tick_closes_at_its_pace_and_the_hosts_are_looked_after_meanwhile(case):
+    pace = Paced()
+    run = case(ticks=3, pace=pace)
+    for k in (0, 1):
+        for message in whole(run.wire, k):
+            run.recorder.take(message)
+        run.recorder.close(k)
+    for k in (2, 3):
+        run.hosts.at(0.0, *run.robots(k))
+    run.run()
+    assert pace.told == [("start", H), ("wait", 2 * H), ("wait", 3 * H)]
+    assert run.hosts.asked == [(2, False), (3, False)]
+
+
+@pytest.mark.parametrize(
+    ("size", "ticks"),
+    [(0, 64), (1, 64), (2**18, 64), (2**19, 32), (2**22, 4), (2**23, 4), (2**40, 4)],
+)
+def test_hosts_run_ahead_by_sixteen_megabytes_of_ticks(size, ticks):
+    assert window(size) == ticks

@@ -1,0 +1,29 @@
+"""Where robots start, from the last checkpoint of each that a recording has."""
+
+import pytest
+
+from orchestrator.runs.restart import point_of
+
+AT_6 = {robot: (6, b"robot %d" % robot) for robot in (1, 2, 3)}
+
+
+def test_robots_start_at_the_checkpoint_that_all_have_in_their_own_order():
+    point = point_of([3, 1], AT_6, 8)
+    assert (point.start, point.recorded) == (6, 8)
+    assert list(point.checkpoints) == [b"robot 3", b"robot 1"]
+
+
+@pytest.mark.parametrize(
+    "checkpoints",
+    [{}, {1: AT_6[1], 2: AT_6[2]}, {**AT_6, 3: (4, b"earlier")}],
+    ids=["none has one", "one lacks its own", "one has an earlier one"],
+)
+@pytest.mark.parametrize("recorded", [-1, 8])
+def test_robots_start_at_the_beginning_without_a_checkpoint_of_all(checkpoints, recorded):
+    point = point_of([1, 2, 3], checkpoints, recorded)
+    assert (point.start, point.recorded, list(point.checkpoints)) == (0, recorded, [])
+
+
+def test_checkpoints_of_other_robots_do_not_matter():
+    point = point_of([1, 2], {**AT_6, 3: (4, b"earlier")}, 7)
+    assert (point.start, list(point.checkpoints)) == (6, [b"robot 1", b"robot 2"])

@@ -1,0 +1,138 @@
+"""Ticks are put in total order or not at all; what is put is read again."""
+
+import numpy as np
+import pytest
+
+from recordings.columns import Columns
+from recordings.container import Channel, Schema
+from recordings.errors import UncreatableError, UnwritableError
+from recordings.gathering import columns_of
+from recordings.reading import Reader
+from recordings.writing import Writer
+
+CHANNELS = [Channel(topic, "T") for topic in ("b", "a", "c")]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.mcap"
+
+
+def new(path, **options):
+    return Writer(
+        path,
+        version="1",
+        channels=CHANNELS,
+        schemas=[Schema("T", b"")],
+        metadata={},
+        attachments={},
+        **options,
+    )
+
+
+def all_of(path):
+    with Reader(path, verify=True) as reader:
+        assert reader.damage == []
+        return list(reader.messages())
+
+
+def test_a_tick_of_no_messages_is_nothing(path):
+    message = (5, "a", 1, b"x")
+    none = columns_of([message], {"a": 2}).at(np.zeros(1, bool))
+    assert isinstance(none, Columns)
+    with new(path) as writer:
+        for tick in ([], [none], [none, columns_of([message], writer.numbers), none], [none], []):
+            writer.put(tick)
+        writer.write([])
+        writer.finish("completed")
+    assert all_of(path) == [message]
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "follows"),
+    [
+        ((5, "b"), (5, "c"), True),
+        ((5, "b"), (5, "b"), False),
+        ((5, "b"), (5, "a"), False),
+        ((5, "b"), (6, "a"), True),
+        ((5, "b"), (4, "c"), False),
+    ],
+)
+def test_a_tick_begins_after_the_one_before_by_time_and_topic(path, first, then, follows):
+    with new(path) as writer:
+        writer.write([(*first, 1, b"x")])
+        if follows:
+            writer.write([(*then, 2, b"y")])
+        else:
+            with pytest.raises(ValueError, match=r"a tick begins at .* not after") as caught:
+                writer.write([(*then, 2, b"y")])
+            assert f"begins at {then}, not after {first}" in str(caught.value)
+        writer.finish("completed")
+    expected = [(*first, 1, b"x")] + [(*then, 2, b"y")] * follows
+    assert all_of(path) == expected
+
+
+def test_order_is_by_the_last_message_of_a_tick_and_the_first_of_the_next(path):
+    early, late = (3, "c", 1, b""), (5, "a", 1, b"")
+    with new(path) as writer:
+        writer.write([late, early])
+        with pytest.raises(ValueError, match=r"begins at \(4, 'c'\), not after \(5, 'a'\)"):
+            writer.write([(9, "a", 2, b""), (4, "c", 2, b"")])
+        writer.write([(9, "a", 2, b""), (5, "b", 2, b"")])
+        writer.finish("completed")
+    assert all_of(path) == [early, late, (5, "b", 2, b""), (9, "a", 2, b"")]
+
+
+@pytest.mark.parametrize(
+    "message",
+    [(5, "d", 1, b""), (-1, "a", 1, b""), (2**64, "a", 1, b""), (5, "a", 2**32, b"")],
+)
+def test_what_does_not_fit_is_refused_and_the_file_named(path, message):
+    with new(path) as writer:
+        with pytest.raises(ValueError, match=r"a\.mcap: "):
+            writer.write([(5, "a", 1, b""), message])
+        writer.finish("completed")
+    assert all_of(path) == []
+
+
+@pytest.mark.parametrize("options", [{"chunk_bytes": 1}, {"chunk_seconds": 0.0}], ids=str)
+def test_a_chunk_closes_at_the_end_of_a_tick_when_it_is_large_or_old(path, options):
+    ticks = [[(k, "a", k, b"x"), (k, "b", k, b"y")] for k in range(1, 5)]
+    with new(path, **options) as writer:
+        for tick in ticks:
+            writer.write(tick)
+        writer.finish("completed")
+    with Reader(path) as reader:
+        assert [len(batch) for batch in reader.batches()] == [2, 2, 2, 2]
+    assert all_of(path) == [message for tick in ticks for message in tick]
+
+
+def test_after_its_end_nothing_is_written(path):
+    with new(path) as writer:
+        writer.finish("completed")
+        for act in (
+            lambda: writer.put([]),
+            lambda: writer.write([(5, "a", 1, b"")]),
+            lambda: writer.finish("completed"),
+        ):
+            with pytest.raises(UnwritableError, match="is closed"):
+                act()
+    assert all_of(path) == []
+
+
+def test_a_file_that_cannot_be_is_said_so(tmp_path):
+    with pytest.raises(UncreatableError, match="cannot be created"):
+        new(tmp_path / "none" / "a.mcap")
+
+
+@pytest.mark.parametrize(
+    ("status", "extra"),
+    [("perfect", {}), ("completed", {"digest": "0"}), ("failed", {"ticks": ""})],
+)
+def test_an_end_that_there_is_not_is_refused_and_the_recording_goes_on(path, status, extra):
+    with new(path) as writer:
+        with pytest.raises(ValueError, match="status"):
+            writer.finish(status, "", extra)
+        writer.write([(5, "a", 1, b"")])
+        writer.finish("completed", "", {"more": "1"})
+    assert len(all_of(path)) == 1
