@@ -1,12 +1,14 @@
 """A table of numbers that others made, by column: CSV with a header, or Parquet."""
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bus.errors import InputError
+from bus.numerals import decimal
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -33,9 +35,15 @@ def _csv(path: Path) -> Columns:
         lines = csv.reader(file)
         try:
             names = [name.strip() for name in next(lines, [])]
-            rows = [(lines.line_num, row) for row in lines if row]
+            cells = ((lines.line_num, row) for row in lines)
+            rows = [(line, row) for line, row in cells if row and (len(row) > 1 or row[0].strip())]
         except csv.Error as error:
             raise InputError(f"{path}, line {lines.line_num}: {error}") from None
+    if len(names) == 1 and re.search("[;\t]", names[0]):
+        raise InputError(
+            f"{path}: expected columns separated by commas in its first line, and a point in "
+            f"numbers, got {names[0]!r}"
+        )
     if len(set(names)) < len(names):
         raise InputError(f"{path}: expected columns of different names, got {', '.join(names)}")
     found = np.empty((len(rows), len(names)))
@@ -47,7 +55,7 @@ def _csv(path: Path) -> Columns:
             )
         for j, value in enumerate(row):
             try:
-                found[i, j] = float(value)
+                found[i, j] = decimal(value)
             except ValueError:
                 raise InputError(
                     f"{path}, line {line}: {names[j]}: expected a number, got {value!r}"

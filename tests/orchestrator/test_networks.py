@@ -163,7 +163,9 @@ def test_a_ring_of_a_hundred_runs_to_its_end(tmp_path):
 
 def test_a_file_of_edges_travels_in_the_text(tmp_path):
     lines = [f"{j},{i}" for j, i in PAPERS]
-    (tmp_path / "a.csv").write_text("\ufeffsource,sink\r\n" + "\r\n\r\n".join(lines), "utf-8")
+    (tmp_path / "a.csv").write_text(
+        "\ufeffsource,sink\r\n" + "\r\n\r\n \t \r\n".join(lines), "utf-8"
+    )
     path = tmp_path / "net.toml"
     for network in ("[network]\nedges = 'a.csv'  # who\n", "network = { edges = 'a.csv' }\n"):
         head = "" if network.startswith("[") else network
@@ -205,19 +207,13 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         read_scenario(path)
 
 
-def test_without_networkx_graphml_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "networkx", None)
-    (tmp_path / "net.graphml").write_text("", "utf-8")
-    path = tmp_path / "net.toml"
-    path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
-    with pytest.raises(ScenarioError, match=r"pip install '\.\[graphs\]' in nrs-cosim's sources"):
-        read_scenario(path)
-
-
 @pytest.mark.parametrize(
     ("lines", "told"),
     [
-        ("", "expected the columns source,sink or source,sink,weight in its first line, got ''"),
+        (
+            "",
+            "expected the columns source,sink or source,sink,weight in its first line, separated",
+        ),
         ("0,1", "got '0,1'"),
         ("source,sink", "has no edge"),
         ("source,sink\n0,1\n1", "line 3: expected 2 values, got '1'"),
@@ -225,7 +221,18 @@ def test_without_networkx_graphml_says_what_to_install(tmp_path, monkeypatch):
         ("source,sink\n0,1\n1,0", "line 3: sink: expected the number of a robot, got '0'"),
         ("source,sink,weight\n0,1,0", "line 2: weight: expected a number above 0, got '0'"),
         ("source,sink,weight\n0,1,nan", "line 2: weight: expected a number above 0, got 'nan'"),
-        ("source,sink\n0,1\n1,2\n1,2", r"edge_list[2]: the edge from 1 to 2 has been given before"),
+        ("source;sink\n0;1", "in its first line, separated by commas, got 'source;sink'"),
+        ("source,sink\n0,1\n1,1", "line 3: expected another source, robot 1 cannot hear itself"),
+        ("source,sink\n0,1\n,", "line 3: source: expected 0, the target, or the number of a rob"),
+        ("source,sink\n0,1_0", "line 2: sink: expected the number of a robot, got '1_0'"),
+        ("source,sink\n0,١", "line 2: sink: expected the number of a robot, got '١'"),
+        ("source,sink,weight\n0,1,1_0", "line 2: weight: expected a number above 0, got '1_0'"),
+        ("source,sink,weight\n0,1,١", "line 2: weight: expected a number above 0, got '١'"),
+        ("source,sink,weight\n0,1,infinity", "weight: expected a number above 0, got 'infinity'"),
+        (
+            "source,sink\n0,1\n1,2\n1,2",
+            "line 4: the edge from 1 to 2 has been given before, in line 3",
+        ),
     ],
 )
 def test_a_wrong_table_of_edges_names_the_line(tmp_path, lines, told):

@@ -96,6 +96,13 @@ def test_parquet_is_read_as_csv_is(tmp_path):
     assert read(tmp_path, name="track.parquet").scenario == other.scenario
 
 
+def test_lines_of_blanks_are_no_samples(tmp_path):
+    expected = read(tmp_path, columns=table()).scenario
+    (tmp_path / "track.csv").write_text(csv_of(table()).replace("\n", "\n  \t\n\n"), "utf-8")
+    text = (tmp_path / "sampled.toml").read_text("utf-8")
+    assert read(tmp_path, text).scenario == expected
+
+
 def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ScenarioError, match=r"target.file: .*pyarrow is missing; pip install"):
@@ -115,7 +122,23 @@ BAD_FILES = {
     "many velocities": ("t,position_1,velocity_1,velocity_2\n0,1,2,3\n", "got 2"),
     "text": ("t,position_1\n0,1\n1,x\n", "line 3: position_1: expected a number, got 'x'"),
     "short row": ("t,position_1\n0,1\n1\n", "line 3: expected 2 values, as in the header, got 1"),
-    "infinite": ("t,position_1\n0,1\n1,inf\n", "position_1 of sample 1: expected a finite number"),
+    "semicolons": ("t;position_1\n0;1,5\n", "separated by commas in its first line, and a point"),
+    "underscore": (
+        "t,position_1\n0,1_0\n1,1\n",
+        "line 2: position_1: expected a number, got '1_0'",
+    ),
+    "another script": (
+        "t,position_1\n0,١\n1,1\n",
+        "line 2: position_1: expected a number, got '١'",
+    ),
+    "a word": (
+        "t,position_1\n0,1\n1,infinity\n",
+        "line 3: position_1: expected a number, got 'inf",
+    ),
+    "infinite": (
+        "t,position_1\n0,1\n1,1e999\n",
+        "position_1 of sample 1: expected a finite number",
+    ),
     "twice": ("t,t,position_1\n0,0,1\n", "expected columns of different names"),
     "no text": (b"\xff\xfe", "it is no text in UTF-8"),
     "wrong velocity": (
