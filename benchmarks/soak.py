@@ -103,14 +103,22 @@ def over_tcp(file: ScenarioFile, path: Path) -> Row:
 
     def start(name: str) -> None:
         robots = f"{homes[name][0]}-{homes[name][-1]}"
-        command = [sys.executable, "-m", "orchestrator", "host", "--connect", endpoint]
+        command = [
+            sys.executable,
+            "-m",
+            "orchestrator",
+            "host",
+            "--connect",
+            endpoint,
+            "--insecure-tcp",
+        ]
         command += ["--name", name, "--robots", robots]
         started.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
 
     for name in homes:
         start(name)
     try:
-        man = elsewhere(file, Endpoints(listen=(endpoint,)), homes, HANDLING)
+        man = elsewhere(file, Endpoints(listen=(endpoint,), insecure_tcp=True), homes, HANDLING)
         row = _spread("loopback TCP", file, path, man, start)
         for process in started:
             process.wait(10.0)

@@ -254,7 +254,8 @@ class Recorder:
         if not same:
             raise BusError(
                 f"tick {k}: host {host} said it twice, and not the same: its FMUs do not go the "
-                "same way again from the same state"
+                "same way again from the same state, or another party that has the run's secret "
+                "put a message in its name"
             )
 
 

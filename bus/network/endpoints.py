@@ -1,19 +1,19 @@
-"""A session is reached by loopback or a Unix socket, by mutual TLS, or by plain TCP asked for.
+"""A session is reached by a Unix socket, by mutual TLS, or by plain TCP that was asked for.
 
     no endpoint             no socket: mode peer, nobody listens, nobody scouts
     listen                  mode router: the hosts meet here
     connect                 mode client: goes on trying for `wait`, and again after a lost link
 
-Scouting, gossip and shared memory are off. A full queue blocks its sender; when nothing leaves it
-for twice as long as a link may be silent, the link is lost. An endpoint is `protocol/address`
-alone: Zenoh's own `?` and `#` suffixes could switch off what is decided here. Certificates
-are verified whenever a link opens, names included; a link that is open is not closed because a date
-has passed.
+Plain TCP has to be asked for on loopback too: every user of the machine may connect there, while
+a Unix socket is its owner's. Scouting, gossip and shared memory are off. A full queue blocks its
+sender; when nothing leaves it for twice as long as a link may be silent, the link is lost. An
+endpoint is `protocol/address` alone: Zenoh's own `?` and `#` suffixes could switch off what is
+decided here. Certificates are verified whenever a link opens, names included; a link that is open
+is not closed because a date has passed.
 """
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -100,14 +100,6 @@ class Address:
             raise InputError(f"{option}: expected a port from 1 to 65535, got {port!r} in {text!r}")
         return cls(protocol, host.strip("[]"), int(port), text)
 
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this machine can be at the other end."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.protocol == "unixsock-stream" or self.host.lower() == "localhost"
-
 
 def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
     """Return what Zenoh's configuration has at each path, as values for JSON."""
@@ -165,10 +157,11 @@ def _expect_allowed(option: str, address: Address, endpoints: Endpoints) -> None
             f"{option}: {address.text!r} needs certificates; give --tls-ca, --tls-certificate and "
             "--tls-key, or bus.tls in the scenario"
         )
-    if address.protocol == "tcp" and not (address.is_loopback or endpoints.insecure_tcp):
+    if address.protocol == "tcp" and not endpoints.insecure_tcp:
         raise InputError(
-            f"{option}: {address.text!r} is plain TCP beyond this machine, where anyone may listen "
-            "and speak; use tls/…, or ask for it with --insecure-tcp"
+            f"{option}: {address.text!r} is plain TCP, where anyone who reaches it may listen and "
+            "speak, on this machine every user; use tls/… or unixsock-stream/…, or ask for it with "
+            "--insecure-tcp"
         )
 
 

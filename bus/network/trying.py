@@ -19,9 +19,9 @@ def try_loopback() -> None:
         port = free.getsockname()[1]
     endpoint = (f"tcp/127.0.0.1:{port}",)
     heard: queue.Queue[bytes] = queue.Queue()
-    with open_session(Endpoints(listen=endpoint)) as hub:
+    with open_session(Endpoints(listen=endpoint, insecure_tcp=True)) as hub:
         hub.declare_subscriber(_KEY, lambda sample: heard.put(sample.payload.to_bytes()))
-        with open_session(Endpoints(connect=endpoint)) as client:
+        with open_session(Endpoints(connect=endpoint, insecure_tcp=True)) as client:
             client.put(_KEY, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
             try:
                 heard.get(timeout=_PATIENCE)

@@ -42,7 +42,7 @@ InsecureTcp = Annotated[
     typer.Option(
         "--insecure-tcp",
         rich_help_panel=_PANEL,
-        help="Allow plain TCP beyond this machine, where anyone may listen and speak.",
+        help="Allow plain TCP, where anyone who reaches it may listen and speak.",
     ),
 ]
 TlsCa = Annotated[

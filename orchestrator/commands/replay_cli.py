@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from bus.errors import InputError
-from orchestrator.commands.options import Connect, Listen, Output, RecordingPath
+from orchestrator.commands.options import Connect, InsecureTcp, Listen, Output, RecordingPath
 from orchestrator.terminal import AsJson, out, print_json, say
 
 FAILED = 1
@@ -35,6 +35,7 @@ def replay(
     until: Annotated[float | None, typer.Option("--to", metavar="T", help="s, excluded")] = None,
     listen: Listen = None,
     connect: Connect = None,
+    insecure_tcp: InsecureTcp = False,
     wait: Annotated[
         float, typer.Option(metavar="SECONDS", help="How long to wait for somebody who listens.")
     ] = 60.0,
@@ -68,6 +69,7 @@ def replay(
             endpoints = Endpoints(
                 listen=tuple(listen or (() if connect else (LISTENER,))),
                 connect=tuple(connect or ()),
+                insecure_tcp=insecure_tcp,
             )
             pace = None if unpaced else speed or 1.0
             replaying.put_back(reader, endpoints, pace, (since, until), wait)

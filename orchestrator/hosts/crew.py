@@ -13,6 +13,7 @@ from secrets import token_bytes
 from time import monotonic
 from typing import Any
 
+from bus.encryption import encrypt
 from bus.errors import BusError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -261,28 +262,44 @@ class Crew:
         try:
             expect_host_name(name, "--name")
             hello: Hello = Hello.read(question.payload)
+            home = self._homes.get(name)
+            if home and home.incarnation == hello.incarnation:
+                self._repeat(home, question)
+                return
             home = self._homes.place(name, hello)
         except (BusError, InputError, NotLetInError) as error:
             final = not isinstance(error, NotLetInError) or error.final
             question.answer(Refusal(reason=str(error), final=final).written())
             return
-        if home.incarnation != hello.incarnation:
-            home.admit(hello.incarnation)
-            if not home.process:
-                missing = self._homes.missing()
-                self._terms.show(f"{name} has joined with {named(home.robots)}{missing}")
+        home.admit(hello.incarnation)
+        if not home.process:
+            missing = self._homes.missing()
+            self._terms.show(f"{name} has joined with {named(home.robots)}{missing}")
         file = self._file
-        question.answer(
-            Welcome(
-                run=self._bus.run_id,
-                secret=self._secret,
-                name=file.name,
-                scenario=file.text,
-                folder=str(file.folder.absolute()) if home.process else None,
-                fmus={fmu: about.sha256 for fmu, about in self._fmus.items()},
-                robots=tuple(home.robots),
-            ).written()
+        welcome = Welcome(
+            run=self._bus.run_id,
+            secret=self._secret,
+            name=file.name,
+            scenario=file.text,
+            folder=str(file.folder.absolute()) if home.process else None,
+            fmus={fmu: about.sha256 for fmu, about in self._fmus.items()},
+            robots=tuple(home.robots),
         )
+        where = f"{self._bus.run_id}/{question.key}"
+        home.hello = question.payload
+        home.welcome = encrypt(hello.public, where, welcome.written())
+        question.answer(home.welcome)
+
+    def _repeat(self, home: Home, question: Question) -> None:
+        """Answer a host that asks again, as one does whose answer was lost, with the same bytes.
+
+        An incarnation is public: one that asks in other words is a stranger, and is not answered;
+        nor is anyone once the host is ready.
+        """
+        if question.payload == home.hello and not (home.begin or home.is_ready):
+            question.answer(home.welcome)
+        else:
+            self.refused[JOIN] += 1
 
     def _start(self, name: str, question: Question) -> None:
         home, data = self._homes.get(name), self._seal.opened(question.key, question.payload)

@@ -31,6 +31,10 @@ class Home:
     """For a host of this name, also when it does not come."""
     incarnation: str | None = None
     """The id of the session of the host that is let in; None while there is none."""
+    hello: bytes = b""
+    """What that host said to be let in, and says again where the answer was lost."""
+    welcome: bytes = b""
+    """The answer, which that host alone can read."""
     since: float = field(default_factory=monotonic)
     """When that changed."""
     present: bool = False
@@ -59,6 +63,7 @@ class Home:
     def admit(self, incarnation: str | None) -> None:
         """Have another host from now on, which is not here yet; None for none."""
         self.incarnation, self.since, self.present = incarnation, monotonic(), False
+        self.hello = self.welcome = b""
         self.begin, self.is_ready, self.is_away, self.knows = None, False, False, False
 
 
@@ -107,7 +112,7 @@ class Homes(dict[str, Home]):
         if home is None:
             home = self._new(hello)
             self[name] = home
-        elif home.incarnation not in {None, hello.incarnation} and not home.process:
+        elif home.incarnation is not None and not home.process:
             raise NotLetInError(f"there is a host of the name {name!r} already", final=False)
         elif hello.robots is not None and tuple(home.robots) != hello.robots:
             raise NotLetInError(

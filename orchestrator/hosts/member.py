@@ -14,6 +14,7 @@ from pathlib import Path
 from threading import Thread
 from time import monotonic
 
+from bus.encryption import KeyPair
 from bus.errors import BusError, CosimError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -108,7 +109,10 @@ def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
     """Look for a run, and ask to be let in until it does."""
     inbox = bus.listen()
     robots = None if member.robots is None else tuple(member.robots)
-    hello = Hello(version=version("nrs-cosim"), incarnation=bus.id, robots=robots).written()
+    own = KeyPair()
+    hello = Hello(
+        version=version("nrs-cosim"), incarnation=bus.id, robots=robots, public=own.public
+    ).written()
     present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, member.name)
     until = monotonic() + member.wait
     last = "no run was found that waits for hosts"
@@ -130,7 +134,7 @@ def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
                     bus.run_id = run
                     bus.ask(join, hello, inbox)
             elif isinstance(item, Answer) and item.payload:
-                note = _welcome_or_refusal(item.payload)
+                note = _welcome_or_refusal(own, f"{bus.run_id}/{join}", item.payload)
                 if isinstance(note, Welcome) and note.run == bus.run_id:
                     return note
                 if isinstance(note, Refusal):
@@ -156,10 +160,10 @@ def _the_one(runs: Collection[str], begin: str) -> str | None:
     return meant[0] if meant else None
 
 
-def _welcome_or_refusal(data: bytes) -> Welcome | Refusal | None:
-    for kind in (Welcome, Refusal):
-        with suppress(BusError):
-            return kind.read(data)
+def _welcome_or_refusal(own: KeyPair, where: str, data: bytes) -> Welcome | Refusal | None:
+    welcome = own.decrypt(where, data)
+    with suppress(BusError):
+        return Refusal.read(data) if welcome is None else Welcome.read(welcome)
     return None
 
 

@@ -2,16 +2,19 @@
 
 A host asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`) and
 is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`). All but the
-first two steps are under the run's seal. Those cannot be: where anyone may speak, on plain TCP, a
-stranger may be let in while robots are free, and may lure a host into a run of its own.
+first two steps are under the run's seal. Those cannot be; but a `Welcome`, which holds the run's
+secret, is encrypted to a key of which the `Hello` has the public half alone: whoever repeats a
+`Hello` gets nothing that it can read. Where anyone may speak, on plain TCP, a stranger may be let
+in while robots are free, and may lure a host into a run of its own.
 """
 
 from collections.abc import Sequence
 from struct import Struct
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from bus.encryption import expect_public_key
 from bus.errors import BusError
 from bus.parts import joined, parted
 
@@ -52,6 +55,8 @@ class Hello(Note):
     """Which of the hosts of this name it is: the id of its session."""
     robots: tuple[int, ...] | None
     """The ones that it wants; None for any home that is free."""
+    public: Annotated[bytes, AfterValidator(expect_public_key)]
+    """The key that its `Welcome` is encrypted to; nobody else has the private one."""
 
 
 class Welcome(Note):

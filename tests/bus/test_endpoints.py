@@ -39,8 +39,8 @@ def opened(*endpoints):
 
 
 def pair(address, listening=None, connecting=None, **more):
-    listen = Endpoints(listen=(address,), tls=listening, **more)
-    return listen, Endpoints(connect=(address,), tls=connecting, wait=SOON)
+    listen = Endpoints(listen=(address,), tls=listening, insecure_tcp=True, **more)
+    return listen, Endpoints(connect=(address,), tls=connecting, wait=SOON, insecure_tcp=True)
 
 
 def heard(session, pattern):
@@ -70,7 +70,7 @@ def expect_conversation(hub, client):
 
 class TestReached:
     @pytest.mark.parametrize("place", ["tcp/127.0.0.1", "tcp/localhost", "tcp/[::1]", "unixsock"])
-    def test_this_machine_needs_no_certificate(self, place, tmp_path):
+    def test_plain_tcp_that_was_asked_for_and_sockets_need_no_certificate(self, place, tmp_path):
         if place == "tcp/[::1]":
             try:
                 socket.create_server(("::1", 0), family=socket.AF_INET6).close()
@@ -161,7 +161,7 @@ class TestRefused:
     def test_tls_is_not_spoken_there(self, tls):
         port = free_port()
         with (
-            opened(Endpoints(listen=(f"tcp/127.0.0.1:{port}",))),
+            opened(Endpoints(listen=(f"tcp/127.0.0.1:{port}",), insecure_tcp=True)),
             pytest.raises(BusError, match="no TLS is spoken with it"),
         ):
             open_session(
@@ -172,7 +172,7 @@ class TestRefused:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             address = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
             with pytest.raises(InputError, match=f"--listen: {address}: .*in use"):
-                open_session(Endpoints(listen=(address,))).close()
+                open_session(Endpoints(listen=(address,), insecure_tcp=True)).close()
 
 
 class TestAccess:
@@ -289,8 +289,14 @@ class TestInput:
             Endpoints(**{option: (endpoint,)})
         assert repr(endpoint) in str(refused.value)
 
-    @pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "192.0.2.1", "lab.example", "127.1"])
-    def test_plain_tcp_beyond_this_machine_is_asked_for_by_name(self, host):
+    @pytest.mark.parametrize(
+        "host",
+        [
+            *("0.0.0.0", "[::]", "192.0.2.1", "lab.example", "127.1"),
+            *("127.0.0.1", "localhost", "[::1]"),
+        ],
+    )
+    def test_plain_tcp_is_asked_for_by_name_on_loopback_too(self, host):
         endpoint = f"tcp/{host}:7447"
         for option in ("listen", "connect"):
             with pytest.raises(InputError, match=rf"--{option}: .*--insecure-tcp"):
@@ -350,6 +356,9 @@ class TestSettings:
     def test_silence_ends_a_network_link_and_not_a_local_one(self, tmp_path):
         local, network = f"unixsock-stream/{tmp_path}/s", "tcp/127.0.0.1:1"
         assert Endpoints(listen=(local,)).seconds_of_silence == LOCAL_LEASE
-        assert Endpoints(listen=(network,)).seconds_of_silence == NETWORK_LEASE
-        assert Endpoints(listen=(local, network)).seconds_of_silence == NETWORK_LEASE
+        assert Endpoints(listen=(network,), insecure_tcp=True).seconds_of_silence == NETWORK_LEASE
+        assert (
+            Endpoints(listen=(local, network), insecure_tcp=True).seconds_of_silence
+            == NETWORK_LEASE
+        )
         assert Endpoints(listen=(local,), lease=2).seconds_of_silence == 2

@@ -103,7 +103,9 @@ class Host(Told):
         super().__init__()
         self._over = False
         member = Membership(name, robots, run, wait, False, True, self._show)
-        endpoints = Endpoints(connect=(endpoint,), tls=tls, wait=wait, **options)
+        endpoints = Endpoints(
+            connect=(endpoint,), **{"tls": tls, "wait": wait, "insecure_tcp": True} | options
+        )
 
         def whole() -> None:
             try:
@@ -164,7 +166,9 @@ class Run(Told):
 
         def whole():
             try:
-                ends = Endpoints(hosts=homes or {}, wait=wait, **endpoints)
+                ends = Endpoints(
+                    **{"hosts": homes or {}, "wait": wait, "insecure_tcp": True} | endpoints
+                )
                 handling = Handling(restart, wait, self.take, expected)
                 man = elsewhere(file, ends, homes or {}, handling)
                 return run(file, output, man, watch=watch)

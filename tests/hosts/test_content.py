@@ -27,7 +27,7 @@ def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
     file, meet = read_scenario(path), f"tcp/127.0.0.1:{free_port()}"
     digest = alone(file, tmp_path)
     elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
-    join = ("host", "--connect", meet, "--name", "other")
+    join = ("host", "--insecure-tcp", "--connect", meet, "--name", "other")
     with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
         wary = nrs(*join, environment=elsewhere)
         why = (
@@ -47,7 +47,9 @@ def test_a_bundled_model_is_built_there_to_the_same_bytes(nrs, tmp_path):
     file, meet = read_scenario(scenario(tmp_path, 20)), f"tcp/127.0.0.1:{free_port()}"
     with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
         elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
-        host = nrs("host", "--connect", meet, "--name", "other", environment=elsewhere)
+        host = nrs(
+            "host", "--insecure-tcp", "--connect", meet, "--name", "other", environment=elsewhere
+        )
         assert run.digest() == alone(file, tmp_path)
         assert host.end()[0] == 0
     (built,) = (tmp_path / "elsewhere").glob("*.fmu")

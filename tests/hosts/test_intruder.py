@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import zenoh
 
+from bus.encryption import encrypt
 from bus.errors import BusError, InputError, RunError
 from bus.network.endpoints import Endpoints
 from bus.network.sessions import open_session
 from bus.seal import Seal
 from bus.wire import Tick
-from orchestrator.hosts.notes import Go, Ready, Refusal, Report, Welcome
+from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
 from orchestrator.runs.robots import wire_of
 from orchestrator.scenario.file import read_scenario
 from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
@@ -53,7 +54,7 @@ class Intruder:
     """A Zenoh client of a stranger, beside another that tells when what it puts was passed on."""
 
     def __init__(self, meet, run, **options):
-        endpoints = Endpoints(connect=(meet,), **options)
+        endpoints = Endpoints(connect=(meet,), insecure_tcp=True, **options)
         self.prefix = f"nrs/{run}/"
         self.session, self._witness = open_session(endpoints), open_session(endpoints)
         self._put, self.overheard, self._came = 0, {}, Event()
@@ -217,7 +218,9 @@ def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
             for kind in ("start", "heard", "fmu"):
                 intruder.session.declare_queryable(f"nrs/*/{kind}/*", lie)
             stays = Host(listen[0], "left", HOMES["left"])
-            dies = nrs("host", "--connect", *listen, "--name", "right", "--robots", "4-6")
+            dies = nrs(
+                "host", "--insecure-tcp", "--connect", *listen, "--name", "right", "--robots", "4-6"
+            )
             run.until("paused")
             dies.kill()
             run.go_on.set()
@@ -299,14 +302,19 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
 
 
 def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
-    with open_session(Endpoints(listen=(f"tcp/{meet}",))) as session:
+    with open_session(Endpoints(listen=(f"tcp/{meet}",), insecure_tcp=True)) as session:
         run = "0" * 32
         token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
         answers = iter([*GARBAGE, Refusal(reason="because", final=True).written()])
 
+        encrypting = []
+
         def lie(query):
             for answer in answers:
                 query.reply(query.key_expr, answer)
+            for welcome in encrypting:
+                public = Hello.read(query.payload.to_bytes()).public
+                query.reply(query.key_expr, encrypt(public, f"{run}/join/left", welcome))
             query.drop()
 
         session.declare_queryable("nrs/*/join/*", lie)
@@ -321,7 +329,8 @@ def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
             fmus={},
             robots=(1,),
         ).written()
-        answers = iter([welcome])
+        answers = iter([])
+        encrypting.append(welcome)
         with pytest.raises(InputError, match="lure"):
             Host(f"tcp/{meet}", "left").end()
         token.undeclare()

@@ -43,7 +43,7 @@ ROUTER = (
 import sys
 from bus.network.endpoints import Endpoints
 from bus.network.sessions import open_session
-session = open_session(Endpoints(listen=(sys.argv[1],)))
+session = open_session(Endpoints(listen=(sys.argv[1],), insecure_tcp=True))
 print("open", flush=True)
 sys.stdin.readline()
 session.close()
@@ -59,11 +59,11 @@ def meet():
 
 def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
     file, digest = short
-    early = nrs("host", "--connect", meet, "--name", "early", "--robots", "1-2")
+    early = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "early", "--robots", "1-2")
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
         run.until("waits for hosts; missing: robots 1-6")
         run.until("early has joined with robots 1-2; missing: robots 3-6")
-        others = [nrs("host", "--connect", meet, "--name", name) for name in "bc"]
+        others = [nrs("host", "--insecure-tcp", "--connect", meet, "--name", name) for name in "bc"]
         assert "with robots 3-4" in run.until("missing: robots 5-6")
         assert run.until("has joined with robots 5-6").endswith("robots 5-6")
         assert run.digest() == digest
@@ -86,7 +86,15 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
         good = Host(meet, "good", (1, 2))
         run.until("good has joined")
-        older = nrs("host", "--connect", meet, "--name", "x", program=(sys.executable, "-c", OLDER))
+        older = nrs(
+            "host",
+            "--insecure-tcp",
+            "--connect",
+            meet,
+            "--name",
+            "x",
+            program=(sys.executable, "-c", OLDER),
+        )
         free = "--robots: robots 3-6 of 6 have no home yet, but"
         for host, kind, why in [
             (("a", (2, 3)), InputError, f"{free} this host asks for robots 2-3"),
@@ -115,12 +123,13 @@ BEYOND = [
 
 
 @pytest.mark.parametrize("command", BEYOND, ids=" ".join)
-def test_plain_tcp_beyond_this_machine_is_to_be_asked_for(command, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["nrs", *command, "tcp/10.77.0.9:7447"])
+@pytest.mark.parametrize("address", ["10.77.0.9", "127.0.0.1", "localhost", "[::1]"])
+def test_plain_tcp_is_to_be_asked_for_on_loopback_too(command, address, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["nrs", *command, f"tcp/{address}:7447"])
     with pytest.raises(SystemExit, match="2"):
         main()
     told = " ".join(capsys.readouterr().err.split())
-    assert f"{command[-1]}: 'tcp/10.77.0.9:7447' is plain TCP beyond this machine" in told
+    assert f"{command[-1]}: 'tcp/{address}:7447' is plain TCP, where anyone who reaches it" in told
     assert "--insecure-tcp" in told
 
 
@@ -148,7 +157,9 @@ def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_p
     file, digest = long
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
         stays = Host(meet, "stays", (1, 2, 4))
-        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "3,5-6")
+        dies = nrs(
+            "host", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "3,5-6"
+        )
         run.until("paused at tick 100")
         dies.kill()
         run.go_on.set()
@@ -156,7 +167,7 @@ def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_p
         assert "; waiting for it to come back; missing: host dies" in gone
         with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
             Host(meet, "other", wait=1).end()
-        again = nrs("host", "--connect", meet, "--name", "dies")
+        again = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "dies")
         run.until("dies has joined with robots 3, 5-6")
         assert run.digest() == digest
     stays.end()
@@ -188,7 +199,7 @@ def test_a_host_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
 def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
     with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
         stays = Host(meet, "stays", (1, 2, 3, 4))
-        dies = nrs("host", "--connect", meet, "--name", "dies", "--robots", "5-6")
+        dies = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "5-6")
         run.until("paused")
         dies.kill()
         run.go_on.set()
@@ -200,7 +211,9 @@ def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_p
 
 def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
     path = scenario(tmp_path, SHORT)
-    run = nrs("run", path, "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap")
+    run = nrs(
+        "run", path, "--insecure-tcp", "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap"
+    )
     host = Host(meet, "some", (2, 3, 4, 5), wait=3)
     status, printed = run.end()
     assert status == 1
@@ -218,14 +231,14 @@ def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
     told = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
     run = nrs(json.dumps({**told, "listen": [meet], "pauses": [100]}), program=PROCESS)
     hosts = [
-        nrs("host", "--connect", meet, "--name", name, "--robots", robots)
+        nrs("host", "--insecure-tcp", "--connect", meet, "--name", name, "--robots", robots)
         for name, robots in (("left", "1-3"), ("right", "4-6"))
     ]
     run.until("paused at tick 100")
     run.kill()
     for host in hosts:
         host.until("the orchestrator is gone; looking for it again")
-    resumed = nrs("resume", cut, "--listen", meet, "-o", whole)
+    resumed = nrs("resume", cut, "--insecure-tcp", "--listen", meet, "-o", whole)
     assert resumed.end()[0] == 0
     assert [host.end()[0] for host in hosts] == [0, 0]
     assert digest_of(whole) == digest
@@ -245,12 +258,12 @@ hosts = { left = "1,3-5", right = "2,6" }
 """
     path.write_text(path.read_text("utf-8") + table, "utf-8")
     whole = tmp_path / "run.mcap"
-    run = nrs("run", path, "--listen", meet, "-o", whole)
+    run = nrs("run", path, "--insecure-tcp", "--listen", meet, "-o", whole)
     hosts = []
     for name in ("left", "right"):
         tls = authority.issue(name)
         options = ("--tls-ca", tls.ca, "--tls-certificate", tls.certificate, "--tls-key", tls.key)
-        hosts.append(nrs("host", "--connect", meet, *options))
+        hosts.append(nrs("host", "--insecure-tcp", "--connect", meet, *options))
     assert [each.end()[0] for each in (run, *hosts)] == [0, 0, 0]
     assert "joined paper with robots 1, 3-5" in hosts[0].lines[0]
     assert digest_of(whole) == digest

@@ -231,7 +231,7 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
             outcome.append(
                 publish(
                     reader,
-                    Endpoints(listen=(endpoint,)),
+                    Endpoints(listen=(endpoint,), insecure_tcp=True),
                     speed=1e9,
                     start_ns=200_000_000,
                     end_ns=800_000_000,
@@ -242,7 +242,9 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
 
         thread = threading.Thread(target=put)
         thread.start()
-        ear = ZenohBus(reader.digest[:16], Endpoints(connect=(endpoint,), wait=60.0))
+        ear = ZenohBus(
+            reader.digest[:16], Endpoints(connect=(endpoint,), wait=60.0, insecure_tcp=True)
+        )
         inbox = ear.listen("**")
         heard = []
         wanted = [(m[1], m[3]) for m in expected if 200_000_000 <= m[0] < 800_000_000]

@@ -1,0 +1,150 @@
+"""A run's secret is told to the host that asked to join, and to nobody who repeats its words."""
+
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+import zenoh
+
+from bus.encryption import KeyPair
+from bus.seal import Seal
+from orchestrator.hosts import crew
+from orchestrator.hosts.notes import Hello, Refusal, Welcome
+from orchestrator.runs.robots import wire_of
+from orchestrator.scenario.file import read_scenario
+from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
+from tests.hosts.test_intruder import HOMES, Intruder
+from tests.network.ports import free_port
+
+PAUSE, TICKS = 20, 40
+
+
+@pytest.fixture(scope="module")
+def run_alone(tmp_path_factory):
+    """Return a scenario and its digest in one process."""
+    folder = tmp_path_factory.mktemp("alone")
+    file = read_scenario(scenario(folder, TICKS))
+    return file, alone(file, folder)
+
+
+@pytest.fixture
+def meet():
+    """Return an endpoint on loopback that nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def hello(public, incarnation="its-session", robots=HOMES["left"]):
+    """Return what a host says to be let in."""
+    told = {"version": version("nrs-cosim"), "incarnation": incarnation, "robots": robots}
+    return Hello(**told, public=public).written()
+
+
+def ask(intruder, key, payload):
+    """Ask, and return where all answers come."""
+    return intruder.session.get(intruder.prefix + key, payload=payload, timeout=PATIENCE)
+
+
+def answers(replies):
+    """Return all answers; a question that is not answered ends with the run."""
+    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
+
+
+def asked(intruder, key, payload):
+    """Ask what is answered, and return all answers."""
+    return answers(ask(intruder, key, payload))
+
+
+def test_a_thief_that_repeats_a_hosts_words_gets_nothing_and_is_counted(run_alone, meet, tmp_path):
+    file, digest = run_alone
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(meet, id_) as intruder:
+            said = {}
+
+            def overhear(query):
+                said[str(query.key_expr).rpartition("/")[2]] = query.payload.to_bytes()
+                query.drop()
+
+            intruder.session.declare_queryable("nrs/*/join/*", overhear)
+            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            run.until("paused")
+            assert said.keys() == HOMES.keys()
+            own, replies = KeyPair(), []
+            for name, words in said.items():
+                theirs = Hello.read(words)
+                altered = theirs.model_copy(update={"public": own.public}).written()
+                anew = theirs.model_copy(update={"robots": None}).written()
+                key = f"join/{name}"
+                replies += [ask(intruder, key, payload) for payload in (words, altered, anew)]
+            intruder.count()
+            run.go_on.set()
+            assert run.digest() == digest
+            assert [answers(each) for each in replies] == [[]] * len(replies)
+            for host in hosts:
+                host.end()
+    assert run.outcome().refused == {"join": 3 * len(HOMES), "key": 1}  # and what was counted by
+
+
+def test_a_welcome_is_repeated_to_its_host_and_read_by_it_alone(run_alone, meet, tmp_path):
+    file, digest = run_alone
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(meet, id_) as one, Intruder(meet, id_) as thief:
+            own, other, where = KeyPair(), KeyPair(), f"{id_}/join/left"
+            words = hello(own.public)
+            (answer,) = asked(one, "join/left", words)
+            welcome = Welcome.read(own.decrypt(where, answer))
+            assert (welcome.run, welcome.robots) == (id_, HOMES["left"])
+            assert asked(one, "join/left", words) == [answer]
+            assert asked(thief, "join/left", words) == [answer]
+            for hidden in (welcome.secret, welcome.secret.hex().encode(), b"paper", b"sampling"):
+                assert hidden not in answer
+            assert other.decrypt(where, answer) is None
+            stolen = ask(thief, "join/left", hello(other.public))
+            (refusal,) = asked(thief, "join/left", hello(other.public, "another-session"))
+            assert "there is a host of the name" in Refusal.read(refusal).reason
+            known = words.replace(own.public.hex().encode(), b"%0512x" % 1)
+            (refusal,) = asked(thief, "join/right", known)
+            assert "no public key" in Refusal.read(refusal).reason
+
+            def replay(query):
+                query.reply(query.key_expr, answer)
+                query.drop()
+
+            thief.session.declare_queryable("nrs/*/join/*", replay)
+            alive = f"nrs/{id_}/alive/left/its-session"
+            seen = one.session.liveliness().declare_subscriber(alive, zenoh.handlers.FifoChannel(9))
+            token = one.session.liveliness().declare_token(alive)
+            assert seen.recv().kind == zenoh.SampleKind.PUT
+            token.undeclare()
+            run.until("left (robots 1-3) is gone")
+            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            assert run.digest() == digest
+            assert answers(stolen) == []
+            for host in hosts:
+                host.end()
+    assert run.outcome().refused == {"join": 1}
+
+
+def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
+    run_alone, meet, tmp_path, monkeypatch
+):
+    file, _ = run_alone
+    monkeypatch.setattr(crew, "token_bytes", lambda size: b"s" * size)
+    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
+        id_ = run.until("waits for hosts").split()[1]
+        with Intruder(meet, id_) as forger:
+            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            run.until("paused")
+            wire = wire_of(file.scenario, HOMES, Seal(b"s" * 32))
+            samples, k = wire.samples.blank(np.array(HOMES["left"])), PAUSE + 5
+            samples["k"], samples["time_ns"] = k, wire.times.t(k)
+            forger.put("samples/left", wire.pack_samples("left", k, samples))
+            forger.count()
+            run.go_on.set()
+            outcome = run.outcome()
+            for host in hosts:
+                host.end()
+    assert outcome.status == "failed"
+    assert f"tick {k}: host left said it twice, and not the same" in outcome.reason
+    assert "another party that has the run's secret put a message in its name" in outcome.reason
