@@ -1,6 +1,7 @@
 """The terminal that all commands write to: results on its output, all else on its error."""
 
 import json
+import logging
 import os
 import sys
 from typing import Annotated, Any
@@ -28,6 +29,14 @@ err = Terminal(soft_wrap=True, highlight=False, emoji=False, stderr=True)
 def say(colour: str, kind: str, text: str) -> None:
     """Tell the user of an error, a warning or damage."""
     err.print(f"[{colour}]{kind}:[/] {escape(text)}")
+
+
+class Warnings(logging.Handler):
+    """Tells the user what is logged, as a warning."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell one."""
+        say("yellow", "warning", record.getMessage())
 
 
 def print_json(value: Any) -> None:

@@ -7,6 +7,7 @@ The modules `cli` and `*_cli` declare commands and their options; what one does 
 called, for a user waits for all that is loaded.
 """
 
+import logging
 from contextlib import ExitStack
 from dataclasses import asdict
 from math import isfinite
@@ -28,7 +29,7 @@ from orchestrator.commands.options import (
     TlsKey,
 )
 from orchestrator.commands.report_cli import report
-from orchestrator.terminal import AsJson, out, print_json, say
+from orchestrator.terminal import AsJson, Warnings, out, print_json, say
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -259,6 +260,7 @@ def schema() -> None:
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    logging.getLogger("nrs").handlers = [Warnings(logging.WARNING)]
     try:
         app()
     except OSError as error:

@@ -18,6 +18,7 @@ from orchestrator.runs.lockstep import Hosts, Manning
 from orchestrator.runs.plants import group_by_archive
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.file import ScenarioFile
+from plant_fmu.fmi.native.rounds import load_native
 from plant_fmu.folders import own_folder
 
 _ROBOTS_A_HOST = 50
@@ -42,6 +43,7 @@ def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
     """The robots in several processes of this machine, which meet at a socket of the user's own."""
 
     def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
+        load_native()  # compiled once, before every host looks for it
         folder = stack.enter_context(own_folder())
         endpoint = f"unixsock-stream/{folder}/bus"
         start = partial(LocalHost, endpoint=endpoint, folder=folder)

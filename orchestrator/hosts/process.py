@@ -3,6 +3,7 @@
 It imports little, so that it is soon there, and it ends with the orchestrator.
 """
 
+import logging
 from argparse import ArgumentParser
 
 import numpy as np
@@ -23,6 +24,7 @@ def main() -> None:
         parser.add_argument(f"--{name}", required=True, type=kind)
     told = parser.parse_args()
     follow(told.parent)
+    logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(told.robots, "--robots")
     member = Membership(told.name, robots, None, told.wait, False, False, lambda _text: None)

@@ -9,18 +9,18 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from difflib import get_close_matches
 from glob import escape
+from io import BytesIO
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryDirectory
+from tempfile import TemporaryDirectory
 from uuid import NAMESPACE_OID, uuid5
-from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import fmpy
 
+from plant_fmu import cache
 from plant_fmu.bundled.c_source import c_header, c_tables
 from plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
 from plant_fmu.bundled.model_description import build_description, model_description
@@ -38,8 +38,8 @@ _PLATFORM_HEADER = {2: "fmi2TypesPlatform.h", 3: "fmi3PlatformTypes.h"}
 def build(name: str, fmi: int = 3) -> Path:
     """The FMU of the bundled model `name` for FMI 2 or 3, compiled unless it is in the cache.
 
-    The cache is $NRS_CACHE, or `nrs-cosim` in the user's cache folder. `FmuError` says
-    which models there are, which compiler is missing, or what it complained of.
+    The cache is `plant_fmu.cache`'s. `FmuError` says which models there are, which compiler is
+    missing, or what it complained of.
     """
     if name not in bundled_models():
         raise FmuError(_unknown(name))
@@ -56,13 +56,12 @@ def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
     files = _files(model, equations, fmi)
-    path = cache_folder() / f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
-    if not is_zipfile(path):
-        sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
-        archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
-        with replacing(path) as part:
-            _zip(part, archive)
-    return path
+    kept = f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
+    if path := cache.stored(kept):
+        return path
+    sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
+    archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
+    return cache.keep(kept, _zipped(archive))
 
 
 def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
@@ -72,12 +71,8 @@ def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
     """
     files = {file: text for fmi in _PLATFORM_HEADER for file, text in _headers(fmi).items()}
     files |= sources
-    path = cache_folder() / f"{name}-{_key(files)}{fmpy.sharedLibraryExtension}"
-    if not path.is_file():
-        library = _compile(name, files)
-        with replacing(path) as part:
-            part.write_bytes(library)
-    return path
+    kept = f"{name}-{_key(files)}{fmpy.sharedLibraryExtension}"
+    return cache.stored(kept) or cache.keep(kept, _compile(name, files))
 
 
 def write(name: str, fmi: int, destination: Path) -> None:
@@ -96,40 +91,7 @@ def copy_out(built: Path, destination: Path) -> None:
 
 def built_here(name: str, sha256: str) -> bool:
     """Whether an FMU of that model name and digest is among those that were built here."""
-    kept = cache_folder().glob(f"{escape(name)}-fmi*.fmu")
-    return any(hashlib.sha256(path.read_bytes()).hexdigest() == sha256 for path in kept)
-
-
-def cache_folder() -> Path:
-    """Where built FMUs are kept. It need not exist yet."""
-    if override := os.environ.get("NRS_CACHE"):
-        return Path(override)
-    if sys.platform == "win32":
-        default, variable = Path.home() / "AppData" / "Local", "LOCALAPPDATA"
-    elif sys.platform == "darwin":
-        default, variable = Path.home() / "Library" / "Caches", ""
-    else:
-        default, variable = Path.home() / ".cache", "XDG_CACHE_HOME"
-    return Path(os.environ.get(variable) or default) / "nrs-cosim"
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write an FMU to, renamed at the end: no reader sees half of one."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            part = Path(file.name)
-        try:
-            yield part
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise FmuError(
-            f"{path.parent}: cannot keep an FMU there: {error.strerror}; "
-            "set NRS_CACHE to another folder"
-        ) from error
+    return any(cache.stored(kept, sha256) for kept in cache.names(f"{escape(name)}-fmi*.fmu"))
 
 
 def try_compiler() -> str:
@@ -230,11 +192,13 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
         return (Path(folder) / "library").read_bytes()
 
 
-def _zip(path: Path, files: dict[str, bytes]) -> None:
-    with ZipFile(path, "w") as archive:
+def _zipped(files: dict[str, bytes]) -> bytes:
+    written = BytesIO()
+    with ZipFile(written, "w") as archive:
         for name in sorted(files):
             entry = ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
             entry.compress_type = ZIP_DEFLATED
             entry.create_system = 3
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             archive.writestr(entry, files[name], compresslevel=9)
+    return written.getvalue()

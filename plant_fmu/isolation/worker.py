@@ -6,6 +6,7 @@ FMU (FMI 3.0, section 2.3: nothing may be called after fmi3Fatal).
 """
 
 import json
+import logging
 import os
 import pickle
 import signal
@@ -156,6 +157,7 @@ def main() -> None:
     task, parent = sys.argv[1:]
     pipes = _private_pipes()
     follow(int(parent))
+    logging.getLogger("nrs").addHandler(logging.NullHandler())  # its parent says it
     serve(pickle.loads(Path(task).read_bytes()), *pipes)
 
 

@@ -218,7 +218,7 @@ def without_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterato
 
 @pytest.mark.usefixtures("without_compiler")
 def test_without_a_compiler_the_calls_are_made_from_python(
-    faulty: Path, monkeypatch: pytest.MonkeyPatch
+    faulty: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     made = []
     monkeypatch.setattr(Stepped, "step", lambda self, *_: made.append(self.instances.rounds))
@@ -226,3 +226,22 @@ def test_without_a_compiler_the_calls_are_made_from_python(
         plants = open_plants(stack, open_archive(faulty), bodies(3), {}, Driving())
         plants.advance(0.0, H)
     assert [type(rounds) for rounds in made] == [CalledRounds]
+    (said,) = caplog.messages
+    assert said.startswith(
+        "robots are stepped by calls from Python, which is slower: no C compiler"
+    )
+
+
+def test_code_that_cannot_be_loaded_is_told_once_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refused(_path: str) -> None:
+        raise OSError("failed to map segment from shared object")
+
+    monkeypatch.setattr("plant_fmu.fmi.native.rounds.CDLL", refused)
+    load_native.cache_clear()
+    assert load_native() is load_native() is None
+    load_native.cache_clear()
+    (said,) = caplog.messages
+    assert "failed to map segment from shared object; if the disk of " in said
+    assert said.endswith(" is mounted noexec, set NRS_CACHE to another folder")

@@ -3,6 +3,7 @@
 It is called without Python's lock, so that other threads of ours go on meanwhile.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from ctypes import (
     CDLL,
@@ -29,6 +30,7 @@ from plant_fmu.fmi.calls import Call, bind, c_references
 from plant_fmu.fmi.library import Library
 from plant_fmu.fmi.rounds import End, Round, Step
 
+_LOG = logging.getLogger("nrs.plant_fmu")
 SOURCE = Path(__file__).with_suffix(".c")
 WHO = 32
 """Bytes of a name, as rounds.c has it."""
@@ -148,10 +150,23 @@ def native_rounds(
 
 @cache
 def load_native() -> Native | None:
-    """Return the functions of rounds.c, compiled if need be; None where that cannot be done."""
+    """Return the functions of rounds.c, compiled if need be; None where that cannot be done.
+
+    Then it is logged once why: calls from Python are to the same bits, but slower.
+    """
     try:
-        dll = CDLL(str(build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})))
-    except (FmuError, OSError):
+        library = build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})
+        dll = CDLL(str(library))
+    except FmuError as error:
+        _LOG.warning("robots are stepped by calls from Python, which is slower: %s", error)
+        return None
+    except OSError as error:
+        _LOG.warning(
+            "robots are stepped by calls from Python, which is slower: %s; if the disk of %s is "
+            "mounted noexec, set NRS_CACHE to another folder",
+            error,
+            library.parent,
+        )
         return None
     three, flag = (c_void_p,) * 3, (c_bool, c_void_p)
     return Native(
