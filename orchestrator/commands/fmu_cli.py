@@ -32,14 +32,14 @@ def fmu_info(
     as_json: AsJson = False,
 ) -> None:
     """Say what an FMU offers."""
-    from orchestrator.commands import showing
-    from plant_fmu.archives.archive import find_archive
+    from orchestrator.commands import fmu_description
+    from plant_fmu.archives.archive import look_up
 
-    told = find_archive(name, Path()).told()
+    told = look_up(name, Path()).told()
     if as_json:
         print_json(told)
     else:
-        showing.archive(out, told)
+        fmu_description.show(out, told)
 
 
 @fmu.command("check")

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import groupby
-from math import prod
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
@@ -167,26 +166,6 @@ def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
-
-
-def archive(console: Console, told: Mapping[str, Any]) -> None:
-    """Show what an FMU offers; the scalars of a family such as `q[1]`, `q[2]` are one line."""
-    summary(
-        console,
-        {
-            "name": told["name"],
-            "about": told["description"],
-            "FMI": f"{told['fmi_version']}, {' and '.join(told['kinds'])}",
-            "sha256": told["sha256"],
-        },
-    )
-    title = f"{'variable':<24}{'causality':<13}{'numbers':>7}  {'unit':<10}"
-    console.print(f"\n[bold]{title}[/] about")
-    for stem, family in groupby(told["variables"], lambda v: v["name"].partition("[")[0]):
-        first, *rest = family
-        size = prod(first["shape"]) + sum(prod(v["shape"]) for v in rest)
-        line = f"{stem:<24}{first['causality']:<13}{size:>7}  {first['unit']:<10} "
-        console.print(escape(line + first["description"]))
 
 
 def fmu_check(console: Console, checked: "FmuCheck") -> None:

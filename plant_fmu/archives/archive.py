@@ -1,18 +1,19 @@
 """An FMU is a zip archive: its model description says what it offers, its digest who it is."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
-import fmpy
 from fmpy.model_description import ModelDescription
 
 from plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
+from plant_fmu.archives.libraries import obstacle
 from plant_fmu.archives.reading import read_description
+from plant_fmu.archives.units import unit_of
 from plant_fmu.bundled.building import build, built_here
 from plant_fmu.bundled.declaration import bundled_models
 from plant_fmu.errors import FmuError
@@ -28,6 +29,8 @@ class Archive:
     path: Path
     sha256: str
     description: ModelDescription
+    obstacle: str = ""
+    """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
 
     @property
     def name(self) -> str:
@@ -54,6 +57,32 @@ class Archive:
         return built_here(self.name, self.sha256)
 
     @property
+    def tool(self) -> str:
+        """The tool that must be there for the FMU to run; empty where it needs none."""
+        interfaces = (self.description.coSimulation, self.description.modelExchange)
+        if not any(i.needsExecutionTool for i in interfaces if i is not None):
+            return ""
+        return str(self.description.generationTool or "the tool that exported it")
+
+    @property
+    def clocks(self) -> tuple[str, ...]:
+        """The clocks that tick only when they are ticked from outside, which nothing here does."""
+        return tuple(
+            variable.name
+            for variable in self.description.modelVariables
+            if variable.type == "Clock"
+            and variable.causality == "input"
+            and variable.intervalVariability != "triggered"
+        )
+
+    @property
+    def needs(self) -> str:
+        """What it may lack where it refuses, as the end of a sentence, or nothing."""
+        tool = f"; it needs {self.tool} on this machine (needsExecutionTool)"
+        clocks = f"; its clocks {', '.join(self.clocks)} would have to be ticked from outside"
+        return (tool if self.tool else "") + (clocks if self.clocks else "")
+
+    @property
     def once_per_process(self) -> bool:
         """Whether a process may have one instance of it at most."""
         interfaces = (self.description.coSimulation, self.description.modelExchange)
@@ -72,13 +101,16 @@ class Archive:
             "description": self.description.description or "",
             "fmi_version": self.fmi_version,
             "kinds": list(self.kinds),
+            "cannot_run_here": self.obstacle,
+            "needs_execution_tool": self.tool,
             "sha256": self.sha256,
             "variables": [
                 {
                     "name": variable.name,
+                    "type": variable.type,
                     "causality": variable.causality,
                     "shape": list(variable.shape or ()),
-                    "unit": variable.unit or "",
+                    "unit": unit_of(variable) or "",
                     "start": variable.start if variable.start is not None else "",
                     "description": variable.description or "",
                 }
@@ -87,25 +119,35 @@ class Archive:
         }
 
 
-def open_archive(path: Path, label: str | None = None) -> Archive:
-    """Read an FMU; `FmuError` when it is missing, damaged, unfit, or not for this platform."""
+def read_archive(path: Path, label: str | None = None) -> Archive:
+    """Read an FMU, for whatever platform it is; `FmuError` when it is missing, damaged or unfit."""
     label = label or str(path)
     with _file(path, label) as file, opened(file, label) as archive:
         description = read_description(archive, label)
-        _expect_binary(description, archive.namelist(), label)
-        return Archive(label, path, _digest(file), description)
+        why_not = obstacle(description, archive.namelist())
+        return Archive(label, path, _digest(file), description, why_not)
 
 
-def find_archive(fmu: str, folder: Path) -> Archive:
+def open_archive(path: Path, label: str | None = None) -> Archive:
+    """Read an FMU that can run on this machine; `FmuError` is as for `read_archive`."""
+    return _able(read_archive(path, label))
+
+
+def look_up(fmu: str, folder: Path) -> Archive:
     """Return the FMU that a scenario names: an `.fmu` file relative to a folder, or a bundled one.
 
     A bundled model is built on first use. `FmuError` when there is no such file or model.
     """
     if fmu.endswith(".fmu") or "/" in fmu or "\\" in fmu:
-        return open_archive(folder / fmu)
+        return read_archive(folder / fmu)
     if fmu not in bundled_models() and (folder / fmu).is_file():
         raise FmuError(f"{fmu}: is no FMU, for its name does not end with .fmu")
-    return open_archive(build(fmu), fmu)
+    return read_archive(build(fmu), fmu)
+
+
+def find_archive(fmu: str, folder: Path) -> Archive:
+    """Return the FMU that a scenario names, which can run on this machine; see `look_up`."""
+    return _able(look_up(fmu, folder))
 
 
 @contextmanager
@@ -140,19 +182,7 @@ def _digest(file: BufferedReader) -> str:
     return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _expect_binary(description: ModelDescription, names: Sequence[str], label: str) -> None:
-    """Raise `FmuError` unless there is a library of one of the FMU's interfaces."""
-    here = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
-    offers = [o for o in (description.coSimulation, description.modelExchange) if o is not None]
-    if not offers:
-        raise FmuError(f"{label}: offers neither CoSimulation nor ModelExchange")
-    libraries = {
-        f"binaries/{here}/{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers
-    }
-    if libraries.isdisjoint(names):
-        parts = [PurePosixPath(name).parts for name in names]
-        there = sorted({p[1] for p in parts if len(p) > 2 and p[0] == "binaries"})
-        raise FmuError(
-            f"{label}: has no library {' or '.join(sorted(libraries))} for this platform; it has "
-            f"libraries for {', '.join(there) or 'none'}"
-        )
+def _able(archive: Archive) -> Archive:
+    if archive.obstacle:
+        raise FmuError(f"{archive.label}: {archive.obstacle}")
+    return archive

@@ -45,7 +45,8 @@ def read_description(archive: ZipFile, label: str) -> ModelDescription:
     try:
         return fmpy.read_model_description(_alone(text), validate=False)
     except Exception as error:  # FMPy raises what its code ran into
-        cause = _first_problem(text) or f"{type(error).__name__}: {error}"
+        own = str(error) if type(error) is Exception else "FMPy cannot read it"
+        cause = next(_dangling(root), None) or _first_problem(text) or own
         raise FmuError(f"{label}: its {NAME} cannot be used: {cause}") from None
 
 
@@ -71,6 +72,30 @@ def _faults(root: Any) -> Iterator[str]:
         reference = variable.get("valueReference", "")
         if not re.fullmatch(r"\s*\d{1,10}\s*", reference) or int(reference) > MOST_REFERENCE:
             yield f"{here} has the value reference {reference!r}"
+
+
+def _dangling(root: Any) -> Iterator[str]:
+    """Yield which elements refer to variables that are not there."""
+    if root.find("ModelVariables") is None:
+        yield "it has no ModelVariables"
+    variables = root.findall("ModelVariables/*")
+    attributes = ["dependencies", "derivative"]
+    if root.get("fmiVersion") == "2.0":
+        known = set(map(str, range(1, len(variables) + 1)))
+        what = "variable no."
+        attributes += ["index"]
+    else:
+        known = {variable.get("valueReference", "").strip() for variable in variables}
+        what = "the value reference"
+        attributes += ["valueReference", "clocks"]
+    for element in root.iterfind(".//*"):
+        for attribute in attributes:
+            for reference in (element.get(attribute) or "").split():
+                if reference not in known:
+                    yield (
+                        f"line {element.sourceline}: {attribute} of {element.tag} names {what} "
+                        f"{reference}, but there is none"
+                    )
 
 
 def _alone(text: bytes) -> BytesIO:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose, isfinite, pi
 
-from fmpy.model_description import BaseUnit, Unit
+from fmpy.model_description import BaseUnit, ModelVariable, Unit
 
 Exponents = tuple[int, int, int, int]
 """Of kg, m, s, rad."""
@@ -57,6 +57,11 @@ def read(name: str) -> Meaning | None:
         factor *= symbol.factor**power
         exponents = _sum(exponents, symbol.exponents, power)
     return Meaning(factor, exponents)
+
+
+def unit_of(variable: ModelVariable) -> str | None:
+    """Return the name of a variable's unit, its own or that of its type, if it has one."""
+    return variable.unit or (variable.declaredType.unit if variable.declaredType else None)
 
 
 NO_UNIT = frozenset({"", "-"})

@@ -6,6 +6,7 @@ any, qd is the derivative of q: `der(…)` of each of its variables. So is a tar
 its position. A target has no inputs: nothing sets them, and it would stand still.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import prod
@@ -17,7 +18,7 @@ from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
 from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
 from plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
-from plant_fmu.archives.units import si_factor
+from plant_fmu.archives.units import si_factor, unit_of
 from plant_fmu.errors import FmuError
 
 MOST_NUMBERS = 1_000_000
@@ -187,7 +188,7 @@ def _start(variable: ModelVariable, length: int) -> tuple[float, ...]:
 
 
 def _factor(archive: Archive, ours: str, variable: ModelVariable) -> float:
-    unit = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
+    unit = unit_of(variable)
     try:
         return _unit_factor(archive, ours, unit) if unit else 1.0
     except ValueError as error:
@@ -242,15 +243,29 @@ def _moving(archive: Archive) -> list[str]:
 
 
 def _wrong_size(archive: Archive, quantity: Quantity, picks: Sequence[Pick], size: int) -> str:
-    """Say how many numbers were found, where, and how to take some of them."""
+    """Say how many numbers were found, where, and how to have as many as are asked for."""
     members = listed([variable.name for variable, _ in picks])
-    advice = (
-        f'; a part of it would be variables.{quantity.name} = "{quantity.name}[0:{size}]"'
-        if quantity.size > size
-        else ""
-    )
+    advice = ""
+    if structural := _structural(archive, picks, size):
+        advice = f"; set its structural parameter: parameters = {{ {structural} = {size} }}"
+    elif quantity.size > size:
+        advice = f'; a part of it would be variables.{quantity.name} = "{quantity.name}[0:{size}]"'
     why = ", one for each of the scenario's target.axes," if quantity.name == "q" else ""
     return (
         f"{archive.label}: {quantity.name} takes {size} numbers here{why or ','} but the FMU has "
         f"{quantity.size}: {members}{advice}"
     )
+
+
+def _structural(archive: Archive, picks: Sequence[Pick], size: int) -> str:
+    """Return as TOML the structural parameter that can be the size of a whole array, if any is."""
+    if len(picks) != 1 or picks[0][1] != slice(None):
+        return ""
+    for dimension in picks[0][0].dimensions:
+        decides = dimension.variable
+        if decides is None or decides.causality != "structuralParameter":
+            continue
+        if prod(shape_of(archive, picks[0][0], {decides.valueReference: size})) == size:
+            bare = re.fullmatch(r"[\w-]+", decides.name, re.ASCII)
+            return str(decides.name) if bare else f'"{decides.name}"'
+    return ""

@@ -20,6 +20,7 @@ from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import TYPES, Layout, Part, Quantity
 from plant_fmu.archives.reading import NAME
+from plant_fmu.archives.units import unit_of
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.checking.mechanics import HOLDING, SPANS, Mechanics, open_probe
 from plant_fmu.checking.resuming import resumed
@@ -175,7 +176,7 @@ def _named(archive: Archive, part: Part) -> str:
         for v in archive.description.modelVariables
         if v.type in TYPES and v.valueReference == part.reference
     ]
-    units = [v.unit or (v.declaredType.unit if v.declaredType else None) for v in variables]
+    units = map(unit_of, variables)
     cut = f"[{part.first}:{part.first + part.size}]" if part.size < part.length else ""
     unit = next(filter(None, units), "no unit, taken for SI")
     return f"{' = '.join(v.name for v in variables)}{cut} ({unit})"

@@ -81,7 +81,7 @@ def offers(
     if steps and has_state and references:
         reason = "it takes references and holds the PD law: exact to its own tolerance"
         offered.append(Offer("reference", "CoSimulation", reason))
-    if equations and torque and told.numberOfContinuousStates:
+    if equations and not archive.clocks and torque and told.numberOfContinuousStates:
         reason = (
             "it takes tau, so that the PD law is in the right-hand side: exact to the solver's "
         )
@@ -142,6 +142,8 @@ def _refusal(
     ]
     lacking += [name for name in ("q", "qd") if not has(archive, names, name, sizes=sizes)]
     lacking += sorted({"CoSimulation", "ModelExchange"}.difference(archive.kinds))
+    if archive.clocks:
+        lacking.append(f"an environment that ticks its clocks {', '.join(archive.clocks)}")
     told = archive.description.coSimulation
     if told and not told.canGetAndSetFMUstate:
         lacking.append("canGetAndSetFMUState")

@@ -59,6 +59,8 @@ class Exchanged:
         self.indicators = np.zeros(description.numberOfEventIndicators)
         self.states_at = self.states.ctypes.data
         self.indicators_at = self.indicators.ctypes.data
+        self.without_nominal: set[int] = set()
+        """The numbers of states, from 1, that the FMU gave no positive nominal value."""
         self.tells_steps = bool(library.interface.needsCompletedIntegratorStep)
         """Whether the FMU wants to hear of each step of the solver."""
 
@@ -94,10 +96,16 @@ class Exchanged:
         return max(status, get(self._handle, indicators, self.indicators.size))
 
     def nominals(self) -> Array:
-        """Return the sizes that the FMU expects its states to have."""
+        """Return the sizes that the FMU expects its states to have, 1 where that is none.
+
+        They must be positive (FMI 2.0, section 3.2.1; FMI 3.0, section 3.1.1).
+        """
         sizes = np.ones(self.states.size)
         status = self._calls.get_nominals(self._handle, sizes.ctypes.data, sizes.size)
         self._expect(status, "asking for nominal values")
+        wrong = ~(np.isfinite(sizes) & (sizes > 0))
+        self.without_nominal.update((np.flatnonzero(wrong) + 1).tolist())
+        sizes[wrong] = 1.0
         return sizes
 
     def arrive(self, time: float) -> None:

@@ -55,6 +55,11 @@ class ModelExchangePlants:
         self._states = States(self._instances) if self.exact else None
         self._start(bodies)
 
+    @property
+    def without_nominal(self) -> list[int]:
+        """The numbers of the states, from 1, for which 1 stands in for a nominal value."""
+        return sorted({state for robot in self._robots for state in robot.without_nominal})
+
     def start_again(self, bodies: Sequence[Body]) -> None:
         """Reset the FMUs, and initialise them with bodies at t_0."""
         self._instances.reset()

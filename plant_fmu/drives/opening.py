@@ -17,6 +17,7 @@ from plant_fmu.drives.probing import expect_stable, measured_error
 from plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from plant_fmu.drives.runge_kutta import RungeKutta
 from plant_fmu.drives.torque_held import TorqueHeldPlants
+from plant_fmu.errors import FmuError
 from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.library import Kind, Library
 from plant_fmu.plants import Body, DrivenPlants
@@ -51,6 +52,8 @@ def open_plants(
         why = "it moves by itself"
         if "CoSimulation" in archive.kinds:
             return FreePlants(_loaded(stack, archive, "CoSimulation", load), bodies, names, why)
+        if archive.clocks:
+            raise FmuError(f"{archive.label}: cannot be run{archive.needs}")
         library = _loaded(stack, archive, "ModelExchange", load)
         return _by_cvode(library, bodies, names, UNDRIVEN_RTOL, why, free=True)
     if names:
@@ -95,7 +98,13 @@ def _by_cvode(
         return solver
 
     drive = f"Model Exchange, CVODE rtol {rtol:g}"
-    return ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why, free=free)
+    plants = ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why, free=free)
+    if states := plants.without_nominal:
+        plants.drive += (
+            f" (nominal value 1 for {'states' if len(states) > 1 else 'state'} "
+            f"{', '.join(map(str, states))}, whose own is not positive)"
+        )
+    return plants
 
 
 def _by_runge_kutta(

@@ -51,7 +51,7 @@ class Library:
             self.interface.canGetAndSetFMUstate and self.interface.canSerializeFMUstate
         )
         """Whether the FMU claims that its states can leave the process."""
-        self._fmi = int(description.fmiMajorVersion)
+        self._fmi, self._folder = int(description.fmiMajorVersion), folder
         self.progress = 0
         """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
         with _WHERE:
@@ -64,7 +64,9 @@ class Library:
                     instanceName="",
                 )
             except Exception as error:  # FMPy's are bare, and AttributeError for a symbol
-                raise FmuError(f"{archive.label}: its library cannot be loaded: {error}") from None
+                raise FmuError(
+                    f"{archive.label}: its library cannot be loaded: {self._cause(error)}"
+                ) from None
             finally:
                 os.chdir(here)
         self.calls: Calls = self.bind(bind_common)
@@ -78,7 +80,9 @@ class Library:
         try:
             return binder(self._prototype.dll, self._fmi)
         except AttributeError as error:
-            raise FmuError(f"{self.archive.label}: its library is incomplete: {error}") from None
+            raise FmuError(
+                f"{self.archive.label}: its library is incomplete: {self._cause(error)}"
+            ) from None
 
     def bind_native(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return what a binder makes of the library for native code, which announces itself."""
@@ -94,9 +98,14 @@ class Library:
         except Exception:  # FMPy raises a bare Exception
             raise FmuError(
                 f"{self.archive.label}: cannot be instantiated{self.last_words(name)}"
+                f"{self.archive.needs}"
             ) from None
         handle: int = instance.component
         return handle
+
+    def _cause(self, error: Exception) -> str:
+        """Return what FMPy or the loader said, without the folder that soon is gone."""
+        return str(error).replace(f"{self._folder}{os.sep}", "") + self.archive.needs
 
     def last_words(self, name: str) -> str:
         """Return what an instance logged last, as the end of a sentence."""

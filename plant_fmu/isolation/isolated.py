@@ -72,7 +72,7 @@ class IsolatedPlants:
                 task,
                 self._memory.progress[number],
                 deadline,
-                archive.label,
+                archive,
                 [body.robot for body in own],
             )
             self._workers.append(stack.enter_context(worker))

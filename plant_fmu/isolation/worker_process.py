@@ -17,6 +17,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
+from plant_fmu.archives.archive import Archive
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.isolation.progress import Progress
 from plant_fmu.isolation.sharing import BAD_FMU, BAD_STEP, DONE, HEAD, send
@@ -32,14 +33,20 @@ class Worker:
     """A process that runs `plant_fmu.isolation.worker`; a context that ends it."""
 
     def __init__(
-        self, task: Path, progress: Progress, deadline: float, label: str, robots: Sequence[int]
+        self,
+        task: Path,
+        progress: Progress,
+        deadline: float,
+        archive: Archive,
+        robots: Sequence[int],
     ) -> None:
         """Start it on a pickled task in a folder where it also keeps its temporary files.
 
         It has begun to open its plants, which `answer` waits for. `FmuError` when it cannot start.
         """
         self._progress, self._deadline = progress, deadline
-        self._label, self._robots = label, robots
+        label = archive.label
+        self._label, self._needs, self._robots = label, archive.needs, robots
         self._printed = b""
         command = ["-P", "-u", "-m", "plant_fmu.isolation.worker", str(task), str(os.getpid())]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
@@ -164,7 +171,8 @@ class Worker:
         last = " / ".join([line for line in plain if line][-3:])
         cause = f"{what} {ending}{act}" + (f"; it printed: {last}" if last else "")
         if seconds is None:
-            return FmuError(f"{self._label}: {who}: {cause}")
+            needs = self._needs if progress.calls else ""
+            return FmuError(f"{self._label}: {who}: {cause}{needs}")
         return StepError(f"{who} ({self._label}) at t = {seconds:g} s: {cause}")
 
 

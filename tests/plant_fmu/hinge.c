@@ -5,7 +5,7 @@
  *   turn   a step event: after a step with q > pi the FMU asks for one, and takes 2 pi off q
  *   end    the simulation is ended by the FMU after t_load
  *
- * FMI 2.0 or 3.0 for Model Exchange by -DFMI. No header is needed: the calls are plain C. */
+ * FMI 2.0 or 3.0 for Model Exchange by -DFMI, the states' nominal value by -DNOMINAL. No header is needed: the calls are plain C. */
 
 #include <math.h>
 #include <stdbool.h>
@@ -88,7 +88,7 @@ static int set_states(Hinge *h, const double x[], size_t n) { return memcpy(h->v
 static int get_states(Hinge *h, double x[], size_t n) { return memcpy(x, h->v + Q, n * sizeof *x), 0; }
 static int get_rates(Hinge *h, double dx[], size_t n) { return update(h), memcpy(dx, h->v + RATE, n * sizeof *dx), 0; }
 static int get_indicators(Hinge *h, double z[], size_t n) { return update(h), memcpy(z, h->v + INDICATOR, n * sizeof *z), 0; }
-static int get_nominals(Hinge *h, double x[], size_t n) { (void)h; for (size_t i = 0; i < n; ++i) x[i] = 1.0; return 0; }
+static int get_nominals(Hinge *h, double x[], size_t n) { (void)h; for (size_t i = 0; i < n; ++i) x[i] = NOMINAL; return 0; }
 static int copy(const void *h, Hinge **s)
 {
     if (!*s)

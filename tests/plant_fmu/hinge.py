@@ -13,15 +13,25 @@ NAMES = ("tau", "q", "qd", "der(q)", "der(qd)", "z", "inertia", "e", "t_load")
 SCENES = ("wall", "load", "turn", "end")
 
 
-def build(fmi: int, folder: Path) -> Path:
-    """Compile it and write its archive."""
+def build(fmi: int, folder: Path, nominal: str = "1.0") -> Path:
+    """Compile it, with a nominal value of its states, and write its archive."""
     path = folder / f"hinge{fmi}.fmu"
     platform = fmpy.platform if fmi == 2 else fmpy.platform_tuple
     with TemporaryDirectory() as work, ZipFile(path, "w") as archive:
         library, stubs = Path(work) / "hinge", Path(work) / "stubs.c"
         stubs.write_text(_stubs(fmi))
         sources = [str(SOURCE), str(stubs)]
-        command = ["cc", f"-DFMI={fmi}", "-shared", "-fPIC", "-O2", "-Wall", "-Wextra", "-Werror"]
+        command = [
+            "cc",
+            f"-DFMI={fmi}",
+            f"-DNOMINAL={nominal}",
+            "-shared",
+            "-fPIC",
+            "-O2",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+        ]
         subprocess.run([*command, *sources, "-o", str(library), "-lm"], check=True)
         archive.write(library, f"binaries/{platform}/hinge{fmpy.sharedLibraryExtension}")
         archive.writestr("modelDescription.xml", _description(fmi))

@@ -293,6 +293,26 @@ def test_a_description_too_large(tmp_path, monkeypatch):
         ),
         (
             2,
+            lambda text: text.replace('causality="input"', 'causality="parameter"', 1),
+            r'Variable ".*" \(line \d+\) has an illegal combination',
+        ),
+        (
+            3,
+            lambda text: text.replace('<Output valueReference="', '<Output valueReference="80', 1),
+            r"line \d+: valueReference of Output names the value reference 80\d+, but there",
+        ),
+        (
+            3,
+            lambda text: text.replace(' derivative="', ' derivative="9', 1),
+            r"line \d+: derivative of Float64 names the value reference 9\d+, but there is none",
+        ),
+        (
+            2,
+            lambda text: text.replace('<Unknown index="', '<Unknown index="80', 1),
+            r"line \d+: index of Unknown names variable no. 80\d+, but there is none",
+        ),
+        (
+            2,
             lambda text: re.sub("<ModelVariables>.*</ModelVariables>", "", text, flags=re.DOTALL),
             "ModelVariables",
         ),
@@ -320,16 +340,97 @@ def test_entities_are_not_expanded_and_nothing_is_fetched(tmp_path):
         assert told.startswith("its modelDescription.xml ")
 
 
-@pytest.mark.parametrize(("fmi", "here"), [(2, fmpy.platform), (3, fmpy.platform_tuple)])
-def test_another_platform(tmp_path, fmi, here):
-    path = tmp_path / "arm.fmu"
+EACH_PLATFORM = pytest.mark.parametrize(
+    ("fmi", "here"), [(2, fmpy.platform), (3, fmpy.platform_tuple)]
+)
+LIBRARY = f"two_link_arm{fmpy.sharedLibraryExtension}"
+
+
+def moved(path: Path, fmi: int, to: str, *others: str, sources: bool = False) -> Path:
+    """Write the two-link arm's archive with its library elsewhere, and with empty entries more."""
     with ZipFile(build("two_link_arm", fmi)) as source, ZipFile(path, "w") as target:
         for name in source.namelist():
-            target.writestr(name.replace(f"binaries/{here}", "binaries/win32"), source.read(name))
-    library = f"binaries/{here}/two_link_arm{fmpy.sharedLibraryExtension}"
-    assert refused(path) == (
-        f"has no library {library} for this platform; it has libraries for win32"
+            if sources or not name.startswith("sources/"):
+                target.writestr(to if name.startswith("binaries/") else name, source.read(name))
+        for name in others:
+            target.writestr(name, b"")
+    return path
+
+
+@EACH_PLATFORM
+def test_another_platform(tmp_path, fmi, here):
+    path = moved(tmp_path / "arm.fmu", fmi, "binaries/win32/two_link_arm.dll")
+    lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
+    assert refused(path) == f"{lacking} libraries for win32"
+
+
+@EACH_PLATFORM
+def test_a_folder_without_a_library_is_no_platform(tmp_path, fmi, here):
+    path = tmp_path / "arm.fmu"
+    moved(
+        path, fmi, f"binaries/win32/VisualStudio17/{LIBRARY}", "binaries/win64/", "binaries/a.txt"
     )
+    lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
+    assert refused(path) == f"{lacking} no library at all"
+
+
+@EACH_PLATFORM
+def test_sources_may_be_compiled(tmp_path, fmi, here):
+    path = moved(tmp_path / "arm.fmu", fmi, "binaries/readme", sources=True)
+    lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
+    assert refused(path) == (
+        f"{lacking} no library at all, but sources: `fmpy compile` may build one from them (it "
+        f"needs CMake)"
+    )
+
+
+@EACH_PLATFORM
+def test_a_library_of_another_name_is_named(tmp_path, fmi, here):
+    other = f"binaries/{here}/arm{fmpy.sharedLibraryExtension}"
+    path = moved(tmp_path / "arm.fmu", fmi, other, sources=True)
+    assert refused(path) == (
+        f"has no library binaries/{here}/{LIBRARY} for this platform; it has {other}, which is not "
+        f"named as its modelIdentifier"
+    )
+
+
+def test_an_fmu_for_scheduled_execution_alone(tmp_path):
+    def scheduled(text: str) -> str:
+        text = re.sub(r"<CoSimulation[^>]*/>", "", text)
+        return text.replace("<ModelExchange", "<ScheduledExecution")
+
+    assert refused(rewritten(tmp_path / "arm.fmu", 3, scheduled)) == (
+        "offers neither CoSimulation nor ModelExchange, but ScheduledExecution alone"
+    )
+
+
+@EACH_PLATFORM
+def test_a_library_that_cannot_be_loaded_names_no_temporary_file(tmp_path, fmi, here):
+    path = moved(tmp_path / "arm.fmu", fmi, "binaries/readme", f"binaries/{here}/{LIBRARY}")
+    archive = open_archive(path, "arm.fmu")
+    with unpacked(archive) as folder, pytest.raises(FmuError) as error:
+        Library(archive, folder, "CoSimulation")
+    told = str(error.value)
+    assert told.startswith("arm.fmu: its library cannot be loaded: ")
+    assert f"binaries/{here}/{LIBRARY}" in told
+    assert str(folder) not in told
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
+    def needing(text: str) -> str:
+        text = re.sub('generationTool="[^"]*"', 'generationTool="Arms 7"', text)
+        return text.replace('needsExecutionTool="false"', 'needsExecutionTool="true"')
+
+    path = rewritten(tmp_path / "arm.fmu", fmi, needing)
+    archive = open_archive(path, "arm.fmu")
+    assert archive.told()["needs_execution_tool"] == "Arms 7"
+    archive.description.guid = archive.description.instantiationToken = "another"
+    with unpacked(archive) as folder, Library(archive, folder, "CoSimulation") as loaded:
+        with pytest.raises(FmuError) as error:
+            loaded.instantiate("robot 1")
+        assert str(error.value).startswith("arm.fmu: cannot be instantiated")
+        assert str(error.value).endswith("; it needs Arms 7 on this machine (needsExecutionTool)")
 
 
 def test_a_library_outside_of_the_archive(tmp_path):

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from plant_fmu.archives.archive import Archive, open_archive
 from plant_fmu.bundled.building import build
-from plant_fmu.drives.driving import Driving, choose, offers
+from plant_fmu.drives.driving import Driving, Undriven, choose, offers
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fleet import Fleet
 from plant_fmu.plants import Body, Disturbance, DrivenPlants
 from tests.orchestrator.arms import KD, KP, W, simulate, target
+from tests.plant_fmu.archives import rewritten
 
 Array = NDArray[np.float64]
 Open = Callable[..., DrivenPlants]
@@ -437,3 +438,32 @@ def test_the_error_that_is_stated_is_about_the_error_that_is_made(
     stated = float(plants.drive.partition("about ")[2].partition(" rad")[0])
     made = np.abs(play(plants, held, 0, len(held) - 1)[:, :, :2] - q[1:]).max()
     assert made / 3 < stated < 10 * made
+
+
+CLOCK = (
+    '<Clock name="{}" valueReference="9999" causality="input" intervalVariability="{}" '
+    'intervalDecimal="0.1"/></ModelVariables>'
+)
+
+
+@pytest.mark.parametrize("interval", ["constant", "triggered"])
+def test_an_fmu_whose_clocks_nobody_ticks_is_not_run_by_model_exchange(
+    tmp_path: Path, interval: str
+) -> None:
+    def clocked(text: str) -> str:
+        return text.replace("</ModelVariables>", CLOCK.format("beat", interval))
+
+    archive = open_archive(rewritten(tmp_path / "arm.fmu", 3, clocked), "arm.fmu")
+    assert choose(archive, {}, Driving()).way == "reference"
+    if interval == "triggered":
+        assert choose(archive, {}, Driving(solver="cvode")).way == "cvode"
+        return
+    with pytest.raises(FmuError, match=r"lacks .*an environment that ticks its clocks beat"):
+        choose(archive, {}, Driving(solver="cvode"))
+    archive.description.coSimulation = None
+    names = {"position": "q", "velocity": "qd"}
+    with (
+        ExitStack() as stack,
+        pytest.raises(FmuError, match="its clocks beat would have to be ticked from outside"),
+    ):
+        open_plants(stack, archive, bodies(1), names, Undriven())

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,3 +129,25 @@ def test_a_checkpoint_knows_what_has_happened_and_what_is_planned(play: Play, sc
 def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:
     with pytest.raises(FmuError, match=r"'hold'; .* cvode, rk4, .* CoSimul"):
         choose(archive, {}, Driving(control="hold"))
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("nominal", ["0.0", "-1.0", "NAN"])
+def test_a_nominal_value_that_is_not_positive_is_taken_for_1_and_told(
+    tmp_path: Path, fmi: int, nominal: str
+) -> None:
+    plants, q = [], []
+    for value in (nominal, "1.0"):
+        archive = open_archive(hinge.build(fmi, tmp_path, value))
+        none, wave = np.zeros(1), np.zeros((1, 0))
+        fall = Disturbance(np.array([-1.0]), none, wave, wave, wave)
+        zero = np.zeros((1, 1))
+        body = Body(1, {}, zero, zero, fall, np.ones(1), none, none, none)
+        with ExitStack() as stack:
+            plants.append(open_plants(stack, archive, [body], {}, Driving(solver="cvode")))
+            plants[-1].advance(0.0, 1.0)
+            q.append(plants[-1].q[0, 0])
+    assert q[0] == q[1] == pytest.approx(0.5, abs=1e-6)
+    drive = "Model Exchange, CVODE rtol 1e-09"
+    remark = " (nominal value 1 for states 1, 2, whose own is not positive)"
+    assert [each.drive for each in plants] == [drive + remark, drive]

@@ -15,8 +15,10 @@ from plant_fmu.archives.naming import Pattern, Spec, families
 from plant_fmu.archives.quantities import Layout
 from plant_fmu.archives.units import read, si_factor
 from plant_fmu.archives.variables import find_quantity
+from plant_fmu.bundled.building import build
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
+from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.plants import Array, Body, Disturbance
 from tests.plant_fmu.archives import description, reals, renamed, rewritten, with_variables
 
@@ -163,6 +165,16 @@ def test_a_user_may_write_a_list_a_pattern_a_stem_or_a_slice(fmu):
 )
 def test_what_there_is_not_is_told_with_what_is_near(fmu, spec, message):
     assert message in refused(fmu("a.phi1", "a.phi2", "w"), spec=spec)
+
+
+def test_a_wrong_size_names_the_structural_parameter_that_decides_it():
+    archive = open_archive(build("n_link_arm"), "arm.fmu")
+    for size in (2, 4):
+        assert refused(archive, size=size) == (
+            f"q takes {size} numbers here, one for each of the scenario's target.axes, but the FMU "
+            f"has 3: q; set its structural parameter: parameters = {{ n = {size} }}"
+        )
+    assert references(archive, size=2, sizes=sizes_of(assignments(archive, {"n": 2})))
 
 
 def test_nothing_found_tells_what_to_write(fmu):
