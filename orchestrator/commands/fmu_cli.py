@@ -127,9 +127,9 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
 def _task(archive: "Archive", scenario: "Scenario") -> "Task":
     """Return the check of an FMU in the place of robot 1's."""
     from orchestrator.runs.plants import Group
+    from orchestrator.scenario.own import own_plants
     from orchestrator.scenario.setting import bodies
     from plant_fmu.checking.findings import Task
 
-    own = [robot.plant for robot in scenario.robots if robot.id == 1 and robot.plant]
-    group = Group("plant", (own or [scenario.plant])[0], archive, [0])
+    group = Group("plant", own_plants(scenario).get(1, scenario.plant), archive, [0])
     return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)

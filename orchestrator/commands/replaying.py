@@ -14,8 +14,9 @@ from orchestrator.commands.places import expect_another
 from orchestrator.replays.comparing import QUANTITIES, Comparison
 from orchestrator.replays.publishing import publish
 from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import Change, changed, parent, run_again
+from orchestrator.replays.what_if import parent, run_again
 from orchestrator.runs.summary import scenario_of
+from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.clock import NS_PER_S
 from orchestrator.terminal import out, say
 from recordings.errors import MissingExtraError, UncreatableError

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator_agents.condition import Condition
 from estimator_agents.theory.tracking import Constants, Drive, constants
+from orchestrator.scenario.own import controller_of, disturbance_of, plant_of
 from orchestrator.scenario.setting import gain, target_of
 from orchestrator.scenario.tables.fmus import Plant
 from orchestrator.scenario.tables.scenario import Robot, Scenario
@@ -84,9 +85,8 @@ def _bounded(
     find: Find | None,
 ) -> Bounded:
     """Return what bounds some robots; `whole` are γ1 and γ2."""
-    plant = robot.plant or scenario.plant
-    controller = robot.controller or scenario.controller
-    disturbance = robot.disturbance or scenario.disturbance
+    plant, controller = plant_of(scenario, robot), controller_of(scenario, robot)
+    disturbance = disturbance_of(scenario, robot)
     kp, kd = (gain(value, scenario.m) for value in (controller.kp, controller.kd))
     lambda_d = _largest(disturbance.axes)
     p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), scenario.m)

@@ -25,6 +25,7 @@ from orchestrator.promises.settling import (
 )
 from orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
 from orchestrator.scenario.numbers import multiple
+from orchestrator.scenario.own import controller_of
 from orchestrator.scenario.setting import gain, has_faults, target_of, topologies_of
 from orchestrator.scenario.tables.scenario import Scenario
 
@@ -241,7 +242,10 @@ def _turn(turn: Turn) -> dict[str, Any]:
 
 def _gain_conditions(scenario: Scenario) -> list[Condition]:
     """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
-    controllers = [scenario.controller, *(r.controller for r in scenario.robots if r.controller)]
+    controllers = [
+        scenario.controller,
+        *(controller_of(scenario, robot) for robot in scenario.robots),
+    ]
     conditions = []
     for name in ("kp", "kd"):
         gains = [gain(getattr(controller, name), scenario.m) for controller in controllers]

@@ -10,6 +10,7 @@ from orchestrator.promises.checking import Check, check, finite
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.clock import Clock, seconds
+from orchestrator.scenario.own import own_plants
 from orchestrator.scenario.setting import clock_of, target_of, topologies_of
 from orchestrator.scenario.tables.fmus import Plant
 from orchestrator.scenario.tables.scenario import Scenario
@@ -33,7 +34,7 @@ def subject_of(scenario: Scenario) -> Subject:
         motion = target.at(seconds)
         return motion.position, motion.velocity
 
-    own = {robot.id: robot.plant for robot in scenario.robots if robot.plant}
+    own = own_plants(scenario)
     robots = range(1, scenario.n + 1)
     return Subject(
         estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",

@@ -3,6 +3,7 @@
 import numpy as np
 
 from orchestrator.scenario.file import ScenarioFile
+from orchestrator.scenario.own import own_plants
 from orchestrator.scenario.tables.fmus import Plant
 from plant_fmu.bundled.declaration import declaration
 from recordings.scene import Shape, write_scene
@@ -13,7 +14,7 @@ __all__ = ["shapes_of", "write_scene"]
 def shapes_of(file: ScenarioFile) -> dict[int, Shape]:
     """Return the shapes of those robots whose plants are bundled models, by number, from 1."""
     scenario = file.scenario
-    own = {robot.id: robot.plant for robot in scenario.robots if robot.plant}
+    own = own_plants(scenario)
     found = {i: _shape(own.get(i, scenario.plant), scenario.m) for i in range(1, scenario.n + 1)}
     return {i: shape for i, shape in found.items() if shape is not None}
 

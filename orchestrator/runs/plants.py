@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from orchestrator.scenario.own import plant_of
 from orchestrator.scenario.setting import clock_of, names_of
 from orchestrator.scenario.tables.fmus import Plant
 from orchestrator.scenario.tables.scenario import Scenario
@@ -70,7 +71,7 @@ def group_by_archive(
     """
     find = find or partial(find_archive, folder=folder)
     own = {
-        robot.id: (f"robots[{i}].plant", robot.plant)
+        robot.id: (f"robots[{i}].plant", plant_of(scenario, robot))
         for i, robot in enumerate(scenario.robots)
         if robot.plant
     }

@@ -122,7 +122,9 @@ def _describe(fault: Any) -> str:
     if kind == "extra_forbidden":
         return f"{field}: unknown key{_nearest(str(path[-1]), _keys_at(fault['loc'][:-1]))}"
     if kind == "missing":
-        return f"{field}: missing, it has no default"
+        keys = _required(_type_at(fault["loc"]))
+        hint = f"; give {' and '.join(f'{field}.{key}' for key in keys)}" if keys else ""
+        return f"{field}: missing, it has no default{hint}"
     return f"{field}: expected {_expected(fault)}, got {value!r}"
 
 
@@ -146,7 +148,8 @@ def _expected(fault: Any) -> str:
 
 def _forms(fault: Any) -> str:
     """Name the forms that a value may have."""
-    return " or ".join(tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
+    *most, last = (tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
+    return f"{', '.join(most)} or {last}" if most else last
 
 
 def _dotted(path: Sequence[int | str]) -> str:
@@ -157,14 +160,28 @@ def _dotted(path: Sequence[int | str]) -> str:
 
 def _keys_at(path: Sequence[int | str]) -> list[str]:
     """Return the keys that the table at a path may have."""
+    fields = next(_tables(_type_at(path))).model_fields
+    return [field.alias or name for name, field in fields.items()]
+
+
+def _type_at(path: Sequence[int | str]) -> Any:
+    """Return the type of what stands at a path."""
     annotation: Any = Scenario
     for part in path:
         if part in FORMS:
             annotation = TARGETS.get(part, annotation)
         elif isinstance(part, str) and get_origin(annotation) is not dict:
-            annotation = next(_tables(annotation)).model_fields[part].annotation
-    fields = next(_tables(annotation)).model_fields
-    return [field.alias or name for name, field in fields.items()]
+            fields = next(_tables(annotation)).model_fields
+            names = {field.alias or name: name for name, field in fields.items()}
+            annotation = fields[names.get(part, part)].annotation
+    return annotation
+
+
+def _required(annotation: Any) -> list[str]:
+    """Return the keys that a table must have, the first of its forms where it has several."""
+    table = next(_tables(annotation), None)
+    fields = table.model_fields.items() if table else ()
+    return [field.alias or name for name, field in fields if field.is_required()]
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -205,10 +222,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     for name, value in scenario.initial:
         yield from _draw_faults(f"initial.{name}", value)
-        if not isinstance(value, Uniform):
-            yield from _length_fault(f"initial.{name}", value, n, "rows, one for each robot")
-            for i, row in enumerate(value):
-                yield from _length_fault(f"initial.{name}[{i}]", row, m, AXES)
+        yield from _initial_faults(f"initial.{name}", value, n, m)
     if scenario.faults != Faults():
         yield from wrong_faults(scenario, None if network_faults else topologies_of(scenario).links)
     yield from _robot_faults(scenario)
@@ -311,6 +325,20 @@ def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
 def _draw_faults(where: str, value: Any) -> Iterator[str]:
     if isinstance(value, Uniform) and value.uniform[0] > value.uniform[1]:
         yield f"{where}.uniform: expected [low, high] with low <= high, got {list(value.uniform)}"
+
+
+def _initial_faults(where: str, value: Any, n: int, m: int) -> Iterator[str]:
+    """Yield what is wrong with the shape of what all robots start with."""
+    if not isinstance(value, tuple):
+        return
+    rows = [row for row in value if isinstance(row, tuple)]
+    shape = f"expected {m} numbers for each robot, or {n} x {m}, a row for each"
+    if not rows and len(value) != m:
+        yield f"{where}: {shape}, got {len(value)} numbers"
+    elif rows and len(rows) != n:
+        yield f"{where}: {shape}, got {len(rows)} rows"
+    for i, row in enumerate(rows):
+        yield from _length_fault(f"{where}[{i}]", row, m, AXES)
 
 
 def _length_fault(where: str, value: Sequence[Any], length: int, of: str) -> Iterator[str]:

@@ -5,6 +5,7 @@ are built nor on where they run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from orchestrator.scenario import networks, times
 from orchestrator.scenario.chance import chance
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.faults import link_faults, silences
+from orchestrator.scenario.own import controller_of, disturbance_of, plant_of
 from orchestrator.scenario.tables.fmus import Name, Pattern
 from orchestrator.scenario.tables.scenario import Robot, Scenario
 from orchestrator.scenario.tables.targets import Axis, FmuTarget, SampledTarget
@@ -109,11 +111,10 @@ def bodies(scenario: Scenario, robots: Sequence[int] | None = None) -> list[Body
 
 
 def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
-    controller = own.controller or scenario.controller
-    disturbance = own.disturbance or scenario.disturbance
+    controller, disturbance = controller_of(scenario, own), disturbance_of(scenario, own)
     return Body(
         robot=own.id,
-        parameters=(own.plant or scenario.plant).parameters,
+        parameters=plant_of(scenario, own).parameters,
         kp=gain(controller.kp, scenario.m),
         kd=gain(controller.kd, scenario.m),
         disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
@@ -165,11 +166,15 @@ def _initial(scenario: Scenario, name: str, robots: Sequence[int] | None) -> Arr
     for row, robot in enumerate(those):
         source = own.get(robot)
         if source is None:
-            source = given if isinstance(given, Uniform) else given[robot - 1]
+            source = given[robot - 1] if _is_matrix(given) else given
         if isinstance(source, Uniform):
             source = draw(scenario.run.seed, name, robot, source, scenario.m)
         rows[row] = source
     return rows
+
+
+def _is_matrix(given: Any) -> bool:
+    return isinstance(given, tuple) and any(isinstance(row, tuple) for row in given)
 
 
 def draw(seed: int, purpose: str, robot: int, uniform: Uniform, m: int) -> Array:

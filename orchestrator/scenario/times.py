@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from decimal import Decimal
 from itertools import pairwise
 
-from orchestrator.scenario.clock import Clock, Jitter, nanoseconds
+from orchestrator.scenario.clock import NS_PER_S, Clock, Jitter, nanoseconds, seconds
 from orchestrator.scenario.tables.scenario import Run
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
+TRIES = 10_000
+"""Divisors that are tried, for advice."""
 
 
 def clock(run: Run) -> Clock:
@@ -34,11 +36,11 @@ def wrong_times(run: Run) -> Iterator[str]:
     if run.sampling_times and run.sampling_period:
         yield "run.sampling_times: give these or run.sampling_period, not both"
         return
+    if run.end is None:
+        yield "run.duration: missing, it has no default"
     if not run.sampling_times and not run.sampling_period:
         yield "run.sampling_period: missing; give it, or run.sampling_times"
         return
-    if run.end is None:
-        yield "run.duration: missing, it has no default"
     if run.sampling_times and run.sampling_jitter:
         yield (
             f"run.sampling_jitter: expected none beside run.sampling_times, "
@@ -59,7 +61,11 @@ def _whole(name: str, time: float) -> Iterator[str]:
     try:
         ns = nanoseconds(time)
     except ValueError as error:
-        yield f"run.{name}: expected a whole number of nanoseconds, but {error}"
+        nearest = max(round(Decimal(repr(time)) * NS_PER_S), 1)
+        yield (
+            f"run.{name}: expected a whole number of nanoseconds, but {error}; the nearest is "
+            f"{seconds(nearest)!r} s"
+        )
         return
     if ns >= LONGEST_NS:
         yield f"run.{name}: expected less than 2^63 ns (292 years), got {time!r} s"
@@ -72,12 +78,14 @@ def _wrong_period(run: Run) -> Iterator[str]:
     if duration % period:
         yield (
             f"run.duration: expected a whole number of sampling periods of "
-            f"{run.sampling_period!r} s, got {run.duration!r} s"
+            f"{run.sampling_period!r} s, such as {_multiples(duration, period)}, "
+            f"got {run.duration!r} s"
         )
     if run.output_step and period % nanoseconds(run.output_step):
         yield (
             f"run.output_step: expected a step that divides the sampling period of "
-            f"{run.sampling_period!r} s, got {run.output_step!r} s"
+            f"{run.sampling_period!r} s{_divisors(period, nanoseconds(run.output_step))}, got "
+            f"{run.output_step!r} s"
         )
         return
     made = clock(run)
@@ -86,6 +94,22 @@ def _wrong_period(run: Run) -> Iterator[str]:
             f"run.sampling_jitter: expected a part that leaves every interval {made.parts} ns at "
             f"least, one for each output step, got {run.sampling_jitter!r}"
         )
+
+
+def _multiples(ns: int, period: int) -> str:
+    """Return the multiples of a period below and above a time."""
+    below = ns // period * period
+    near = [time for time in (below, below + period) if time]
+    return " or ".join(f"{seconds(time)!r}" for time in near)
+
+
+def _divisors(period: int, step: int) -> str:
+    """Name the steps next to one that divide a period, as far as these are soon found."""
+    count = max(period // step, 1)
+    fewer = next((n for n in range(count, max(count - TRIES, 0), -1) if not period % n), 0)
+    more = next((n for n in range(count + 1, count + TRIES) if not period % n), 0)
+    near = [f"{seconds(period // n)!r}" for n in (more, fewer) if n]
+    return f", such as {' or '.join(near)}" * bool(near)
 
 
 def _wrong_list(run: Run) -> Iterator[str]:
@@ -102,7 +126,8 @@ def _wrong_list(run: Run) -> Iterator[str]:
     if end % turn:
         yield (
             f"run.duration: expected the last of run.sampling_times, {run.sampling_times[-1]!r} s, "
-            f"or a multiple of it, for the list is repeated; got {run.duration!r} s"
+            f"or a multiple of it, for the list is repeated, such as {_multiples(end, turn)}; "
+            f"got {run.duration!r} s"
         )
         return
     if end // turn * len(times) >= MOST_TICKS:

@@ -14,9 +14,9 @@ from orchestrator.errors import ScenarioError
 from orchestrator.promises.judging import judge
 from orchestrator.promises.promising import promises
 from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import Change, changed
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import describe, lines, measure, scenario_of
+from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import clock_of, target_of
 from orchestrator.scenario.tables.scenario import json_schema

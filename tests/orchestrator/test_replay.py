@@ -14,9 +14,10 @@ from bus.transport import Message
 from orchestrator.replays.comparing import compare
 from orchestrator.replays.publishing import publish
 from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import Change, changed, parent, run_again
+from orchestrator.replays.what_if import parent, run_again
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import scenario_of
+from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from recordings.reading import Reader
 from recordings.writing import Writer
@@ -129,8 +130,8 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
         man = run_again(reader, file, [3])
         again = run(file, tmp_path / "what-if.mcap", man, metadata=parent(reader, changes))
         parents = reader.digest
-    own = '[[robots]]\nid = 3\nplant = { fmu = "two_link_arm", parameters = { m2 = 3.0 } }\n'
-    own += "controller = { kp = 150.0, kd = 300.0 }\n"
+    own = "[[robots]]\nid = 3\nplant = { parameters = { m2 = 3.0 } }\n"
+    own += "controller = { kp = 150.0 }\n"
     fresh = run(paper(SHORT, ("# [[robots]]", f"{own}\n# [[robots]]")), tmp_path / "fresh.mcap")
     with Reader(again.path) as one, Reader(fresh.path) as other:
         assert one.digest == other.digest != parents

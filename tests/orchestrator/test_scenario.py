@@ -8,6 +8,7 @@ import pytest
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import Clock, nanoseconds
 from orchestrator.scenario.file import parse_scenario, read_scenario
+from orchestrator.scenario.own import own_plants
 from orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
 from orchestrator.scenario.tables.fmus import Pattern
 from orchestrator.scenario.tables.scenario import json_schema
@@ -58,11 +59,13 @@ BAD = {
     ),
     "output step that does not divide": (
         ("output_step = 0.02", "output_step = 0.03"),
-        "run.output_step: expected a step that divides the sampling period of 0.1 s, got 0.03 s",
+        "run.output_step: expected a step that divides the sampling period of 0.1 s, such as "
+        "0.025 or 0.05, got 0.03 s",
     ),
     "duration that is no whole number": (
         ("duration = 30.0", "duration = 30.05"),
-        "run.duration: expected a whole number of sampling periods of 0.1 s, got 30.05 s",
+        "run.duration: expected a whole number of sampling periods of 0.1 s, such as 30.0 or 30.1, "
+        "got 30.05 s",
     ),
     "infinite duration": (("duration = 30.0", "duration = inf"), "expected a finite number"),
     "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a valid integer, got 1.5"),
@@ -100,11 +103,20 @@ BAD = {
     ),
     "initial rows": (
         ("q = { uniform = [-25.0, 25.0] }", "q = [[1, 2]]"),
-        "initial.q: expected 6 rows, one for each robot, got 1",
+        "initial.q: expected 2 numbers for each robot, or 6 x 2, a row for each, got 1 rows",
+    ),
+    "initial numbers": (
+        ("q = { uniform = [-25.0, 25.0] }", "q = [1, 2, 3]"),
+        "initial.q: expected 2 numbers for each robot, or 6 x 2, a row for each, got 3 numbers",
+    ),
+    "initial row": (
+        ("q = { uniform = [-25.0, 25.0] }", f"q = {[[0, 0]] * 5 + [[0]]}"),
+        "initial.q[5]: expected 2 numbers, one for each of the target's axes, got 1",
     ),
     "initial number": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = 3"),
-        "initial.q: expected {uniform = [low, high]} or a list of lists of numbers, got 3",
+        ("q = { uniform = [-25.0, 25.0] }", "q = '3'"),
+        "initial.q: expected a number, a list of numbers, a list of lists of numbers or {uniform = "
+        "[low, high]}, got '3'",
     ),
     "reversed range": (
         ("q = { uniform = [-25.0, 25.0] }", "q = { uniform = [25.0, -25.0] }"),
@@ -207,7 +219,7 @@ def test_an_empty_file_is_one_line(text):
         parse_scenario(text, "s", SCENARIOS, "s.toml")
     assert str(error.value) == (
         "s.toml: is empty; a scenario has [run], [algorithm], [controller], [network], [target], "
-        "[plant], [initial]"
+        "[plant]"
     )
 
 
@@ -326,6 +338,74 @@ def test_one_robots_own_values_leave_the_others_alone(paper):
     for i in (0, 1, 3, 4, 5):
         assert changed[i].q.tolist() == example[i].q.tolist()
         assert changed[i].kp.tolist() == [[200, 0], [0, 200]]
+
+
+def test_a_robots_own_table_changes_the_keys_that_it_gives_and_keeps_the_others(paper):
+    own = """[[robots]]
+id = 2
+controller = { kp = 20 }
+plant.parameters = { m2 = 3.0 }
+[[robots]]
+id = 3
+disturbance.axes = []
+[[robots]]
+id = 4
+disturbance = {}
+plant = { fmu = "two_link_arm", variables = { q = "q" } }
+#"""
+    shared = ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = 0.25 }\n#")
+    scenario = paper(("# [[robots]]", own), shared).scenario
+    made = bodies(scenario)
+    assert made[1].kp.tolist() == [[20, 0], [0, 20]]
+    assert made[1].kd.tolist() == [[300, 0], [0, 300]]
+    assert [body.parameters for body in made] == [
+        {"m1": 0.25},
+        {"m1": 0.25, "m2": 3.0},
+        {"m1": 0.25},
+        {},
+        {"m1": 0.25},
+        {"m1": 0.25},
+    ]
+    assert own_plants(scenario)[4].variables == {"q": "q"}
+    for robot, waves in ((3, 0), (4, 2)):
+        assert np.count_nonzero(made[robot - 1].disturbance.amplitude) == waves
+
+
+@pytest.mark.parametrize(
+    ("given", "row"),
+    [
+        ("", [0.0, 0.0]),
+        ("initial.q = 0.5", [0.5, 0.5]),
+        ("initial.q = [0.5, -1]", [0.5, -1.0]),
+        (f"initial.q = {[[0.5, -1]] * 6}", [0.5, -1.0]),
+    ],
+)
+def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(paper, given, row):
+    text = paper().text
+    start, end = text.index("[initial]"), text.index("# [[robots]]")
+    made = bodies(parse_scenario(f"{given}\n{text[:start]}", "s", SCENARIOS, "s").scenario)
+    assert [body.q.tolist() for body in made] == [row] * 6
+    for body in made:
+        assert body.qd.tolist() == body.position.tolist() == body.velocity.tolist() == [0.0, 0.0]
+    if "[[" not in given:  # one robot's own is the same, without the rows
+        own = (text[start:end], f"[initial]\nq = 9\n[[robots]]\nid = 2\n{given}\n")
+        q = [body.q.tolist() for body in bodies(paper(own).scenario)]
+        assert q == [[9.0, 9.0], row if given else [9.0, 9.0], *[[9.0, 9.0]] * 4]
+
+
+def test_a_missing_table_names_the_keys_that_it_must_have(paper):
+    text = paper().text
+    for table in ("controller", "algorithm", "disturbance"):
+        start = text.index(f"[{table}]")
+        text = text[:start] + text[text.index("\n[", start + 1) :]
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text.replace("[plant]\nfmu", "[plant]\n# fmu"), "s", SCENARIOS, "s.toml")
+    assert str(error.value).splitlines() == [
+        "s.toml: algorithm: missing, it has no default; give algorithm.name and algorithm.alpha "
+        "and algorithm.beta",
+        "s.toml: controller: missing, it has no default; give controller.kp and controller.kd",
+        "s.toml: plant.fmu: missing, it has no default",
+    ]
 
 
 def test_gains_as_a_number_a_vector_and_a_matrix():

@@ -16,10 +16,10 @@ from orchestrator.promises.checking import check
 from orchestrator.promises.judging import judge
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import Change, changed
 from orchestrator.reports.reporting import story_of
 from orchestrator.runs.running import past_of, run
 from orchestrator.runs.summary import measure, scenario_of, scenario_text
+from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.setting import target_of
 from orchestrator.scenario.tables.scenario import json_schema

@@ -132,9 +132,33 @@ BAD = {
     "beyond the duration": (
         listed([0.1, 0.4], duration=0.3),
         "run.duration: expected the last of run.sampling_times, 0.4 s, or a multiple of it, for "
-        "the list is repeated; got 0.3 s",
+        "the list is repeated, such as 0.4; got 0.3 s",
     ),
-    "no whole turns": (listed([0.1, 0.4], duration=1.0), "got 1.0 s"),
+    "no whole turns": (listed([0.1, 0.4], duration=1.0), "such as 0.8 or 1.2; got 1.0 s"),
+    "nearest periods": (
+        (
+            ("duration = 30.0", "duration = 25.0"),
+            ("sampling_period = 0.1", "sampling_period = 0.15"),
+        ),
+        "periods of 0.15 s, such as 24.9 or 25.05, got 25.0 s",
+    ),
+    "shorter than a period": (
+        (("duration = 30.0", "duration = 0.05"),),
+        "of 0.1 s, such as 0.1, got 0.05 s",
+    ),
+    "60 Hz": (
+        (("sampling_period = 0.1", "sampling_period = 0.016666666666666666"),),
+        "no whole number of nanoseconds; the nearest is 0.016666667 s",
+    ),
+    "a third": (
+        (("sampling_period = 0.1", "sampling_period = 0.3333333333333333"),),
+        "no whole number of nanoseconds; the nearest is 0.333333333 s",
+    ),
+    "neither period nor duration": (
+        ((DURATION, ""), ("sampling_period = 0.1", "#")),
+        "paper.toml: run.duration: missing, it has no default\n"
+        "paper.toml: run.sampling_period: missing; give it, or run.sampling_times",
+    ),
     "more parts than ns": (
         listed([1e-9, 1.0], step=0.25),
         "run.output_step: expected 1 parts of each interval at most, which is as many as the "

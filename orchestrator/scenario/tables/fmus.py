@@ -120,3 +120,13 @@ class Plant(Fmu):
     control_step: Positive | None = Field(
         None, description="s; the longest for which a torque is held, 0.005 by default"
     )
+
+
+class OwnPlant(Plant):
+    """What one robot's plant has of its own."""
+
+    fmu: str | None = Field(  # type: ignore[assignment]
+        None,
+        description="another FMU; with it nothing of [plant] holds, without it the keys that are "
+        "not given here are those of [plant]",
+    )

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from estimator_agents.hearing import Missing
 from orchestrator.scenario.tables.faults import Faults
-from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.fmus import OwnPlant, Plant
 from orchestrator.scenario.tables.networks import Network
 from orchestrator.scenario.tables.targets import Axis, TargetMotion
 from orchestrator.scenario.tables.values import (
@@ -86,6 +86,13 @@ class Controller(Table):
     kd: Gain = Field(description="N m s/rad: a number, m numbers, or m x m")
 
 
+class OwnController(Table):
+    """Gains of one robot; one that is not given stays as for all."""
+
+    kp: Gain | None = None
+    kd: Gain | None = None
+
+
 class Disturbance(Table):
     """tau_d, N m."""
 
@@ -94,13 +101,19 @@ class Disturbance(Table):
     )
 
 
-class Initial(Table):
-    """Estimates and states of all robots at t_0."""
+_ROWS = "a number, m numbers, n x m numbers, or {uniform = [low, high]}"
 
-    position: InitialRows = Field(description="eps_i(t_0): {uniform = [low, high]} or n x m")
-    velocity: InitialRows = Field(description="ups_i(t_0): {uniform = [low, high]} or n x m")
-    q: InitialRows = Field(description="rad: {uniform = [low, high]} or n x m")
-    qd: InitialRows = Field(description="rad/s: {uniform = [low, high]} or n x m")
+
+class Initial(Table):
+    """Estimates and states of all robots at t_0: at rest at 0, unless given.
+
+    A number is that of all joints of all robots, m numbers are those of each robot.
+    """
+
+    position: InitialRows = Field(0.0, description=f"eps_i(t_0): {_ROWS}")
+    velocity: InitialRows = Field(0.0, description=f"ups_i(t_0): {_ROWS}")
+    q: InitialRows = Field(0.0, description=f"rad: {_ROWS}")
+    qd: InitialRows = Field(0.0, description=f"rad/s: {_ROWS}")
 
 
 class RobotInitial(Table):
@@ -113,11 +126,11 @@ class RobotInitial(Table):
 
 
 class Robot(Table):
-    """What one robot has of its own."""
+    """What one robot has of its own; what is not given stays as for all."""
 
     id: int = Field(strict=True, ge=1, description="1 to n")
-    plant: Plant | None = None
-    controller: Controller | None = None
+    plant: OwnPlant | None = None
+    controller: OwnController | None = None
     disturbance: Disturbance | None = None
     initial: RobotInitial = RobotInitial()
 
@@ -152,7 +165,7 @@ class Scenario(Table):
     target: TargetMotion
     plant: Plant
     disturbance: Disturbance = Disturbance()
-    initial: Initial
+    initial: Initial = Initial()
     robots: tuple[Robot, ...] = ()
     faults: Faults = Faults()
     bus: BusTable = BusTable()

@@ -43,8 +43,10 @@ def _form(value: Any) -> str:
     """Return which form of a value was written, so that its errors speak of that form alone."""
     if isinstance(value, dict | Uniform):
         return DRAW
-    if not isinstance(value, list | tuple):
+    if isinstance(value, int | float):
         return NUMBER
+    if not isinstance(value, list | tuple):
+        return ""
     return MATRIX if any(isinstance(row, list | tuple) for row in value) else VECTOR
 
 
@@ -61,8 +63,13 @@ Gain = Annotated[
     Discriminator(_form),
 ]
 InitialRows = Annotated[
-    Annotated[Uniform, Tag(DRAW)] | Annotated[Matrix, Tag(MATRIX)], Discriminator(_form)
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[Vector, Tag(VECTOR)]
+    | Annotated[Matrix, Tag(MATRIX)]
+    | Annotated[Uniform, Tag(DRAW)],
+    Discriminator(_form),
 ]
 InitialRow = Annotated[
-    Annotated[Uniform, Tag(DRAW)] | Annotated[Vector, Tag(VECTOR)], Discriminator(_form)
+    Annotated[Number, Tag(NUMBER)] | Annotated[Vector, Tag(VECTOR)] | Annotated[Uniform, Tag(DRAW)],
+    Discriminator(_form),
 ]

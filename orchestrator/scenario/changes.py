@@ -1,0 +1,156 @@
+"""Changes of a scenario: `key=value,key=value`, the keys those of its file, the values TOML.
+
+    plant.parameters.m1=2.0,controller.kp=[10, 20]
+    robots=1-3,7,plant.variables={q={pattern="theta{i}"},qd=["w1","w2"]}
+
+A change sets the keys that it names and keeps the others, so a table in braces is the same as its
+keys with dots. A value that is no TOML is a text, as `plant.fmu=other.fmu`. A comma ends a value
+where what stands before it is TOML, or can be none. `robots` confines a change to some robots: it
+goes into their own tables. Another FMU is another plant: of the old one's table nothing is kept.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from bus.errors import InputError
+from orchestrator.scenario.file import ScenarioFile, parse_scenario
+from orchestrator.scenario.numbers import parse_robots
+
+_WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
+_NEXT = re.compile(rf",(?=\s*{_WORD}(?:\s*\.\s*{_WORD})*\s*=)")
+_OF_PLANTS = ("plant", "controller", "disturbance")
+
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Some keys of a scenario that get other values."""
+
+    option: str
+    """Where it was given."""
+    text: str
+    robots: tuple[int, ...] | None
+    """Whose they are; None for all."""
+    values: Mapping[Key, Any]
+
+    @classmethod
+    def of(cls, option: str, text: str) -> "Change":
+        """Read `key=value,key=value`; `InputError` names the option and the part that is wrong."""
+        robots: tuple[int, ...] | None = None
+        values: dict[Key, Any] = {}
+        for part in _parts(text):
+            name, equals, given = part.partition("=")
+            if not equals or not name.strip():
+                raise InputError(f"{option}: expected key=value, got {part!r} in {text!r}")
+            if name.strip() == "robots":
+                robots = parse_robots(given.strip(), f"{option} robots")
+                continue
+            for key, value in _leaves(_table(option, name, given, part)):
+                if any(key[: len(old)] == old or old[: len(key)] == key for old in values):
+                    raise InputError(f"{option}: {'.'.join(key)}: is given twice in {text!r}")
+                values[key] = _found(key, value)
+        if not values:
+            raise InputError(f"{option}: changes nothing: {text!r}")
+        return cls(option, text, robots, values)
+
+
+def changed(
+    file: ScenarioFile, plant: Sequence[Change], algorithm: Sequence[Change]
+) -> ScenarioFile:
+    """Return a scenario with changes; `InputError` and `ScenarioError` name what is wrong."""
+    document = tomlkit.parse(file.text)
+    for change in plant:
+        for key in change.values:
+            if key[0] not in _OF_PLANTS or len(key) == 1:
+                raise InputError(
+                    f"{change.option}: {'.'.join(key)}: expected a key of plant, controller or "
+                    f"disturbance"
+                )
+        if change.robots is None:
+            _apply(document, change.values)
+        for robot in change.robots or ():
+            _apply(_own(document, robot), change.values)
+    for change in algorithm:
+        _apply(document, {("algorithm", *key): value for key, value in change.values.items()})
+    return parse_scenario(tomlkit.dumps(document), file.name, file.folder, "the changed scenario")
+
+
+def _parts(text: str) -> Iterator[str]:
+    """Yield each `key=value`: the shortest that is TOML, or up to the next key where none is."""
+    start, ends = 0, [*(match.start() for match in _NEXT.finditer(text)), len(text)]
+    while ends:
+        end = next((end for end in ends if _is_toml(text[start:end])), ends[0])
+        yield text[start:end].strip()
+        start, ends = end + 1, [later for later in ends if later > end]
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        return bool(tomllib.loads(text))
+    except (ValueError, RecursionError):
+        return False
+
+
+def _table(option: str, name: str, given: str, part: str) -> Mapping[str, Any]:
+    """Return a part as TOML has it, or with its value as a text."""
+    if _is_toml(part):
+        return tomllib.loads(part)
+    if given.lstrip()[:1] in {"[", "{", '"', "'"} or not _is_toml(f"{name} = 0"):
+        raise InputError(
+            f"{option}: {name.strip()}: expected a key and a value of TOML, got {part!r}"
+        )
+    table: dict[str, Any] = tomllib.loads(f"{name} = 0")
+    inner = table
+    while True:
+        ((key, value),) = inner.items()
+        if not isinstance(value, dict):
+            inner[key] = given.strip()
+            return table
+        inner = value
+
+
+def _leaves(table: Mapping[str, Any], above: Key = ()) -> Iterator[tuple[Key, Any]]:
+    """Yield the keys of all values that are no tables."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, (*above, name))
+        else:
+            yield (*above, name), value
+
+
+def _found(key: Key, value: Any) -> Any:
+    """Return a value; a file of here is one wherever the scenario lies."""
+    is_file = key[-1] == "fmu" and isinstance(value, str) and value.endswith(".fmu")
+    return str(Path(value).absolute()) if is_file and Path(value).exists() else value
+
+
+def _own(document: tomlkit.TOMLDocument, robot: int) -> Any:
+    """Return the table of what a robot has of its own."""
+    entries = document.setdefault("robots", tomlkit.aot())
+    own = next((entry for entry in entries if entry.get("id") == robot), None)
+    if own is None:
+        own = tomlkit.table()
+        own["id"] = robot
+        entries.append(own)
+        own = entries[-1]
+    return own
+
+
+def _apply(table: Any, values: Mapping[Key, Any]) -> None:
+    """Set values in a table of a scenario, or of a robot."""
+    if ("plant", "fmu") in values:
+        table["plant"] = tomlkit.table()
+    for (*above, name), value in values.items():
+        inner = table
+        for part in above:
+            if not isinstance(inner.get(part), dict):
+                inner[part] = tomlkit.table()
+            inner = inner[part]
+        inner[name] = value

@@ -1,0 +1,119 @@
+"""A change sets the keys that it names, as TOML would, and keeps the others."""
+
+import tomllib
+
+import pytest
+
+from bus.errors import InputError
+from orchestrator.scenario.changes import Change, changed
+from orchestrator.scenario.tables.fmus import Pattern
+
+OTHER = ('fmu = "two_link_arm"', 'fmu = "own.fmu"\nparameters.mass = 3.0\nvariables.q = "theta"')
+
+
+def nested(change):
+    """Return the values of a change as a table."""
+    table = {}
+    for (*above, name), value in change.values.items():
+        inner = table
+        for part in above:
+            inner = inner.setdefault(part, {})
+        inner[name] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("plant.parameters={m1=2.0,m2=1.0}", "plant.parameters.m1=2.0\nplant.parameters.m2=1.0"),
+        ("plant.parameters.m1=2.0,plant.parameters.m2=1.0", "plant.parameters={m1=2.0,m2=1.0}"),
+        ("plant={parameters={m1=2.0}},controller={kp=1,kd=2}", None),
+        ('plant.variables={q={pattern="a{i}"},qd=["w1","w2"]}', None),
+        ('plant.variables.q={pattern="a{i}",base=0},controller.kp=[[10,0],[0,10]]', None),
+        ('plant.parameters.note="a,b=c",controller.kd=1e-3', None),
+        ("plant.parameters.note='a,b={',controller.kd=1", None),
+        ('plant.parameters={note="}],x=1",m1=[1,2]}, controller.kd = 1', None),
+        ('plant.parameters."arm.q[1]"=2,controller.kp=+3', None),
+        ("plant.parameters.d=[{a=1,b=2}],controller.kp=3", None),
+        (
+            "plant.fmu=two_link_arm,plant.parameters={m1=1,m2=2}",
+            'plant.fmu="two_link_arm"\nplant.parameters={m1=1,m2=2}',
+        ),
+        ("plant.fmu=a b=c.fmu,plant.isolate=false", 'plant.fmu="a b=c.fmu"\nplant.isolate=false'),
+        ("beta=0.9,alpha=fast", 'beta=0.9\nalpha="fast"'),
+    ],
+)
+def test_a_change_is_what_toml_makes_of_its_parts(text, lines):
+    def cut(text, depth=0, quote=""):
+        """Return the text with line breaks for those commas that are in no brackets or quotes."""
+        out = ""
+        for char in text:
+            if quote:
+                quote = "" if char == quote else quote
+            elif char in "\"'":
+                quote = char
+            depth += (char in "[{") - (char in "]}") if not quote else 0
+            out += "\n" if char == "," and not depth and not quote else char
+        return out
+
+    assert nested(Change.of("--plant", text)) == tomllib.loads(lines or cut(text))
+
+
+def test_robots_are_named_like_pages_wherever_they_stand():
+    for text in (
+        "robots=1-3,7,controller.kp=1",
+        "controller.kp=1,robots=1-3,7",
+        "robots = 7,1-3,controller.kp=1",
+    ):
+        change = Change.of("--plant", text)
+        assert (change.robots, nested(change)) == ((1, 2, 3, 7), {"controller": {"kp": 1}})
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("fmu", "--plant: expected key=value, got 'fmu'"),
+        ("", "--plant: expected key=value, got ''"),
+        ("=3", "--plant: expected key=value, got '=3'"),
+        ("plant.parameters={}", "--plant: changes nothing"),
+        ("plant.parameters={m1=2.0", "plant.parameters: expected a key and a value of TOML, got"),
+        ("plant.parameters={m1=two,m2=1}", "plant.parameters: expected a key and a value of TOML"),
+        ("plant.parameters.q[0]=1", "plant.parameters.q[0]: expected a key and a value of TOML"),
+        ("controller.kp=1,controller.kp=2", "controller.kp: is given twice in"),
+        ("plant.parameters={m1=1},plant.parameters.m1=2", "plant.parameters.m1: is given twice"),
+    ],
+)
+def test_what_is_no_change_is_named(text, told):
+    with pytest.raises(InputError) as error:
+        Change.of("--plant", text)
+    assert told in str(error.value)
+
+
+def after(file, text):
+    return changed(file, [Change.of("--plant", text)], []).scenario
+
+
+def test_a_change_keeps_the_keys_that_it_does_not_name(paper):
+    file = paper(OTHER)
+    plant = after(file, "plant.parameters={drag=1.0},plant.variables.qd=omega").plant
+    assert plant.fmu == "own.fmu"
+    assert plant.parameters == {"mass": 3.0, "drag": 1.0}
+    assert plant.variables == {"q": "theta", "qd": "omega"}
+    own = after(file, "robots=2,controller.kp=20,plant.variables.q={pattern='a{i}'}").robots[0]
+    assert own.controller.model_fields_set == {"kp"}
+    assert own.plant.variables == {"q": Pattern(pattern="a{i}")}
+
+
+@pytest.mark.parametrize("whose", ["", "robots=2,"])
+def test_another_fmu_takes_nothing_of_the_table_of_the_old_one(paper, whose):
+    scenario = after(paper(OTHER), f"{whose}plant.parameters.m1=2.0,plant.fmu=two_link_arm")
+    plant = scenario.robots[0].plant if whose else scenario.plant
+    assert (plant.fmu, plant.parameters, plant.variables) == ("two_link_arm", {"m1": 2.0}, {})
+
+
+def test_a_file_of_here_is_one_wherever_the_scenario_lies(paper, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other.fmu").touch()
+    for text in ("plant.fmu=other.fmu", "plant.fmu='other.fmu'", "plant={fmu='other.fmu'}"):
+        assert after(paper(), text).plant.fmu == str(tmp_path / "other.fmu")
+    assert after(paper(), "plant.fmu=none.fmu").plant.fmu == "none.fmu"
