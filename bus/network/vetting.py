@@ -1,19 +1,18 @@
 """A certificate is good for a host when it is signed, in date, and names who and where it is.
 
 The common name is the host's name on the bus; the alternative names are the addresses by which
-others connect to it. It is read by `cryptography`, which the extra `tls` brings.
+others connect to it.
 """
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
+
+from cryptography import x509
 
 from bus.errors import InputError
 from bus.network.access import RESERVED, expect_host_name
 from bus.network.certificates import Tls, context
-
-if TYPE_CHECKING:
-    from cryptography.x509 import Certificate
 
 SOON = timedelta(days=30)
 Verdict = Literal["ok", "warning", "fails"]
@@ -27,11 +26,6 @@ def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, Verdict, s
         yield "files", "fails", str(error)
         return
     yield "files", "ok", "readable, and the key is the certificate's"
-    try:
-        from cryptography import x509  # noqa: PLC0415, an extra that may be missing
-    except ImportError:
-        yield "certificate", "warning", "not read: pip install '.[tls]' in nrs-cosim's sources"
-        return
     authorities = x509.load_pem_x509_certificates(tls.ca.read_bytes())
     own, *between = x509.load_pem_x509_certificates(tls.certificate.read_bytes())
     yield _signed(own, between, authorities)
@@ -48,10 +42,6 @@ def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, Verdict, s
 def common_name(tls: Tls) -> str | None:
     """Return the one common name of a certificate; None where it cannot be told."""
     try:
-        from cryptography import x509  # noqa: PLC0415, an extra that may be missing
-    except ImportError:
-        return None
-    try:
         own, *_ = x509.load_pem_x509_certificates(tls.certificate.read_bytes())
     except (OSError, ValueError):
         return None
@@ -60,7 +50,7 @@ def common_name(tls: Tls) -> str | None:
 
 
 def _signed(
-    own: "Certificate", between: list["Certificate"], authorities: list["Certificate"]
+    own: x509.Certificate, between: list[x509.Certificate], authorities: list[x509.Certificate]
 ) -> tuple[str, Verdict, str]:
     at = own
     for _ in range(len(between) + 1):
@@ -74,7 +64,7 @@ def _signed(
     return "signature", "fails", f"{said}; have the certificate issued by it, or give the other"
 
 
-def _issued(one: "Certificate", by: "Certificate") -> bool:
+def _issued(one: x509.Certificate, by: x509.Certificate) -> bool:
     try:
         one.verify_directly_issued_by(by)
     except Exception:
@@ -82,7 +72,7 @@ def _issued(one: "Certificate", by: "Certificate") -> bool:
     return True
 
 
-def _in_date(certificates: list["Certificate"], now: datetime) -> tuple[Verdict, str]:
+def _in_date(certificates: list[x509.Certificate], now: datetime) -> tuple[Verdict, str]:
     begin = max(one.not_valid_before_utc for one in certificates)
     end = min(one.not_valid_after_utc for one in certificates)
     if now < begin:
@@ -94,9 +84,7 @@ def _in_date(certificates: list["Certificate"], now: datetime) -> tuple[Verdict,
     return "ok", f"until {end:%Y-%m-%d}"
 
 
-def _named(own: "Certificate") -> Iterator[tuple[str, Verdict, str]]:
-    from cryptography import x509  # noqa: PLC0415, an extra that may be missing
-
+def _named(own: x509.Certificate) -> Iterator[tuple[str, Verdict, str]]:
     names = [str(a.value) for a in own.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)]
     yield "host", *_name_of_a_host(names)
     try:

@@ -13,7 +13,6 @@ from secrets import token_bytes
 from time import monotonic
 from typing import Any
 
-from bus.encryption import encrypt
 from bus.errors import BusError, InputError, RunError
 from bus.keys import (
     ALIVE,
@@ -259,9 +258,13 @@ class Crew:
                 home.process.kill()
 
     def _join(self, name: str, question: Question) -> None:
+        # A run without hosts has nothing to encrypt, and need not wait for what does it.
+        from bus.encryption import encrypt, expect_public_key  # noqa: PLC0415
+
         try:
             expect_host_name(name, "--name")
             hello: Hello = Hello.read(question.payload)
+            expect_public_key(hello.public)
             home = self._homes.get(name)
             if home and home.incarnation == hello.incarnation:
                 self._repeat(home, question)

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from struct import Struct
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bus.encryption import expect_public_key
 from bus.errors import BusError
 from bus.parts import joined, parted
 
@@ -55,7 +54,7 @@ class Hello(Note):
     """Which of the hosts of this name it is: the id of its session."""
     robots: tuple[int, ...] | None
     """The ones that it wants; None for any home that is free."""
-    public: Annotated[bytes, AfterValidator(expect_public_key)]
+    public: bytes
     """The key that its `Welcome` is encrypted to; nobody else has the private one."""
 
 

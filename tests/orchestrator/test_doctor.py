@@ -2,7 +2,6 @@
 
 import json
 import socket
-import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -126,14 +125,6 @@ class TestCertificates:
         found = seen(replace(left, key=right.key))
         assert list(found) == ["files"]
         assert "is not the key of the certificate" in found["files"][1]
-
-    def test_without_the_extra_it_is_named(self, authority, monkeypatch):
-        left = authority.issue("left")
-        monkeypatch.setitem(sys.modules, "cryptography", None)
-        assert seen(left)["certificate"] == (
-            "warning",
-            "not read: pip install '.[tls]' in nrs-cosim's sources",
-        )
 
 
 class TestOptions:
