@@ -6,6 +6,7 @@ any, qd is the derivative of q: `der(…)` of each of its variables. So is a tar
 its position. A target has no inputs: nothing sets them, and it would stand still.
 """
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -266,6 +267,10 @@ def _structural(archive: Archive, picks: Sequence[Pick], size: int) -> str:
         if decides is None or decides.causality != "structuralParameter":
             continue
         if prod(shape_of(archive, picks[0][0], {decides.valueReference: size})) == size:
-            bare = re.fullmatch(r"[\w-]+", decides.name, re.ASCII)
-            return str(decides.name) if bare else f'"{decides.name}"'
+            return bare_or_quoted(decides.name)
     return ""
+
+
+def bare_or_quoted(name: str) -> str:
+    """Return a name as a key of TOML."""
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name)

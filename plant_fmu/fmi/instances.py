@@ -10,7 +10,8 @@ import numpy as np
 
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import TYPES, Quantity, View
-from plant_fmu.archives.variables import find_quantity
+from plant_fmu.archives.starts import start_parameters
+from plant_fmu.archives.variables import bare_or_quoted, find_quantity
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
 from plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
@@ -131,8 +132,20 @@ class Instances:
                     f"{self.library.archive.label}: {name} of robot {bodies[row].robot} was to "
                     f"start at {told[row].tolist()} (initial.{name}), but starts at "
                     f"{got[row].tolist()}; what stands for {name} must be a state whose start "
-                    f"can be set"
+                    f"can be set{self._instead(name, bodies[row].robot, got[row], told[row])}"
                 )
+
+    def _instead(self, name: str, robot: int, found: Array, wanted: Array) -> str:
+        """Return which parameters may bring about a start that cannot be set, if any can."""
+        quantity, archive = self.vector(name, len(wanted)), self.library.archive
+        values = start_parameters(archive, quantity, found.tolist(), wanted.tolist())
+        if not values:
+            return ""
+        table = ", ".join(f"{bare_or_quoted(key)} = {value!r}" for key, value in values.items())
+        return (
+            f"; its start seems to be a parameter's: leave initial.{name} as it is, and give "
+            f"{called(robot)} plant.parameters = {{ {table} }}"
+        )
 
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""

@@ -3,8 +3,9 @@
  * as well. The step that it refuses is the first that ends after |refuses|: with Error, or with
  * Fatal where `refuses` is negative, and then it ends the process if it is freed.
  *
- * FMI 2.0 or 3.0 for Co-Simulation by -DFMI; its environment and its name as it tells them by
- * -DENVIRONMENT and -DNAME. */
+ * Where -DSTART is a number, `origin` has it at first, and q starts at `origin`, whatever it is set
+ * to before. FMI 2.0 or 3.0 for Co-Simulation by -DFMI; its environment and its name as it tells
+ * them by -DENVIRONMENT and -DNAME. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@ typedef struct {
 } Callbacks;
 #endif
 
-enum { Q, QD, TAU, REFUSES, N };
+enum { Q, QD, TAU, REFUSES, ORIGIN, N };
 
 typedef struct {
     const Callbacks *given;
@@ -44,6 +45,7 @@ static Joint *born(void *memory, const Callbacks *given, const char *name)
 {
     Joint *joint = memory;
     joint->given = given;
+    joint->v[ORIGIN] = START;
     strncpy(joint->name, name, sizeof joint->name - 1);
     say(joint, "born");
     return joint;
@@ -58,6 +60,14 @@ static void end(const Joint *joint)
 static int reset(Joint *joint)
 {
     memset(joint->v, 0, sizeof joint->v);
+    joint->v[ORIGIN] = START;
+    return 0;
+}
+
+static int begin(Joint *joint)
+{
+    if (!isnan(joint->v[ORIGIN]))
+        joint->v[Q] = joint->v[ORIGIN];
     return 0;
 }
 
@@ -112,7 +122,7 @@ void fmi2FreeInstance(void *instance)
 int fmi2Reset(void *joint) { return reset(joint); }
 int fmi2SetupExperiment(void) { return 0; }
 int fmi2EnterInitializationMode(void) { return 0; }
-int fmi2ExitInitializationMode(void) { return 0; }
+int fmi2ExitInitializationMode(void *joint) { return begin(joint); }
 int fmi2Terminate(void *joint) { return say(joint, "terminated"), 0; }
 int fmi2SetReal(void *j, const unsigned r[], size_t n, const double v[]) { return set(j, r, n, v); }
 int fmi2GetReal(void *j, const unsigned r[], size_t n, double v[]) { return get(j, r, n, v); }
@@ -147,7 +157,7 @@ void fmi3FreeInstance(void *instance)
 
 int fmi3Reset(void *joint) { return reset(joint); }
 int fmi3EnterInitializationMode(void) { return 0; }
-int fmi3ExitInitializationMode(void) { return 0; }
+int fmi3ExitInitializationMode(void *joint) { return begin(joint); }
 int fmi3SetFloat64(void *j, const unsigned r[], size_t n, const double v[], size_t m)
 {
     return (void)m, set(j, r, n, v);

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zipfile import ZipFile
@@ -46,19 +47,28 @@ FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def build_talker(
-    path: Path, fmi: int = 2, environment: str = ENVIRONMENT, name: str = NAME
+    path: Path,
+    fmi: int = 2,
+    environment: str = ENVIRONMENT,
+    name: str = NAME,
+    start: str = "NAN",
+    edit: Callable[[str], str] = str,
 ) -> Path:
-    """Compile it and write its archive; what it tells the logger of itself are C expressions."""
+    """Compile it and write its archive, whose description may be edited.
+
+    What it tells the logger of itself, and its start, are C expressions.
+    """
     platform = fmpy.platform if fmi == 2 else fmpy.platform_tuple
     with TemporaryDirectory() as work, ZipFile(path, "w") as archive:
         library, stubs = Path(work) / "talker", Path(work) / "stubs.c"
         stubs.write_text(_stubs(fmi))
         defined = [f"-DFMI={fmi}", f"-DENVIRONMENT={environment}", f"-DNAME={name}"]
+        defined += [f"-DSTART={start}"]
         flags = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}"]
         sources = [str(SOURCE), str(stubs)]
         subprocess.run(["cc", *flags, *defined, *sources, "-o", str(library)], check=True)
         archive.write(library, f"binaries/{platform}/talker{fmpy.sharedLibraryExtension}")
-        archive.writestr("modelDescription.xml", FMI2 if fmi == 2 else FMI3)
+        archive.writestr("modelDescription.xml", edit(FMI2 if fmi == 2 else FMI3))
     return path
 
 
