@@ -11,7 +11,7 @@ from pathlib import Path
 from orchestrator.reports.reporting import story_of
 from recordings.reading import Reader
 from recordings.report.figures import figures, groups
-from recordings.report.printing import write_png
+from recordings.report.printing import write_picture
 
 
 def draw(recording: Path, figure: Path, until: float = 8.0) -> None:
@@ -20,7 +20,9 @@ def draw(recording: Path, figure: Path, until: float = 8.0) -> None:
         stories = [story_of(reader)]
     estimates, tracking, *_ = figures(stories)
     panels = [panel for panel in (*estimates.panels, *tracking.panels) if panel.joint == 0]
-    write_png([replace(estimates, title="", panels=tuple(panels))], figure, groups(stories), until)
+    write_picture(
+        [replace(estimates, title="", panels=tuple(panels))], figure, groups(stories), until
+    )
 
 
 if __name__ == "__main__":

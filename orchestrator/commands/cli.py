@@ -22,6 +22,7 @@ from orchestrator.commands import replay_cli, run_cli
 from orchestrator.commands.fmu_cli import fmu
 from orchestrator.commands.options import (
     Listen,
+    NewRecording,
     RecordingPath,
     ScenarioPath,
     TlsCa,
@@ -119,10 +120,12 @@ def export(
     ] = "csv",
 ) -> None:
     """Write a recording's samples, states and faults as tables."""
+    from orchestrator.commands.formats import expect_folder_name
     from orchestrator.commands.places import expect_folder
     from recordings.export import export as tables
     from recordings.reading import Reader
 
+    expect_folder_name("-o", output)
     expect_folder(output)
     with Reader(recording) as reader:
         for path in tables(reader, output, form):
@@ -134,9 +137,7 @@ def export(
 @app.command()
 def recover(
     recording: RecordingPath,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
-    ],
+    output: NewRecording,
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
     from orchestrator.commands import showing
@@ -155,9 +156,7 @@ def recover(
 @app.command()
 def scene(
     recording: RecordingPath,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="NEW", help="The new recording.")
-    ],
+    output: NewRecording,
 ) -> None:
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
     from orchestrator.runs.summary import scenario_of

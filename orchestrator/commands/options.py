@@ -7,12 +7,37 @@ from typing import Annotated, Literal
 import typer
 
 from bus.errors import InputError
+from orchestrator.commands.formats import expect_ending
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+
+
+def _expect_recording(output: Path | None) -> Path | None:
+    if output is not None:
+        expect_ending("-o", output, ".mcap")
+    return output
+
+
 Output = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="FILE.mcap", help="Where the recording goes."),
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE.mcap",
+        help="Where the recording goes.",
+        callback=_expect_recording,
+    ),
+]
+NewRecording = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="NEW.mcap",
+        help="The new recording.",
+        callback=_expect_recording,
+    ),
 ]
 Compressed = Annotated[
     Literal["zstd", "lz4", "none"],

@@ -88,10 +88,13 @@ def diff(
 ) -> None:
     """Say what is not the same in two recordings; exit status 1 when anything is not."""
     from orchestrator.commands import replaying, showing
+    from orchestrator.commands.formats import expect_ending
     from orchestrator.commands.places import expect_replaceable
     from orchestrator.replays.comparing import compare
     from recordings.reading import Reader
 
+    if picture:
+        expect_ending("--picture", picture, ".png")
     with Reader(a) as one, Reader(b) as other:
         found = compare(one, other)
     if picture:

@@ -11,8 +11,8 @@ from orchestrator.terminal import out, say
 if TYPE_CHECKING:
     from recordings.report.story import Story
 
-Format = Literal["html", "png", "pdf"]
-_BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF"}
+Format = Literal["html", "png", "pdf", "svg"]
+_BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 
 def report(
@@ -21,19 +21,28 @@ def report(
         typer.Argument(metavar="FILE...", help="Recordings (MCAP); several lie over one another."),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="PAGE", help="Where the report goes.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Where the report goes; .html is a page, .pdf, .png and .svg are its figures.",
+        ),
     ],
     form: Annotated[
-        Format, typer.Option("--format", help="A page that needs no network, or its figures.")
-    ] = "html",
+        Format | None,
+        typer.Option("--format", help="Of a file whose name does not say; html by default."),
+    ] = None,
 ) -> None:
     """Draw recordings: a page with everything that moves, or figures for print."""
+    from orchestrator.commands.formats import format_of
     from orchestrator.commands.places import expect_replaceable
     from orchestrator.reports.reporting import story_of
     from recordings.errors import UncreatableError
     from recordings.reading import Reader
     from recordings.report.page import page
 
+    kind = format_of(output, form, tuple(_BEGINS))
     with ExitStack() as stack:
         stories = []
         for path in recordings:
@@ -42,27 +51,27 @@ def report(
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")
     try:
-        expect_replaceable(output, f"report ({form})", _BEGINS[form])
+        expect_replaceable(output, f"report ({kind})", _BEGINS[kind])
         output.parent.mkdir(parents=True, exist_ok=True)
         part = output.with_name(output.name + ".part")
-        if form == "html":
+        if kind == "html":
             part.write_text(page(stories), "utf-8")
         else:
-            _print(stories, part, form)
+            _print(stories, part, kind)
         part.replace(output)
     except OSError as error:
         raise UncreatableError(f"{output}: cannot be written: {error.strerror}") from None
     out.print(str(output), markup=False)
 
 
-def _print(stories: "list[Story]", path: Path, form: Literal["png", "pdf"]) -> None:
+def _print(stories: "list[Story]", path: Path, kind: str) -> None:
     from recordings.errors import MissingExtraError
 
     try:
         from recordings.report.printing import write_figures
     except ImportError:
         raise MissingExtraError(
-            f"--format {form}: figures need matplotlib, which is not installed: "
+            f"{kind}: figures need matplotlib, which is not installed: "
             "pip install '.[report]' in nrs-cosim's sources"
         ) from None
-    write_figures(stories, path, form)
+    write_figures(stories, path, kind)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recordings.report.decimating import kept
 from recordings.report.figures import Curve, Figure, Panel
-from recordings.report.printing import write_png
+from recordings.report.printing import write_picture
 
 MOST = 24
 """Robots that are drawn."""
@@ -33,7 +33,7 @@ def write_distances(
         for i, name in enumerate(names)
     ]
     figure = Figure("apart", "How far apart they are", "", tuple(panels))
-    write_png([figure], path, [(f"robot {robot}", ink) for ink, robot in enumerate(robots)])
+    write_picture([figure], path, [(f"robot {robot}", ink) for ink, robot in enumerate(robots)])
 
 
 def _curve(robot: int, ink: int, times: Array, apart: Array) -> Curve:

@@ -6,7 +6,7 @@ Only the extra `report` brings matplotlib: whoever imports this module expects a
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -52,27 +52,32 @@ _DASHES: Mapping[str, Any] = {
 }
 
 
-def write_figures(stories: Sequence[Story], path: Path, form: Literal["png", "pdf"]) -> None:
-    """Write all figures of some recordings: one under another, or in a PDF each on its page."""
+def write_figures(stories: Sequence[Story], path: Path, form: str) -> None:
+    """Write all figures of some recordings.
+
+    `png` and `svg` have them one under another, `pdf` each on its page.
+    """
     drawn = figures(stories) or [Figure("nothing", "Nothing was recorded", "", ())]
     legend = groups(stories)
-    if form == "png":
-        write_png(drawn, path, legend)
+    if form != "pdf":
+        write_picture(drawn, path, legend, form=form)
         return
     with mpl.rc_context(STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
         for figure in drawn:
             pages.savefig(_sheet([figure], legend))
 
 
-def write_png(
+def write_picture(
     drawn: Sequence[Figure],
     path: Path,
     legend: Sequence[Group],
     until: float | None = None,
+    form: str = "png",
 ) -> None:
-    """Write some figures one under another, up to a time in s or whole."""
+    """Write some figures one under another, up to a time in s or whole; the same bytes again."""
+    metadata = {"Software": ""} if form == "png" else {"Date": None}
     with mpl.rc_context(STYLE):
-        _sheet(drawn, legend, until).savefig(path, format="png", metadata={"Software": ""})
+        _sheet(drawn, legend, until).savefig(path, format=form, metadata=metadata)
 
 
 def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:

@@ -278,9 +278,11 @@ def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
     scenario = tmp_path / "s.toml"
     text = PAPER.read_text("utf-8").replace(*SHORT)
     scenario.write_text(text, "utf-8")
-    done = nrs("run", scenario, "-o", scenario)
-    assert done.returncode == 2
-    assert "exists and is no recording" in done.stderr
+    (tmp_path / "thesis").write_text(text, "utf-8")
+    for output, told in ((scenario, "is the name of a scenario"), ("thesis", "is no recording")):
+        done = nrs("run", scenario, "-o", tmp_path / output)
+        assert done.returncode == 2
+        assert told in done.stderr
     assert scenario.read_text("utf-8") == text
     assert nrs("run", scenario, "-o", "/dev/null").returncode == 2
     for _ in range(2):

@@ -5,6 +5,7 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
+from bus.errors import InputError
 from docs.figures import draw
 from orchestrator.commands.cli import app
 
@@ -16,6 +17,65 @@ def inked(path):
     pixels = (imread(path)[..., :3] * 255).astype(np.uint8)
     coloured = pixels[(pixels < 250).any(axis=2)]
     return len(coloured) / pixels[..., 0].size, len(np.unique(coloured, axis=0))
+
+
+BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
+
+
+@pytest.mark.parametrize("form", BEGINS)
+def test_the_ending_of_its_name_says_what_a_report_is(paper, tmp_path, form):
+    out = tmp_path / f"report.{form.upper()}"
+    for more in ([], ["--format", form]):
+        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
+        assert result.exit_code == 0, result.output
+        assert out.read_bytes().lower().startswith(BEGINS[form].lower())
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "told"),
+    [
+        ("a.png", "pdf", "--format pdf: -o {} ends in .png; leave one of them out"),
+        ("a.html", "pdf", "ends in .html"),
+        ("a.pdf", "html", "ends in .pdf"),
+        ("a.mcap", "pdf", "ends in .mcap"),
+        ("a.docx", None, "expected a name that ends in .html, .png, .pdf, .svg, or --format"),
+    ],
+)
+def test_a_format_that_contradicts_a_name_is_refused_before_anything_is_read(
+    tmp_path, name, form, told
+):
+    out = tmp_path / name
+    more = ["--format", form] if form else []
+    result = nrs.invoke(app, ["report", str(tmp_path / "none.mcap"), "-o", str(out), *more])
+    assert isinstance(result.exception, InputError)
+    assert told.format(out) in str(result.exception)
+    assert not out.exists()
+
+
+def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path):
+    for more, begin in (([], "html"), (["--format", "pdf"], "pdf")):
+        out = tmp_path / begin
+        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
+        assert result.exit_code == 0, result.output
+        assert out.read_bytes().startswith(BEGINS[begin])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "s.toml", "-o", "a.html"], "is the name of a page, and a recording would be w"),
+        (["resume", "a.mcap", "-o", "a.csv"], "is the name of a table, and a recording would"),
+        (["replay", "a.mcap", "--algorithm", "alpha=1", "-o", "b.PNG"], "is the name of a pic"),
+        (["recover", "a.mcap", "-o", "a.toml"], "is the name of a scenario, and a recording"),
+        (["scene", "a.mcap", "-o", "a.pdf"], "is the name of a PDF, and a recording"),
+        (["export", "a.mcap", "-o", "a.parquet"], "and tables go into a folder"),
+        (["diff", "a.mcap", "b.mcap", "--picture", "a.pdf"], "and a picture would be written"),
+    ],
+)
+def test_no_file_is_named_as_another_kind_of_file(arguments, told):
+    result = nrs.invoke(app, arguments)
+    assert isinstance(result.exception, InputError)
+    assert told in str(result.exception)
 
 
 @pytest.mark.parametrize("name", ["paper", "lossy"])
