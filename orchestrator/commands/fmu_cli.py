@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bus.errors import InputError
-from orchestrator.terminal import AsJson, out, print_json, say
+from orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
     from orchestrator.scenario.tables.scenario import Scenario
@@ -100,17 +100,36 @@ def fmu_from_urdf(
         ),
     ] = None,
 ) -> None:
-    """Write the rigid-body dynamics of a URDF's joints as an FMU."""
+    """Write the rigid-body dynamics of a URDF's joints as an FMU, once it is checked."""
     from orchestrator.commands.places import expect_replaceable
+    from orchestrator.commands.stages import stages
+    from plant_fmu.archives.archive import open_archive
+    from plant_fmu.bundled.building import copy_out
     from plant_fmu.bundled.urdf import read_urdf
-    from plant_fmu.bundled.urdf_fmu import GRAVITY, write_urdf
+    from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+    from plant_fmu.checking.built import check_built
+    from plant_fmu.checking.findings import Task
 
-    robot = read_urdf(urdf)
-    for warning in robot.warnings():
-        say("yellow", "warning", f"{urdf}: {warning}")
-    expect_replaceable(output, "FMU", b"PK")
     pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
-    write_urdf(robot, fmi, pull, output)
+    expect_replaceable(output, "FMU", b"PK")
+    with stages(err) as begin:
+        begin("reading")
+        robot = read_urdf(urdf)
+        for warning in robot.warnings:
+            say("yellow", "warning", f"{urdf}: {warning}")
+        built = build_urdf(robot, fmi, pull, begin)
+        begin("checking")
+        checked = check_built(Task(open_archive(built, str(output))))
+    for finding in checked.findings:
+        if finding.verdict == "unknown":
+            said = f"its FMU was not checked for {finding.name!r}: {finding.text}"
+            say("yellow", "warning", f"{urdf}: {said}")
+        if finding.verdict == "fails":
+            said = f"its FMU is not written, for {finding.name!r} does not hold: {finding.text}"
+            say("red", "error", f"{urdf}: {said}")
+    if not checked.passes:
+        raise typer.Exit(1)
+    copy_out(built, output)
     out.print(str(output), markup=False)
 
 

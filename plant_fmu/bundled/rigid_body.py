@@ -19,7 +19,7 @@ from adam.model import Model
 from adam.model.std_factories.std_joint import StdJoint
 from adam.model.std_factories.std_model import URDFModelFactory
 
-from plant_fmu.bundled.urdf import Pose, Robot, Three
+from plant_fmu.bundled.urdf_robot import Pose, Robot, Three
 
 _CODE: dict[str, bool | str] = {
     "main": False,
@@ -36,21 +36,21 @@ _HEADER = """\
 """
 
 
-def forward_dynamics(robot: Robot, gravity: Three) -> str:
-    """C code of `accelerations`, as a function `forward_dynamics`."""
-    generator = casadi.CodeGenerator("dynamics.c", _CODE)
-    generator.add(accelerations(robot, gravity))
-    return f"{_HEADER}{generator.dump()}\n"
-
-
 def accelerations(robot: Robot, gravity: Three) -> casadi.Function:
-    """(q, qd, force) to qdd, each of m numbers; gravity is in m/s2, in the base's frame."""
+    """`forward_dynamics`: (q, qd, force) to qdd, (m,); gravity is in m/s2, in the base's frame."""
     axes = robot.axes
     q, qd, force = (casadi.SX.sym(name, len(axes)) for name in ("q", "qd", "force"))
     damping = casadi.DM([joint.damping for joint in axes])
     mass, bias = _equations_of_motion(robot, gravity, q, qd)
     qdd = casadi.ldl_solve(force - damping * qd - bias, *casadi.ldl(mass, False))
     return casadi.Function("forward_dynamics", [q, qd, force], [qdd], {"cse": True})
+
+
+def c_code(equations: casadi.Function) -> str:
+    """C of a function."""
+    generator = casadi.CodeGenerator("dynamics.c", _CODE)
+    generator.add(equations)
+    return f"{_HEADER}{generator.dump()}\n"
 
 
 def _equations_of_motion(

@@ -4,41 +4,45 @@ Its equations are generated, and need the packages of the extra `urdf`.
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from plant_fmu.bundled.building import build_model, copy_out
+from plant_fmu.bundled.building import build_model
 from plant_fmu.bundled.declaration import MODELS, Declaration, declare
-from plant_fmu.bundled.urdf import Robot, Three
+from plant_fmu.bundled.urdf_robot import Robot, Three
 from plant_fmu.errors import FmuError
 
 GRAVITY: Three = (0.0, 0.0, -9.80665)
 """m/s2, in the frame of the base link."""
+Begin = Callable[[str], None]
+"""What is told of a stage of the work as it begins."""
 
 
-def build_urdf(robot: Robot, fmi: int = 3, gravity: Three = GRAVITY) -> Path:
+def build_urdf(
+    robot: Robot, fmi: int = 3, gravity: Three = GRAVITY, begin: Begin = lambda _: None
+) -> Path:
     """The FMU of a robot for FMI 2 or 3, kept where `build` keeps those of bundled models.
 
-    `FmuError` says which packages or which compiler is missing.
+    `begin` is told what is done next. `FmuError` says which packages or which compiler is missing.
     """
     try:
-        from plant_fmu.bundled.rigid_body import forward_dynamics  # noqa: PLC0415
+        from plant_fmu.bundled.rigid_body import accelerations, c_code  # noqa: PLC0415
     except ImportError as error:
         raise FmuError(
             f"the packages that generate the dynamics of a URDF are not installed ({error}): "
             "pip install '.[urdf]' in nrs-cosim's sources"
         ) from None
+    begin("equations of motion")
+    function = accelerations(robot, gravity)
+    begin("C code")
     equations = {
         "model.c": (MODELS / "rigid_body" / "model.c").read_bytes(),
-        "dynamics.c": forward_dynamics(robot, gravity).encode(),
+        "dynamics.c": c_code(function).encode(),
     }
+    begin("compiling")
     return build_model(_declaration(robot, gravity), equations, fmi)
-
-
-def write_urdf(robot: Robot, fmi: int, gravity: Three, destination: Path) -> None:
-    """Copies the FMU that `build_urdf` gives to the file `destination`."""
-    copy_out(build_urdf(robot, fmi, gravity), destination)
 
 
 def _declaration(robot: Robot, gravity: Three) -> Declaration:

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.bundled.urdf import Robot, read_urdf
+from plant_fmu.bundled.urdf import read_urdf
 from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from plant_fmu.bundled.urdf_remarks import Remarks
+from plant_fmu.bundled.urdf_robot import Robot
+from plant_fmu.bundled.urdf_tree import from_the_base, mass_matrix
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.random_robots import KINDS, MOST_JOINTS, RandomRobot, random_robot
 
@@ -44,19 +47,27 @@ class Reference:
         self.data = self.model.createData()
         self.damping = np.array([joint.damping for joint in robot.moving])
 
+        self.ids = [self.model.getJointId(joint.name) for joint in robot.moving]
+        self.into = [self.model.joints[i].idx_v for i in self.ids]
+
     def acceleration(self, q, qd, force):
-        ids = [self.model.getJointId(joint.name) for joint in self.robot.moving]
-        into = [self.model.joints[i].idx_v for i in ids]
+        v, tau = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        v[self.into], tau[self.into] = qd, force - self.damping * qd
+        return self.pinocchio.aba(self.model, self.data, self._theirs(q), v, tau)[self.into]
+
+    def mass(self, q):
+        upper = np.triu(self.pinocchio.crba(self.model, self.data, self._theirs(q)))
+        return (upper + np.triu(upper, 1).T)[np.ix_(self.into, self.into)]
+
+    def _theirs(self, q):
         theirs = self.pinocchio.neutral(self.model)
-        for i, joint, angle in zip(ids, self.robot.moving, q, strict=True):
+        for i, joint, angle in zip(self.ids, self.robot.moving, q, strict=True):
             there = self.model.joints[i].idx_q
             if joint.kind == "continuous":
                 theirs[there : there + 2] = np.cos(angle), np.sin(angle)
             else:
                 theirs[there] = angle
-        v, tau = np.zeros(self.model.nv), np.zeros(self.model.nv)
-        v[into], tau[into] = qd, force - self.damping * qd
-        return self.pinocchio.aba(self.model, self.data, theirs, v, tau)[into]
+        return theirs
 
 
 def read(robot: RandomRobot, folder: Path) -> Robot:
@@ -86,6 +97,20 @@ def test_random_trees_accelerate_as_those_of_another_library(pinocchio, robots, 
             if not error <= TOLERANCE:
                 wrong.append((seed, error))
     assert not wrong
+
+
+def test_random_trees_have_the_mass_matrix_of_another_library(pinocchio, robots, tmp_path):
+    """That which tells whether a URDF has inertias enough."""
+    for seed, drawn in enumerate(robots):
+        robot = read(drawn, tmp_path)
+        links = {link.name: link for link in robot.links}
+        order = from_the_base(links, robot.joints, Remarks())
+        reference = Reference(pinocchio, drawn, GRAVITY)
+        for q, _, _ in states(len(robot.axes), seed):
+            found, largest = mass_matrix(links, order, robot.axes, q)
+            wanted = reference.mass(q)
+            assert np.abs(found - wanted).max() <= 1e-13 * np.abs(wanted).max()
+            assert (np.diag(found) <= largest * (1 + 1e-13)).all()
 
 
 def test_the_trees_have_all_combinations_of_what_a_joint_can_be(robots):
@@ -124,6 +149,33 @@ BODY = (
     '<inertial><mass value="{0}"/>'
     '<inertia ixx="{1}" ixy="0" ixz="0" iyy="{1}" iyz="0" izz="{1}"/></inertial>'
 )
+UNIVERSAL_JOINT = (
+    '<robot name="rod"><link name="base"/><link name="cross"/>'
+    '<link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="2"/>'
+    '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
+    '<joint name="x" type="continuous"><parent link="base"/><child link="cross"/>'
+    '<axis xyz="1 0 0"/></joint><joint name="y" type="continuous"><parent link="cross"/>'
+    '<child link="rod"/><axis xyz="0 1 0"/></joint></robot>'
+)
+
+
+def test_a_rod_on_a_massless_cross_in_closed_form(tmp_path):
+    """Of kinetic energy T = (J x'^2 + I y'^2)/2, J = 0.1 + 0.5 cos^2 y, I = 0.6, without gravity.
+
+    Then J x" = tau1 + sin y cos y x' y', I y" = tau2 - sin y cos y x'^2 / 2.
+    """
+    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+
+    path = tmp_path / "rod.urdf"
+    path.write_text(UNIVERSAL_JOINT, "utf-8")
+    equations = accelerations(read_urdf(path), (0.0, 0.0, 0.0))
+    for q, qd, tau in states(2, 1):
+        both = np.sin(q[1]) * np.cos(q[1])
+        x = (tau[0] + both * qd[0] * qd[1]) / (0.1 + 0.5 * np.cos(q[1]) ** 2)
+        wanted = [x, (tau[1] - both * qd[0] ** 2 / 2) / 0.6]
+        np.testing.assert_allclose(np.array(equations(q, qd, tau)).ravel(), wanted, rtol=1e-12)
+
+
 TURNING_SLIDER = (
     '<robot name="turning slider"><link name="base"/>'
     f'<link name="turn">{BODY.format(1, 0.5)}</link><link name="slide">{BODY.format(2, 0.1)}</link>'

@@ -7,8 +7,9 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from io import StringIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,22 +19,28 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+from orchestrator.commands.stages import stages
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import measure
 from orchestrator.scenario.file import parse_scenario
 from plant_fmu.archives.archive import open_archive
 from plant_fmu.bundled.urdf import read_urdf
 from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from plant_fmu.checking import built
+from plant_fmu.checking.findings import Task
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
 from plant_fmu.plants import Body, Disturbance
 from recordings.reading import Reader
 from tests.command import nrs
 from tests.plant_fmu.equations import Equations
+from tests.plant_fmu.test_rigid_body import TURNING_SLIDER
 
 Array = NDArray[np.float64]
+CHECK_BUILT = built.check_built
 ROBOTS = Path(__file__).with_name("robots")
 IIWA = ROBOTS / "lbr_iiwa_14.urdf"
 ARM = ROBOTS / "two_link_arm.urdf"
@@ -387,146 +394,6 @@ def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
     assert measured.position_tracking < 0.02
 
 
-# What is refused
-
-
-BODY = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-JOINT = (
-    '<joint name="j" type="revolute"><parent link="base"/><child link="arm"/>'
-    '<axis xyz="0 0 1"/></joint>'
-)
-FIXED = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
-
-
-def robot(links: str = "", joints: str = JOINT) -> str:
-    arm = f'<link name="base"/><link name="arm"><inertial>{BODY}</inertial></link>'
-    return f'<robot name="r">{arm}{links}{joints}</robot>'
-
-
-ONE = robot()
-NO_INERTIA = (
-    "joint 'j': link 'arm' and what is fixed to it have no inertia about its axis; give link 'arm' "
-    "an <inertial> with a positive mass and inertia"
-)
-
-WRONG = {
-    "not XML": ("robot: arm", "is no XML: syntax error: line 1, column 0"),
-    "another format": ("<sdf/>", "has no <robot>: its root is <sdf>"),
-    "xacro": (
-        ONE.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"').replace(
-            "</robot>", "<xacro:arm/></robot>"
-        ),
-        "is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf",
-    ),
-    "no name": (ONE.replace(' name="r"', ""), "a <robot> has no name; give it one"),
-    "a name that ends a comment": (
-        ONE.replace('"j"', '"j*/"'),
-        "joint 'j*/': a name is made of printable characters other than *",
-    ),
-    "two of a name": (
-        ONE.replace('"base"', '"arm"'),
-        "has two links named 'arm'; give one of them another name",
-    ),
-    "a planar joint": (
-        ONE.replace("revolute", "planar"),
-        "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'planar'",
-    ),
-    "a floating joint": (
-        ONE.replace("revolute", "floating"),
-        "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'floating'",
-    ),
-    "mimic": (
-        ONE.replace("<axis", '<mimic joint="k"/><axis'),
-        "joint 'j': <mimic> is not supported; remove it, or make the joint fixed",
-    ),
-    "no axis": (
-        ONE.replace('<axis xyz="0 0 1"/>', ""),
-        "joint 'j': has no <axis>; the default of URDF is <axis xyz=\"1 0 0\"/>",
-    ),
-    "an axis of no direction": (
-        ONE.replace("0 0 1", "0 0 0"),
-        "joint 'j': <axis> xyz: expected a direction, got 0 0 0",
-    ),
-    "half an axis": (
-        ONE.replace("0 0 1", "0 1"),
-        "joint 'j': <axis> xyz: expected 3 numbers, got '0 1'",
-    ),
-    "an unknown link": (
-        ONE.replace('child link="arm"', 'child link="leg"'),
-        "joint 'j': <child>: there is no link 'leg'",
-    ),
-    "negative damping": (
-        ONE.replace("<axis", '<dynamics damping="-1"/><axis'),
-        "joint 'j': <dynamics> damping: expected 0 or more, got -1",
-    ),
-    "no moving joint": (
-        robot(joints=FIXED.format("j", "base", "arm")),
-        "has no moving joint; expected a revolute, continuous or prismatic one",
-    ),
-    "two ways to a link": (
-        ONE.replace("</robot>", FIXED.format("k", "base", "arm") + "</robot>"),
-        "link 'arm': joints 'j' and 'k' both lead to it: a closed loop; "
-        "expected an open chain or tree",
-    ),
-    "a loop apart": (
-        robot(
-            links='<link name="a"/><link name="b"/>',
-            joints=JOINT + FIXED.format("k", "a", "b") + FIXED.format("l", "b", "a"),
-        ),
-        "links 'a', 'b': their joints are a closed loop; expected an open chain or tree",
-    ),
-    "two bases": (
-        robot(links='<link name="other"/>'),
-        "links 'base', 'other': no joint leads to them; expected one base link",
-    ),
-    "no inertia": (ONE.replace(f"<inertial>{BODY}</inertial>", ""), NO_INERTIA),
-    "an inertia of zeros": (ONE.replace('="1"', '="0"'), NO_INERTIA),
-    "a point on the axis": (
-        ONE.replace('ixx="1"', 'ixx="0"')
-        .replace('iyy="1"', 'iyy="0"')
-        .replace('izz="1"', 'izz="0"')
-        .replace("<mass", '<origin xyz="0 0 0.3"/><mass'),
-        NO_INERTIA,
-    ),
-    "no mass to slide": (
-        ONE.replace("revolute", "prismatic").replace('mass value="1"', 'mass value="0"'),
-        "joint 'j': link 'arm' and what is fixed to it have no mass; give link 'arm' an <inertial> "
-        "with a positive mass and inertia",
-    ),
-    "a negative mass": (
-        ONE.replace('mass value="1"', 'mass value="-2"'),
-        "link 'arm': <inertial> <mass> value: expected 0 or more, got -2",
-    ),
-    "a negative inertia": (
-        ONE.replace('ixx="1"', 'ixx="-1"'),
-        "link 'arm': <inertial> <inertia>: expected no negative principal moment, got -1 kg m2",
-    ),
-    "no inertia tensor": (
-        ONE.replace(BODY, '<mass value="1"/>'),
-        "link 'arm': <inertial> has no <inertia>; add it",
-    ),
-    "an inertia that is no number": (
-        ONE.replace('izz="1"', 'izz="nan"'),
-        "link 'arm': <inertial> <inertia> izz: expected a number, got 'nan'",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_named(tmp_path: Path, case: str) -> None:
-    text, message = WRONG[case]
-    path = tmp_path / "robot.urdf"
-    path.write_text(text, "utf-8")
-    with pytest.raises(FmuError) as caught:
-        read_urdf(path)
-    assert str(caught.value) == f"{path}: {message}"
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(FmuError, match=r"arm\.urdf: cannot be read: No such file or directory"):
-        read_urdf(tmp_path / "arm.urdf")
-
-
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "plant_fmu.bundled.rigid_body", raising=False)
     monkeypatch.setitem(sys.modules, "casadi", None)
@@ -548,6 +415,61 @@ def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
     told = json.loads(nrs("fmu", "info", str(output), "--json").stdout)
     assert (told["name"], told["fmi_version"]) == ("robot_3_armed_gantry", "2.0")
     assert told["kinds"] == ["CoSimulation", "ModelExchange"]
+
+
+def test_an_fmu_that_is_no_mechanics_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The slider's frame is turned, and what generates its equations is made to forget that."""
+    monkeypatch.delattr("plant_fmu.bundled.rigid_body._Maths.H_prismatic_joint")
+    slider, output = tmp_path / "slider.urdf", tmp_path / "slider.fmu"
+    slider.write_text(TURNING_SLIDER.format(f"0 {np.pi / 2} 0", "0 0 1"), "utf-8")
+    done = nrs("fmu", "from-urdf", slider, "-o", output, "--gravity", "0,0,0")
+    assert (done.returncode, done.stdout) == (1, "")
+    wrong = "its FMU is not written, for 'power' does not hold: gains power that no torque gives"
+    assert done.stderr.startswith(f"error: {slider}: {wrong}")
+    assert not output.exists()
+
+
+def test_an_fmu_that_takes_long_to_check_is_written_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(built, "check_built", lambda task: CHECK_BUILT(task, deadline=0.0))
+    output = tmp_path / "arm.fmu"
+    done = nrs("fmu", "from-urdf", ARM, "-o", output)
+    assert (done.returncode, done.stdout) == (0, f"{output}\n")
+    unknown = "its FMU was not checked for 'mechanics': the check was not over after 0 s"
+    assert done.stderr == f"warning: {ARM}: {unknown}\n"
+    assert output.is_file()
+
+
+def test_a_crash_of_the_check_is_a_failure() -> None:
+    """An archive that is gone when the check begins ends its process."""
+    archive = open_archive(build_urdf(read_urdf(ARM)))
+    checked = CHECK_BUILT(Task(replace(archive, path=archive.path.with_name("gone.fmu"))))
+    assert not checked.passes
+
+
+def test_stages_are_shown_on_a_terminal_once_they_take_long() -> None:
+    shown, now = StringIO(), [0.0]
+    terminal = Console(file=shown, force_terminal=True, highlight=False, width=80)
+    with stages(terminal, clock=lambda: now[0]) as begin:
+        begin("reading")
+        now[0] = 1.9
+        begin("compiling")
+        quick = shown.getvalue()
+        now[0] = 5.0
+        begin("checking")
+    assert "reading" not in quick + shown.getvalue()
+    assert "compiling" not in quick
+    assert "checking … 0 s" in shown.getvalue()
+
+
+def test_stages_are_not_shown_in_a_file() -> None:
+    shown = StringIO()
+    with stages(Console(file=shown), clock=lambda: 9.0) as begin:
+        begin("reading")
+    assert shown.getvalue() == ""
 
 
 @pytest.mark.parametrize("gravity", ["0,0", "0,0,nan"])

@@ -1,0 +1,160 @@
+"""The elements of a URDF as values. What is wrong of one does not keep the others from being read.
+
+A number or a link that cannot be read is a fault, and stands as 0 or as none until all faults are
+told. Of a link's `<inertial>` the faults are kept apart: only some links' inertias are used.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import cast, get_args
+
+import numpy as np
+
+from plant_fmu.bundled.urdf_remarks import Remarks
+from plant_fmu.bundled.urdf_robot import ZERO, Inertial, Joint, Kind, Link, Pose, Three
+from plant_fmu.bundled.urdf_xml import Element
+
+_FREE = {"floating", "planar"}
+_DEFAULT_AXIS: Three = (1.0, 0.0, 0.0)
+
+
+def named(root: Element, tag: str, faults: Remarks) -> Iterator[tuple[str, Element]]:
+    """Yield the robot's links or joints with their names, no two of one name."""
+    seen: set[str] = set()
+    for element in root.findall(tag):
+        name = element.get("name", "").strip()
+        if not name:
+            faults.add(f"a <{tag}> has no name; give it one")
+            continue
+        if not writable(name):
+            faults.add("a name is made of printable characters other than *", tag, name)
+        if name in seen:
+            faults.add(f"there are two {tag}s of this name; give one of them another", tag, name)
+            continue
+        seen.add(name)
+        yield name, element
+
+
+def writable(name: str) -> bool:
+    """Whether a name can go into comments of C code, of which it must not end one."""
+    return "*" not in name and name.isprintable()
+
+
+def read_link(name: str, element: Element) -> tuple[Link, Remarks]:
+    """Return a link, and what is wrong of its `<inertial>`."""
+    faults = Remarks()
+    inertial = element.find("inertial")
+    if inertial is None:
+        return Link(name, Inertial()), faults
+    read = _Reading("link", name, faults, "<inertial> ")
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    for tag, part in (("mass", mass), ("inertia", inertia)):
+        if part is None:
+            read.fault(f"has no <{tag}>; add it")
+    if mass is None or inertia is None:
+        return Link(name, Inertial()), faults
+    xx, xy, xz, yy, yz, zz = (
+        read.number(inertia, key, "<inertia> ")
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    kilograms = read.number(mass, "value", "<mass> ")
+    if kilograms < 0.0:
+        read.fault(f"<mass> value: expected 0 or more, got {kilograms:g}")
+    tensor = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+    return Link(name, Inertial(read.pose(inertial), kilograms, tensor)), faults
+
+
+def read_joint(
+    name: str, element: Element, links: dict[str, Link], faults: Remarks, warnings: Remarks
+) -> Joint:
+    """Return a joint, as a fixed one where its kind is not supported."""
+    read = _Reading("joint", name, faults)
+    kind = element.get("type", "")
+    if kind in _FREE:
+        read.fault(
+            f"type {kind!r} is not supported, for the base is fixed; remove the joint and the link "
+            'above it, or give it type="fixed"'
+        )
+    elif kind not in get_args(Kind):
+        expected = "revolute, continuous, prismatic or fixed"
+        read.fault(f"type: expected {expected}, got {kind!r}")
+    if element.find("mimic") is not None:
+        read.fault("<mimic> is not supported; remove it, or make the joint fixed")
+    parent, child = (_end(element, tag, read, links) for tag in ("parent", "child"))
+    if kind in _FREE or kind not in get_args(Kind) or kind == "fixed":
+        return Joint(name, "fixed", parent, child, read.pose(element), ZERO, 0.0)
+    damping, friction = 0.0, 0.0
+    dynamics = element.find("dynamics")
+    if dynamics is not None:
+        damping, friction = (
+            read.number(dynamics, key, "<dynamics> ", "0") for key in ("damping", "friction")
+        )
+    if damping < 0.0:
+        read.fault(f"<dynamics> damping: expected 0 or more, got {damping:g}")
+    if friction:
+        warnings.add(f"its dry friction of {friction:g} is left out", "joint", name)
+    axis = _axis(element, read, warnings)
+    pose = read.pose(element)
+    return Joint(name, cast("Kind", kind), parent, child, pose, axis, damping)
+
+
+class _Reading:
+    """The attributes of one link or joint, and where what is wrong of them is said."""
+
+    def __init__(self, what: str, name: str, faults: Remarks, within: str = "") -> None:
+        self.what, self.name, self._faults, self._within = what, name, faults, within
+
+    def fault(self, text: str) -> None:
+        self._faults.add(f"{self._within}{text}", self.what, self.name)
+
+    def number(self, element: Element, key: str, where: str, default: str = "") -> float:
+        return self._numbers(element, key, where, default, (0.0,))[0]
+
+    def three(
+        self, element: Element, key: str, where: str, default: str = "", instead: Three = ZERO
+    ) -> Three:
+        x, y, z = self._numbers(element, key, where, default, instead)
+        return x, y, z
+
+    def pose(self, element: Element) -> Pose:
+        origin = element.find("origin")
+        if origin is None:
+            return Pose()
+        xyz, rpy = (self.three(origin, key, "<origin> ", "0 0 0") for key in ("xyz", "rpy"))
+        return Pose(xyz, rpy)
+
+    def _numbers(
+        self, element: Element, key: str, where: str, default: str, instead: Sequence[float]
+    ) -> Sequence[float]:
+        """Return the finite numbers of an attribute, as many as stand for it where it is faulty."""
+        text, n = element.get(key, default), len(instead)
+        try:
+            numbers = [float(word) for word in text.split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) == n and np.isfinite(numbers).all() and "_" not in text:
+            return numbers
+        expected = "a number" if n == 1 else f"{n} numbers"
+        self.fault(f"{where}{key}: expected {expected}, got {text!r}")
+        return instead
+
+
+def _end(element: Element, tag: str, read: _Reading, links: dict[str, Link]) -> str:
+    end = element.find(tag)
+    link = "" if end is None else str(end.get("link", "")).strip()
+    if link not in links:
+        read.fault(f"<{tag}>: there is no link {link!r}")
+    return link
+
+
+def _axis(element: Element, read: _Reading, warnings: Remarks) -> Three:
+    axis = element.find("axis")
+    if axis is None:
+        warnings.add("has no <axis>; URDF's default of 1 0 0 is taken", read.what, read.name)
+        return _DEFAULT_AXIS
+    direction = np.array(read.three(axis, "xyz", "<axis> ", instead=_DEFAULT_AXIS))
+    if not direction.any():
+        read.fault("<axis> xyz: expected a direction, got 0 0 0")
+        return _DEFAULT_AXIS
+    direction /= np.abs(direction).max()  # no square of it is too large or too small
+    x, y, z = map(float, direction / np.linalg.norm(direction))
+    return x, y, z

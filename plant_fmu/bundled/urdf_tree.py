@@ -1,0 +1,111 @@
+"""The joints of a URDF as one tree from the base, and the mass matrix of what they carry.
+
+M(q) = sum over links of J^T diag(m, m, m, I) J, with J the Jacobian of the link's centre of mass in
+the axes of the base.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plant_fmu.bundled.urdf_remarks import Remarks
+from plant_fmu.bundled.urdf_robot import Array, Joint, Link
+
+
+def from_the_base(
+    links: Mapping[str, Link], joints: Sequence[Joint], faults: Remarks
+) -> tuple[Joint, ...] | None:
+    """Return the joints, whose ends are links, each after that of its parent link.
+
+    None where they are not one tree, which is a fault.
+    """
+    looped = False
+    above: dict[str, Joint] = {}
+    below: dict[str, list[Joint]] = {name: [] for name in links}
+    for joint in joints:
+        if joint.child in above:
+            faults.add(
+                f"joints {above[joint.child].name!r} and {joint.name!r} both lead to it: a closed "
+                "loop; expected an open chain or tree",
+                "link",
+                joint.child,
+            )
+            looped = True
+            continue
+        above[joint.child] = joint
+        below[joint.parent].append(joint)
+    bases = [name for name in links if name not in above]
+    if len(bases) > 1:
+        for name in bases:
+            faults.add("without a joint that leads there; expected one base link", "link", name)
+    order, to_visit, unreached = [], list(bases), links.keys() - set(bases)
+    while to_visit:
+        for joint in below[to_visit.pop()]:
+            order.append(joint)
+            to_visit.append(joint.child)
+            unreached -= {joint.child}
+    for name in sorted(unreached):
+        faults.add("in a closed loop of joints; expected an open chain or tree", "link", name)
+    return None if looped or len(bases) != 1 or unreached else tuple(order)
+
+
+def moving_links(order: Sequence[Joint]) -> dict[str, tuple[Joint, Array, Array]]:
+    """Return the links that move: the joint that moves each, and R and p in that one's frame."""
+    moving: dict[str, tuple[Joint, Array, Array]] = {}
+    for joint in order:
+        if joint.kind != "fixed":
+            moving[joint.child] = joint, np.eye(3), np.zeros(3)
+        elif joint.parent in moving:
+            mover, R, p = moving[joint.parent]
+            moving[joint.child] = mover, R @ joint.origin.rotation, p + R @ joint.origin.xyz
+    return moving
+
+
+def mass_matrix(
+    links: Mapping[str, Link], order: Sequence[Joint], axes: Sequence[Joint], q: Array
+) -> tuple[Array, Array]:
+    """Return M(q), (m, m), and for each of its diagonal the largest that any axis could give, (m,).
+
+    `axes` are the joints that move, in the order of q.
+    """
+    m = len(axes)
+    number = {joint.name: k for k, joint in enumerate(axes)}
+    mass, largest = np.zeros((m, m)), np.zeros(m)
+    for name, R, p, movers in _frames(order, number, q):
+        inertial = links[name].inertial
+        turned = R @ inertial.origin.rotation
+        inertia = turned @ np.array(inertial.inertia) @ turned.T
+        centre = p + R @ inertial.origin.xyz
+        slides, turns = np.zeros((3, m)), np.zeros((3, m))
+        for joint, axis, at in movers:
+            k, arm = number[joint.name], centre - at
+            if joint.kind == "prismatic":
+                slides[:, k] = axis
+                largest[k] += inertial.mass
+            else:
+                slides[:, k], turns[:, k] = np.cross(axis, arm), axis
+                largest[k] += np.abs(np.trace(inertia)) + inertial.mass * (arm @ arm)
+        mass += inertial.mass * slides.T @ slides + turns.T @ inertia @ turns
+    return mass, largest
+
+
+def _frames(
+    order: Sequence[Joint], number: Mapping[str, int], q: Array
+) -> Iterator[tuple[str, Array, Array, tuple[tuple[Joint, Array, Array], ...]]]:
+    """Yield each link below the base: R, p, and the joints that move it with their axes."""
+    none: tuple[tuple[Joint, Array, Array], ...] = ()
+    at: dict[str, tuple[Array, Array, tuple[tuple[Joint, Array, Array], ...]]] = {}
+    for joint in order:
+        R, p, movers = at.get(joint.parent, (np.eye(3), np.zeros(3), none))
+        p = p + R @ joint.origin.xyz
+        R = R @ joint.origin.rotation
+        if joint.kind != "fixed":
+            axis, coordinate = R @ joint.axis, q[number[joint.name]]
+            movers = (*movers, (joint, axis, p))
+            if joint.kind == "prismatic":
+                p = p + coordinate * axis
+            else:
+                R = R @ Rotation.from_rotvec(coordinate * np.array(joint.axis)).as_matrix()
+        at[joint.child] = R, p, movers
+        yield joint.child, R, p, movers
