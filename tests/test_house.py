@@ -1,5 +1,6 @@
 """The house stands as it is described: types, format, direction of imports, and the README."""
 
+import ast
 import re
 import shlex
 import subprocess
@@ -97,3 +98,38 @@ def test_constraints_pin_every_dependency_and_name_no_place():
     extras = [name for group in project["optional-dependencies"].values() for name in group]
     for requirement in project["dependencies"] + extras:
         assert re.split("[<>=]", requirement)[0].lower() in pinned
+
+
+WAITS = {"deadline", "timeout", "wait"}
+"""Arguments by which something waits, s; and methods whose first argument is one."""
+WAITERS = {"communicate", "exception", "join", "result", "wait"}
+CLOCKS = {"monotonic", "perf_counter", "sleep"}
+OWN_TIME = {"mutation/trying.py", "network/relay.py"}
+"""A tool that ends what does not, and a wire that is slow on purpose."""
+
+
+def literal(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in {int, float}
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted((ROOT / "tests").rglob("*.py")),
+    ids=lambda path: path.relative_to(ROOT / "tests").as_posix(),
+)
+def test_how_long_a_test_waits_is_one_of_the_times_in_guard(path):
+    """No test sleeps, or holds a machine's speed against a number of its own."""
+    if path.relative_to(ROOT / "tests").as_posix() in OWN_TIME:
+        return
+    found = []
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        match node:
+            case ast.Call(func=ast.Attribute(attr=name), args=[first]) if name in WAITERS:
+                found += [node.lineno] if literal(first) else []
+            case ast.keyword(arg=name, value=value) if name in WAITS and literal(value):
+                found.append(node.value.lineno)
+            case ast.ImportFrom(module="time", names=names):
+                found += [node.lineno for name in names if name.name in CLOCKS]
+            case ast.Attribute(value=ast.Name(id="time"), attr=name) if name in CLOCKS:
+                found.append(node.lineno)
+    assert found == [], "lines that wait for a time of their own; see tests/guard.py"

@@ -28,11 +28,10 @@ from orchestrator.runs.running import run
 from orchestrator.scenario.file import ScenarioFile, read_scenario
 from orchestrator.scenario.setting import clock_of
 from recordings.reading import Reader
+from tests.guard import GUARD
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = ROOT / "scenarios" / "paper_first_order.toml"
-PATIENCE = 60.0
-"""s: a guard; nothing here takes that long."""
 
 
 def scenario(folder: Path, ticks: int, *replacements: tuple[str, str], more: str = "") -> Path:
@@ -74,7 +73,7 @@ class Told:
 
     def until(self, text: str) -> str:
         """Return the next line that has a text."""
-        while (line := self._coming.get(timeout=PATIENCE)) is not None:
+        while (line := self._coming.get(timeout=GUARD)) is not None:
             self.lines.append(line)
             if text in line:
                 return line
@@ -82,7 +81,7 @@ class Told:
 
     def told(self) -> list[str]:
         """Return all lines, up to the last."""
-        while (line := self._coming.get(timeout=PATIENCE)) is not None:
+        while (line := self._coming.get(timeout=GUARD)) is not None:
             self.lines.append(line)
         self._coming.put(None)
         return self.lines
@@ -98,11 +97,20 @@ class Host(Told):
     started: ClassVar[list["Host"]] = []
 
     def __init__(
-        self, endpoint: str, name: str, robots=None, run=None, wait=PATIENCE, tls=None, **options
+        self,
+        endpoint: str,
+        name: str,
+        robots=None,
+        run=None,
+        wait=GUARD,
+        looks=None,
+        tls=None,
+        **options,
     ) -> None:
+        """Join at an endpoint: wait for somebody there, and then look for a run."""
         super().__init__()
         self._over = False
-        member = Membership(name, robots, run, wait, False, True, self._show)
+        member = Membership(name, robots, run, looks or wait, False, True, self._show)
         endpoints = Endpoints(
             connect=(endpoint,), **{"tls": tls, "wait": wait, "insecure_tcp": True} | options
         )
@@ -130,11 +138,11 @@ class Host(Told):
         for host in hosts:
             host._over = True
         for host in hosts:
-            host._whole.exception(2 * PATIENCE)
+            host._whole.exception(2 * GUARD)
 
     def end(self) -> None:
         """Wait for its end; raises what it was refused with."""
-        self._whole.result(PATIENCE)
+        self._whole.result(GUARD)
 
 
 class Run(Told):
@@ -147,7 +155,7 @@ class Run(Told):
         pauses=(),
         homes=None,
         expected=1,
-        wait=PATIENCE,
+        wait=GUARD,
         restart=True,
         **endpoints,
     ) -> None:
@@ -159,7 +167,7 @@ class Run(Told):
         def watch(time_ns: int) -> None:
             if k := at.pop(time_ns, None):
                 self.take(f"paused at tick {k}")
-                assert self.go_on.wait(PATIENCE)
+                assert self.go_on.wait(GUARD)
                 self.go_on.clear()
             if self._over:
                 raise Interrupted
@@ -188,7 +196,7 @@ class Run(Told):
 
     def outcome(self):
         """Return how it ended."""
-        return self._whole.result(PATIENCE)
+        return self._whole.result(GUARD)
 
     def digest(self) -> str:
         """Return the digest of the run, which is to be completed."""
@@ -210,7 +218,7 @@ class Command(Told):
             stderr=subprocess.STDOUT,
             text=True,
         )
-        self._guard = Timer(2 * PATIENCE, self.process.kill)
+        self._guard = Timer(2 * GUARD, self.process.kill)
         self._guard.daemon = True
         self._guard.start()
         self._reader = ThreadPoolExecutor(1)
@@ -233,7 +241,7 @@ class Command(Told):
 
     def end(self) -> tuple[int, str]:
         """Wait for its end; return its status and all that it printed."""
-        status = self.process.wait(PATIENCE)
+        status = self.process.wait(GUARD)
         self._guard.cancel()
         self._reader.shutdown()
         self.told()

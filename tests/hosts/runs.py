@@ -11,6 +11,7 @@ from orchestrator.runs.running import run
 from orchestrator.scenario.file import parse_scenario
 from orchestrator.scenario.setting import clock_of
 from recordings.reading import Reader
+from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS
 
 
@@ -88,7 +89,7 @@ class Spread:
     called whenever the run looks around, with the time that it has reached.
     """
 
-    def __init__(self, file, hosts, *, restart=True, wait=60.0):
+    def __init__(self, file, hosts, *, restart=True, wait=GUARD):
         self.said, self.crew = [], None
         self.look = lambda _time: None
         self._file, self._clock = file, clock_of(file.scenario)

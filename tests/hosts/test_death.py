@@ -13,6 +13,7 @@ from orchestrator.hosts.local import LocalHost
 from orchestrator.runs.running import run
 from orchestrator.scenario.file import parse_scenario
 from recordings.reading import Reader
+from tests.guard import LIMIT
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.conftest import FAULTS, built
@@ -137,10 +138,10 @@ def test_who_is_stopped_is_waited_for(tmp_path, whole):
 def test_who_is_silent_for_too_long_is_named_with_what_all_wait_for(tmp_path):
     """Robots 3 and 4 hear 1, who hears 2 and 3; robots 5 and 6 hear 2 to 4."""
     spread = Spread(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
-    outcome = spread.run(tmp_path / "n.mcap", deadline=4.0)
+    outcome = spread.run(tmp_path / "n.mcap", deadline=LIMIT)
     assert outcome.status == "failed"
     k = outcome.ticks + 1
-    assert outcome.reason.startswith(f"tick {k} did not close in 4 s of silence: ")
+    assert outcome.reason.startswith(f"tick {k} did not close in {LIMIT:g} s of silence: ")
     said = rf"sent samples up to tick ({k - 1}|{k}) and lack"
     silent, *others = sorted(outcome.reason.partition(": ")[2].split("; "), key=len, reverse=True)
     name = "robots 3-4 on host local-2"
@@ -193,7 +194,7 @@ def test_a_failure_is_told_also_when_another_host_hangs_at_the_same_tick(tmp_pat
     plant = f'fmu = "faulty.fmu", isolate = false, parameters = {fault}'
     text += f"[[robots]]\nid = 3\nplant = {{ {plant} }}\n"
     spread = Spread(parse_scenario(text, "error", tmp_path, "error"), 3)
-    outcome = spread.run(tmp_path / "3.mcap", deadline=5.0)
+    outcome = spread.run(tmp_path / "3.mcap", deadline=LIMIT)
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
 

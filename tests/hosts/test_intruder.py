@@ -17,7 +17,8 @@ from bus.wire import Tick
 from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
 from orchestrator.runs.robots import wire_of
 from orchestrator.scenario.file import read_scenario
-from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
+from tests.guard import GUARD, VAIN
+from tests.hosts.running import Host, Run, alone, scenario
 from tests.network.authority import Authority
 from tests.network.ports import free_port
 
@@ -59,7 +60,7 @@ class Intruder:
         self.session, self._witness = open_session(endpoints), open_session(endpoints)
         self._put, self.overheard, self._came = 0, {}, Event()
         self._witness.declare_subscriber("nrs/**", self._hear)
-        next(self._witness.get("nrs/none", timeout=PATIENCE), None)  # by then it is declared
+        next(self._witness.get("nrs/none", timeout=GUARD), None)  # by then it is declared
 
     def __enter__(self):
         return self
@@ -83,12 +84,12 @@ class Intruder:
     def count(self):
         """Return how many messages were put, when the last has come to where the hosts meet."""
         self.put("/last", b"")
-        assert self._came.wait(PATIENCE)
+        assert self._came.wait(GUARD)
         return self._put
 
-    def ask(self, key, payload, **more):
-        """Ask, and return all answers."""
-        replies = self.session.get(self.prefix + key, payload=payload, timeout=0.3, **more)
+    def ask(self, key, payload, wait=GUARD):
+        """Ask, and return all answers; those that are not answered wait in vain."""
+        replies = self.session.get(self.prefix + key, payload=payload, timeout=wait)
         return [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
 
 
@@ -165,7 +166,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             )
             for name in ("a b/c", "target", "orchestrator", "x\n", " "):
                 for payload in GARBAGE:
-                    intruder.ask(f"join/{name}", payload) if payload == b"{}" else None
+                    intruder.ask(f"join/{name}", payload, VAIN) if payload == b"{}" else None
             for payload in GARBAGE:
                 (answer,) = intruder.ask("join/stranger", payload)
                 assert Refusal.read(answer).final
@@ -182,7 +183,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             ]
             ready = Ready(incarnation=incarnation, plants=()).written()
             replies = [
-                intruder.session.get(intruder.prefix + key, payload=payload, timeout=5.0)
+                intruder.session.get(intruder.prefix + key, payload=payload, timeout=GUARD)
                 for key in ("start/left", "heard/left", "heard/x", "fmu/x", "join/left", "**")
                 for payload in (*GARBAGE, ready, b"\xff\xff\xff\xff", b"\x01\x00\x00\x00")
             ]
@@ -252,15 +253,16 @@ def test_with_tls_only_listed_hosts_get_in_each_to_its_own_place(run_alone, meet
             ("unlisted", "unlisted", RunError, "its bus.tls.hosts may lack .* named unlisted"),
             ("left", "right", RunError, "no run was found"),
         ]:
+            waits = {"wait": VAIN} if kind is InputError else {"looks": VAIN}
             with pytest.raises(kind, match=why):
-                Host(listen[0], name, tls=tls[certificate], wait=1).end()
+                Host(listen[0], name, tls=tls[certificate], **waits).end()
         trusting = replace(tls["foreign"], ca=tls["left"].ca)
         with pytest.raises(InputError, match="refused: it does not know the authority"):
-            Host(listen[0], "left", tls=trusting, wait=1).end()
+            Host(listen[0], "left", tls=trusting, wait=VAIN).end()
         with pytest.raises(InputError, match="needs certificates"):
-            Host(listen[0], "left", wait=1)
+            Host(listen[0], "left")
         with pytest.raises(BusError):
-            Host(f"tcp/{meet}", "left", wait=1).end()
+            Host(f"tcp/{meet}", "left", wait=VAIN).end()
         with pytest.raises(InputError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
             Host(listen[0], "left", (1, 2), tls=tls["left"]).end()
         hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
@@ -291,7 +293,7 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
                         congestion_control=zenoh.CongestionControl.BLOCK,
                     )
             for key in ("join/left", "start/left", "heard/left", "orders/right"):
-                assert list(session.get(f"nrs/{id_}/{key}", payload=b"", timeout=0.3)) == []
+                assert list(session.get(f"nrs/{id_}/{key}", payload=b"", timeout=VAIN)) == []
             run.go_on.set()
             assert run.digest() == digest
             for host in hosts:

@@ -3,14 +3,17 @@
 import json
 import re
 import sys
+import threading
+from math import inf
 
 import pytest
 
 from bus.errors import BusError, InputError, RunError
 from orchestrator.commands.cli import main
-from orchestrator.hosts import crew
+from orchestrator.hosts import crew, member
 from orchestrator.hosts.crew import Crew
 from orchestrator.scenario.file import read_scenario
+from tests.guard import GUARD, LIMIT, VAIN
 from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.cable import cable_to
@@ -81,6 +84,22 @@ main()
 """
 
 
+@pytest.fixture
+def until_refused(monkeypatch):
+    """Have a host's time to look for a run be over once it was refused, each host's by itself."""
+    here, refused, clock = threading.local(), member._not_yet, member.monotonic
+
+    def note(refusal):
+        here.is_over = True
+        return refused(refusal)
+
+    monkeypatch.setattr(member, "_not_yet", note)
+    monkeypatch.setattr(
+        member, "monotonic", lambda: inf if getattr(here, "is_over", False) else clock()
+    )
+
+
+@pytest.mark.usefixtures("until_refused")
 def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
     file, digest = short
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
@@ -99,13 +118,19 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
         for host, kind, why in [
             (("a", (2, 3)), InputError, f"{free} this host asks for robots 2-3"),
             (("b", (6, 7)), InputError, f"{free} this host asks for robots 6-7"),
-            (("good",), RunError, "within 1 s: there is a host of the name 'good' already"),
+            (
+                ("good",),
+                RunError,
+                f"within {GUARD:g} s: there is a host of the name 'good' already",
+            ),
             (("a/b",), InputError, "--name: expected the name of a host"),
         ]:
             with pytest.raises(kind, match=re.escape(why)):
-                Host(meet, *host, wait=1).end()
-        with pytest.raises(BusError, match=r"no connection within 0.5 s: .* nobody listens there"):
-            Host(f"tcp/127.0.0.1:{free_port()}", "c", wait=0.5).end()
+                Host(meet, *host).end()
+        with pytest.raises(
+            BusError, match=f"no connection within {VAIN} s: .* nobody listens there"
+        ):
+            Host(f"tcp/127.0.0.1:{free_port()}", "c", wait=VAIN).end()
         status, printed = older.end()
         assert (status, "Traceback" in printed) == (1, False)
         assert "the host of 0.0.1: install the same" in printed
@@ -146,13 +171,14 @@ def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path)
         with pytest.raises(RunError, match=f"--run: give one of the 2 runs here: {both}"):
             Host(meet, "unsure").end()
         with pytest.raises(RunError, match="no run was found whose id begins with x"):
-            Host(meet, "wrong", run="x", wait=1).end()
+            Host(meet, "wrong", run="x", looks=VAIN).end()
         hosts = [Host(meet, "both", run=first[:8]), Host(meet, "both", run=second)]
         assert [one.digest(), two.digest()] == [digest, digest]
     for host in hosts:
         host.end()
 
 
+@pytest.mark.usefixtures("until_refused")
 def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
     file, digest = long
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
@@ -166,7 +192,7 @@ def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_p
         gone = run.until("dies (robots 3, 5-6) is gone")
         assert "; waiting for it to come back; missing: host dies" in gone
         with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
-            Host(meet, "other", wait=1).end()
+            Host(meet, "other").end()
         again = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "dies")
         run.until("dies has joined with robots 3, 5-6")
         assert run.digest() == digest
@@ -214,12 +240,12 @@ def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
     run = nrs(
         "run", path, "--insecure-tcp", "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap"
     )
-    host = Host(meet, "some", (2, 3, 4, 5), wait=3)
+    host = Host(meet, "some", (2, 3, 4, 5), looks=LIMIT, wait=LIMIT)
     status, printed = run.end()
     assert status == 1
     assert re.search("robots 1(, |-)6 had no host for 2 s", printed)
     assert not (tmp_path / "x.mcap").exists()
-    with pytest.raises(BusError, match="no connection within 3 s"):
+    with pytest.raises(RunError, match=f"(no connection|not let into a run) within {LIMIT:g} s"):
         host.end()
 
 

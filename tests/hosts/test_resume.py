@@ -16,6 +16,7 @@ from orchestrator.errors import Interrupted
 from orchestrator.runs.running import past_of, run
 from recordings.reading import Reader
 from tests.command import nrs
+from tests.guard import GUARD
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
 from tests.plant_fmu.archives import rewritten
 
@@ -249,7 +250,7 @@ def test_ctrl_c_while_hosts_run_closes_the_recording(tmp_path, toml):
         hosts = hosts_of(process.pid).values()
         assert len(hosts) == 2
         process.send_signal(signal.SIGINT)
-        printed, errors = process.communicate(timeout=60)
+        printed, errors = process.communicate(timeout=GUARD)
     assert process.returncode == 130, errors
     assert b"Traceback" not in errors
     assert b"interrupted, stopped by the user after t = " in printed
@@ -265,7 +266,7 @@ def test_ctrl_c_before_hosts_are_ready_leaves_nothing(tmp_path, toml):
         while len(hosts := hosts_of(process.pid).values()) < 3:
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
-        printed, errors = process.communicate(timeout=60)
+        printed, errors = process.communicate(timeout=GUARD)
     assert (process.returncode, printed) == (130, b"")
     assert errors == b"interrupted: before the run began; nothing is recorded\n"
     assert not path.exists()

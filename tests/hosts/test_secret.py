@@ -12,7 +12,8 @@ from orchestrator.hosts import crew
 from orchestrator.hosts.notes import Hello, Refusal, Welcome
 from orchestrator.runs.robots import wire_of
 from orchestrator.scenario.file import read_scenario
-from tests.hosts.running import PATIENCE, Host, Run, alone, scenario
+from tests.guard import GUARD
+from tests.hosts.running import Host, Run, alone, scenario
 from tests.hosts.test_intruder import HOMES, Intruder
 from tests.network.ports import free_port
 
@@ -41,7 +42,7 @@ def hello(public, incarnation="its-session", robots=HOMES["left"]):
 
 def ask(intruder, key, payload):
     """Ask, and return where all answers come."""
-    return intruder.session.get(intruder.prefix + key, payload=payload, timeout=PATIENCE)
+    return intruder.session.get(intruder.prefix + key, payload=payload, timeout=GUARD)
 
 
 def answers(replies):

@@ -17,6 +17,8 @@ from typing import Any
 
 import pytest
 
+from tests.guard import GUARD
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -123,7 +125,7 @@ def _relayed(wire: Wire, delay_ms: float, loss_percent: float) -> Iterator[None]
 
 
 def _run(*command: str) -> str:
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=30)
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=GUARD)
     return done.stdout
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
+from tests.guard import GUARD
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
 
@@ -117,7 +118,7 @@ def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path)
             client_tls = authority.issue("left", wire.right.address)
         meet = [f"{protocol}/{address}:{PORT}"]
         listen = told(hub_tls, listen=meet, insecure_tcp=True, lease=LEASE)
-        connect = told(client_tls, connect=meet, insecure_tcp=True, lease=LEASE, wait=60.0)
+        connect = told(client_tls, connect=meet, insecure_tcp=True, lease=LEASE, wait=GUARD)
         with wire.left.python(HUB, listen) as hub:
             assert hub.stdout.readline() == "open\n"
             with wire.right.python(CLIENT, connect, str(MESSAGES)) as client:
@@ -128,8 +129,8 @@ def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path)
                 hub.stdin.flush()
                 assert "DELETE nrs/r/alive/left" in hub.stdout.readline()
                 wire.mend()
-                client.communicate("\n", timeout=60)
-            hub.wait(timeout=60)
+                client.communicate("\n", timeout=GUARD)
+            hub.wait(timeout=GUARD)
         assert (hub.returncode, client.returncode) == (0, 0)
 
 
@@ -139,7 +140,7 @@ def test_a_cut_is_told_to_senders_whom_it_stops(tmp_path):
         authority, meet = Authority(tmp_path), [f"tls/{wire.left.address}:{PORT}"]
         listen = told(authority.issue("orchestrator", wire.left.address), listen=meet, lease=LEASE)
         client = authority.issue("left", wire.right.address)
-        connect = told(client, connect=meet, lease=LEASE, wait=60.0)
+        connect = told(client, connect=meet, lease=LEASE, wait=GUARD)
         with wire.left.python(FLOOD, listen) as hub:
             assert hub.stdout.readline()
             with wire.right.python(FLOOD, connect) as client:

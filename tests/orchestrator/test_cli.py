@@ -18,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from orchestrator.commands import performing
 from recordings.reading import Reader
 from tests.command import nrs
+from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 NRS = Path(sys.executable).with_name("nrs")
@@ -295,7 +296,7 @@ def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
         subprocess.Popen([NRS, "run", "s.toml"], cwd=tmp_path, stdout=subprocess.DEVNULL)
         for _ in range(3)
     ]
-    assert [process.wait(120) for process in together] == [0, 0, 0]
+    assert [process.wait(GUARD) for process in together] == [0, 0, 0]
     files = list((tmp_path / "recordings" / "data").iterdir())
     assert len(files) == 3
     assert all(json.loads(nrs("info", f, "--json").stdout)["ticks"] == 10 for f in files)
@@ -312,7 +313,7 @@ def test_a_reader_that_goes_away_is_no_failure():
     process = subprocess.Popen([NRS, "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b""
-    assert process.wait(60) == 0
+    assert process.wait(GUARD) == 0
     process.stderr.close()
 
 
@@ -382,7 +383,7 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
         except OSError:  # the terminal's other end is closed
             break
         seen += chunk
-    assert process.wait(60) == 130
+    assert process.wait(GUARD) == 130
     os.close(master)
     assert b"of 36000 s" in seen
     told = json.loads(nrs("info", tmp_path / "long.mcap", "--json").stdout)

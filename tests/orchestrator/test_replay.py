@@ -22,6 +22,7 @@ from orchestrator.scenario.file import parse_scenario, read_scenario
 from recordings.reading import Reader
 from recordings.writing import Writer
 from tests.command import nrs
+from tests.guard import GUARD
 from tests.network.ports import free_port
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
@@ -244,7 +245,7 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
         thread = threading.Thread(target=put)
         thread.start()
         ear = ZenohBus(
-            reader.digest[:16], Endpoints(connect=(endpoint,), wait=60.0, insecure_tcp=True)
+            reader.digest[:16], Endpoints(connect=(endpoint,), wait=GUARD, insecure_tcp=True)
         )
         inbox = ear.listen("**")
         heard = []

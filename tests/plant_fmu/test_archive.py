@@ -24,6 +24,7 @@ from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi import library
 from plant_fmu.fmi.library import Library
+from tests.guard import GUARD, VAIN
 from tests.plant_fmu.archives import NAME, description, rewritten
 
 FUZZ = settings(
@@ -88,11 +89,11 @@ def test_threads_that_load_together_leave_the_working_directory(monkeypatch):
         seen.append(Path.cwd())
         os.chdir(options["unzipDirectory"])
         (second if first.is_set() else first).set()
-        second.wait(0.1)
+        second.wait(VAIN)
         return FMU3Slave(**options)
 
     def load(turn: int) -> None:
-        assert not turn or first.wait(60)
+        assert not turn or first.wait(GUARD)
         with unpacked(archive) as folder, Library(archive, folder, "CoSimulation"):
             pass
 

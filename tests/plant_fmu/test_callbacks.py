@@ -11,6 +11,7 @@ import sys
 
 import pytest
 
+from tests.guard import GUARD
 from tests.plant_fmu.talker import build_talker
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -78,7 +79,7 @@ TELL = "\nprint(json.dumps(words()))\n"
 def told(script, *paths):
     """Run a script in a process of its own, and return what it printed."""
     command = [sys.executable, "-c", BEGIN + script + TELL, *map(str, paths)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=GUARD, check=False)
     assert done.returncode == 0, f"{done.returncode}: {done.stderr}"
     return json.loads(done.stdout)
 
@@ -190,7 +191,7 @@ def nrs(place, *arguments):
     """Run the command in a process of its own."""
     command = [*NRS, *arguments]
     return subprocess.run(
-        command, cwd=place, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=place, capture_output=True, text=True, timeout=GUARD, check=False
     )
 
 

@@ -18,6 +18,7 @@ from plant_fmu.checking.findings import Task
 from plant_fmu.drives.driving import Driving
 from plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
+from tests.guard import LIMIT
 from tests.plant_fmu.archives import renamed, rewritten
 
 pytestmark = [
@@ -100,7 +101,7 @@ def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
 
 @pytest.mark.parametrize(
     ("act", "ending"),
-    [("exit(0);", "exited with status 0"), ("for (;;) {}", "did not return within 3 s")],
+    [("exit(0);", "exited with status 0"), ("for (;;) {}", f"did not return within {LIMIT:g} s")],
 )
 def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
     path = changed(
@@ -109,7 +110,7 @@ def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
         ('#include "robot.h"', '#include <stdlib.h>\n#include "robot.h"'),
         ("(void)q;", f"if (q[0] != 0.0) {{ {act} }}"),
     )
-    assert ending in check(Task(open_archive(path)), deadline=3.0).findings[-1].text
+    assert ending in check(Task(open_archive(path)), deadline=LIMIT).findings[-1].text
 
 
 LIES = {

@@ -33,11 +33,13 @@ from plant_fmu.isolation.progress import SIZE, Progress
 from plant_fmu.plants import Body, Disturbance
 from recordings.reading import Reader
 from tests.command import nrs
+from tests.guard import GUARD, LIMIT
 from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
 NRS = [sys.executable, "-c", "from orchestrator.commands.cli import main; main()"]
+LATE = f"the FMU did not return within {LIMIT:g} s (plant.deadline)"
 BEFORE_THE_RUN = -1.0
 
 SCENARIO = """
@@ -163,7 +165,7 @@ def nothing_left(place, words):
         (
             "hang",
             "0.5",
-            "the FMU did not return within 0.5 s (plant.deadline), in step; it printed: fault 4",
+            f"{LATE}, in step; it printed: fault 4",
         ),
         ("discard", "0.5", "a step of 0.1 s ended with Discard"),
         ("error", "0.5", "a step of 0.1 s ended with Error"),
@@ -175,9 +177,9 @@ def nothing_left(place, words):
     ],
 )
 def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, cause):
-    deadline = "deadline = 0.5" if fault == "hang" else ""
+    deadline = f"deadline = {LIMIT}" if fault == "hang" else ""
     command = start(scenario(fault, plant=deadline))
-    printed, errors = command.communicate(timeout=120)
+    printed, errors = command.communicate(timeout=GUARD)
     assert command.returncode == 1
     expected = f"robot 2 (faulty.fmu) at t = {at} s: {cause}"
     assert f"failed: {expected}" in errors
@@ -193,7 +195,7 @@ def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, c
 def test_a_crash_is_named_too_where_nothing_can_be_compiled(start, tmp_path, life, monkeypatch):
     monkeypatch.setenv("CC", "none-such")
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "nothing"))
-    _, errors = start(scenario("segfault")).communicate(timeout=120)
+    _, errors = start(scenario("segfault")).communicate(timeout=GUARD)
     assert "robot 2 (faulty.fmu) at t = 0.5 s: the FMU crashed with SIGSEGV, in step" in errors
     assert life.until(None)
 
@@ -202,13 +204,16 @@ def test_a_crash_is_named_too_where_nothing_can_be_compiled(start, tmp_path, lif
     ("fault", "cause"),
     [
         ("segfault", "the FMU crashed with SIGSEGV, in exit initialization; it printed: fault 1"),
-        ("hang", "the FMU did not return within 0.5 s (plant.deadline), in exit initialization"),
+        (
+            "hang",
+            f"{LATE}, in exit initialization",
+        ),
         ("fatal", "initialisation of robot 2 ended with Fatal"),
     ],
 )
 def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
-    command = start(scenario(fault, at=BEFORE_THE_RUN, plant="deadline = 0.5"))
-    _, errors = command.communicate(timeout=120)
+    command = start(scenario(fault, at=BEFORE_THE_RUN, plant=f"deadline = {LIMIT}"))
+    _, errors = command.communicate(timeout=GUARD)
     assert command.returncode == 2
     assert cause in errors
     assert errors.startswith("error: s.toml: plant: faulty.fmu: ")
@@ -220,7 +225,7 @@ def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
 def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     command = start(scenario())
-    _, errors = command.communicate(timeout=120)
+    _, errors = command.communicate(timeout=GUARD)
     assert command.returncode == 2
     told = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
     assert errors == f"error: s.toml: {told}\n"
@@ -233,7 +238,7 @@ def test_a_killed_parent_leaves_no_worker_behind(start, life):
     command = start(scenario("hang", plant="deadline = 3600"))
     words = life.until("hangs")
     command.kill()
-    command.communicate(timeout=120)
+    command.communicate(timeout=GUARD)
     assert command.returncode == -signal.SIGKILL
     assert [word for word in words if word.isdigit()] != [str(command.pid)]
     assert life.until(None) == [], "somebody else spoke"
@@ -241,7 +246,7 @@ def test_a_killed_parent_leaves_no_worker_behind(start, life):
 
 def test_without_isolation_the_fmu_runs_in_the_process_of_the_command(start, life):
     command = start(scenario("exit", plant="isolate = false"))
-    command.communicate(timeout=120)
+    command.communicate(timeout=GUARD)
     assert command.returncode == 7
     assert life.until(None) == [str(command.pid)]
 

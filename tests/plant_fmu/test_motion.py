@@ -14,6 +14,7 @@ from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.archives.naming import Pattern
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.motion import motion_of
+from tests.guard import LIMIT
 from tests.orchestrator.arms import target
 from tests.plant_fmu import hinge
 from tests.plant_fmu.archives import renamed, rewritten
@@ -153,7 +154,7 @@ def test_what_is_wrong_with_its_variables_is_said(case):
     ("fault", "cause"),
     [
         ("segfault", "at t = 0.5 s: the FMU crashed with SIGSEGV, in step"),
-        ("hang", "did not return within 0.5 s (target.deadline), in step"),
+        ("hang", f"did not return within {LIMIT:g} s (target.deadline), in step"),
         ("nan", "its outputs are not finite: [nan, "),
         ("end", "ended with the wish to end the simulation"),
     ],
@@ -163,7 +164,7 @@ def test_what_fails_is_the_target(faulty, tmp_path, fault, cause):
     parameters = {"fault": FAULTS.index(fault), "fault_time": 0.55}
     times = [0.0, 0.25, 0.5, 0.75]
     with pytest.raises(StepError) as error:
-        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, times, 0.5)
+        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, times, LIMIT)
     assert "target (" in str(error.value)
     assert cause in str(error.value)
 
@@ -172,7 +173,7 @@ def test_before_its_first_step_it_is_bad_input(faulty, tmp_path):
     shutil.copy(faulty, tmp_path / "faulty.fmu")
     parameters = {"fault": FAULTS.index("segfault"), "fault_time": -1.0}
     with pytest.raises(CosimError, match=r"target: the FMU crashed with SIGSEGV"):
-        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, [0.0, 1.0], 0.5)
+        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, [0.0, 1.0], LIMIT)
 
 
 def test_its_inputs_keep_their_start_values():

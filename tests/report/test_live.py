@@ -19,6 +19,7 @@ from orchestrator.runs.running import run
 from orchestrator.scenario.file import read_scenario
 from recordings.reading import Reader
 from recordings.report.serving import LiveServer
+from tests.guard import GUARD
 from tests.report.conftest import SCENARIOS
 
 nrs = CliRunner()
@@ -60,7 +61,7 @@ def test_a_browser_sees_the_run_grow_to_its_end(chromium, tmp_path):
         look.until("Number(document.querySelector('#slider').value) > 0.2")
         os.kill(live.process.pid, signal.SIGINT)
         look.until("document.querySelector('#live').innerText.includes('interrupted')")
-        assert live.process.wait(60) == 130
+        assert live.process.wait(GUARD) == 130
         assert not look.complaints()
 
 
@@ -73,7 +74,7 @@ def test_the_page_stays_until_ctrl_c(paper, tmp_path):
         assert (status, bool(version)) == (200, True)
         assert json.loads(told)["runs"][0]["status"] == "completed"
         os.kill(live.process.pid, signal.SIGINT)
-        assert live.process.wait(60) == 0
+        assert live.process.wait(GUARD) == 0
     with pytest.raises(ConnectionRefusedError):
         get(live.address, "/")
     with Reader(out) as mine, Reader(paper) as other:
@@ -87,14 +88,14 @@ def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
         status, _, told = get(live.address, "/data.json")
         assert status == 204 or json.loads(told)["runs"][0]["status"] == "unfinished"
         os.kill(live.process.pid, signal.SIGINT)
-        assert live.process.wait(60) == 130
+        assert live.process.wait(GUARD) == 130
     with Reader(out) as reader:
         assert reader.status == "interrupted"
 
 
 def get(address, path, **headers):
     host = re.findall(r"//(.*)/", address)[0]
-    connection = HTTPConnection(host, timeout=60)
+    connection = HTTPConnection(host, timeout=GUARD)
     try:
         connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
