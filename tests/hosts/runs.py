@@ -73,7 +73,7 @@ def hosts_of(parent=None):
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             stat = (folder / "stat").read_text()
-            words = (folder / "cmdline").read_bytes().decode().split("\0")
+            words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
         except OSError:
             continue
         state, ppid = stat.rpartition(")")[2].split()[:2]

@@ -1,0 +1,39 @@
+"""Runs in one process leave nothing behind: no descriptor, no thread, no temporary folder."""
+
+import gc
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.repeated import Holdings
+from orchestrator.hosts.manning import Handling, here
+from orchestrator.runs.running import run
+from recordings.reading import Reader
+from tests.orchestrator.conftest import SHORT
+
+RUNS = 60
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="what is held is told by Linux only")
+@pytest.mark.parametrize(("runs", "hosts"), [(RUNS, 1), (3, 2)], ids=["alone", "two hosts"])
+def test_many_runs_hold_no_more_than_the_first(paper, tmp_path, monkeypatch, runs, hosts):
+    folder = tmp_path / "t"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    file = paper(SHORT)
+    man = here(file, hosts, Handling(True, 60.0, lambda _text: None)) if hosts > 1 else None
+    digests, held = set(), []
+    for _ in range(runs):
+        outcome = run(file, tmp_path / "run.mcap", man)
+        assert outcome.status == "completed", outcome.reason
+        with Reader(tmp_path / "run.mcap") as reader:
+            digests.add(reader.digest)
+        gc.collect()
+        held.append(Holdings.now())
+        if hosts > 1:  # Zenoh's network has threads that come and go
+            held[-1] = replace(held[-1], threads=0)
+    assert len(digests) == 1
+    assert held[-1].folders == 0
+    assert held == [held[0]] * runs
