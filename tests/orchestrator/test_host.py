@@ -128,6 +128,11 @@ class Case:
         return {k: records.tobytes() for k, records in unpacked}
 
 
+def test_a_host_is_at_the_beginning_until_it_runs():
+    host = Case().host
+    assert (host.now, host.place) == (0, (0, 0, 0))
+
+
 def test_a_host_says_each_tick_whole_and_its_plants_advance_on_the_grid():
     case, reached = Case(), []
     assert case.run(watch=reached.append) == [*range(TICKS + 1)]

@@ -78,7 +78,8 @@ class Case:
 
     def __init__(self, monkeypatch, ticks=3, ahead=2, needs=None, pace=None):
         self.time, self.seen = Time(), []
-        monkeypatch.setattr(lockstep, "monotonic", self.time)
+        for clock in ("monotonic", "perf_counter"):
+            monkeypatch.setattr(lockstep, clock, self.time)
         self.clock, self.wire = Clock((H,), 1, ticks), wire_of(ticks)
         self.hosts = Hosts(self.time)
         self.hosts.wire_ = self.wire
@@ -151,6 +152,36 @@ def test_a_run_goes_on_after_what_is_recorded(case):
     assert run.hosts.advanced == [2, 3, 4]
     assert [k for k, _ in run.hosts.published] == [2, 3, 4]
     assert len(run.writer.ticks) == 5
+
+
+def test_a_target_that_was_told_of_no_tick_begins_with_the_first():
+    hosts, wire = Hosts(Time()), wire_of(3)
+    hosts.wire_ = wire
+    TargetNode(hosts, Clock((H,), 1, 3), wire, TARGET_OF).publish_until(2)
+    assert [k for k, _ in hosts.published] == [1, 2]
+
+
+def test_where_the_time_went_is_told(case):
+    """It passes here while hosts are waited for, by 0.1 s at each message, and by 0.5 s at each put."""
+    run = case(ticks=2)
+    put, take = run.writer.put, run.recorder.take
+
+    def slow(seconds, act):
+        def acted(what):
+            run.time.now += seconds
+            act(what)
+
+        return acted
+
+    run.writer.put, run.recorder.take = slow(0.5, put), slow(0.1, take)
+    for k in range(3):
+        run.hosts.at(2.0 * k, *run.robots(k))
+    run.run()
+    taken = 2 + 2 + 2 * 4  # the target's samples, records of t_0, samples and records since
+    assert run.lockstep.recording == pytest.approx(3 * 0.5)
+    assert run.lockstep.spent.bus == pytest.approx(0.1 * taken)
+    assert run.lockstep.spent.waiting == pytest.approx(run.time.now - 3 * 0.5 - 0.1 * taken)
+    assert run.lockstep.spent.waiting > 1
 
 
 def test_silence_as_long_as_the_deadline_ends_the_run(case):

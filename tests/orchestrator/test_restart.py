@@ -2,7 +2,7 @@
 
 import pytest
 
-from orchestrator.runs.restart import point_of
+from orchestrator.runs.restart import Point, point_of
 
 AT_6 = {robot: (6, b"robot %d" % robot) for robot in (1, 2, 3)}
 
@@ -27,3 +27,7 @@ def test_robots_start_at_the_beginning_without_a_checkpoint_of_all(checkpoints, 
 def test_checkpoints_of_other_robots_do_not_matter():
     point = point_of([1, 2], {**AT_6, 3: (4, b"earlier")}, 7)
     assert (point.start, list(point.checkpoints)) == (6, [b"robot 1", b"robot 2"])
+
+
+def test_where_nothing_is_known_robots_start_at_the_beginning():
+    assert (Point().start, Point().recorded, Point().checkpoints) == (0, -1, ())
