@@ -6,6 +6,7 @@ that reads as the same float, so nothing is rounded on the way.
 
 import re
 import tomllib
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -103,23 +104,44 @@ def _samples(path: Path) -> tuple[Array, Array]:
         kind: np.stack([found[name] for name in names], axis=1) for kind, names in wanted.items()
     }
     if "velocity" in vectors and len(times) > 1 and np.all(np.diff(times) > 0):
-        advice = "sample more often, or leave the velocities out"
-        expect_agreement(str(path), times, vectors["position"], vectors["velocity"], advice)
+        _expect_agreement(path, times, vectors["position"], vectors["velocity"])
     return times, vectors["position"]
 
 
-def expect_agreement(
-    origin: str, times: Array, positions: Array, velocities: Array, advice: str
-) -> None:
-    """Raise unless velocities are those of the spline through the positions, both (s, m)."""
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """Where a velocity is farthest from that of the spline through the positions."""
+
+    row: int
+    axis: int
+    expected: float
+    got: float
+    tolerance: float
+
+    @property
+    def apart(self) -> float:
+        """How far."""
+        return abs(self.expected - self.got)
+
+
+def disagreement(times: Array, positions: Array, velocities: Array) -> Disagreement | None:
+    """Return where velocities are not those of the spline through the positions, both (s, m)."""
     with np.errstate(all="ignore"):
         moved = Sampled.of(times, positions).at(times).velocity
         apart = np.abs(moved - velocities)
     rounding = 1e-12 * np.abs(positions).max() / np.diff(times).min()
     most = APART * np.abs(velocities).max() + rounding
-    if not np.all(apart <= most):
-        row, axis = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
+    if np.all(apart <= most):
+        return None
+    row, axis = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
+    expected, got = moved[row, axis], velocities[row, axis]
+    return Disagreement(int(row), int(axis), float(expected), float(got), float(most))
+
+
+def _expect_agreement(path: Path, times: Array, positions: Array, velocities: Array) -> None:
+    if found := disagreement(times, positions, velocities):
         raise InputError(
-            f"{origin}: velocity_{axis + 1} of sample {row}: expected {moved[row, axis]:g} as the "
-            f"positions have it, within {most:g}, got {velocities[row, axis]:g}; {advice}"
+            f"{path}: velocity_{found.axis + 1} of sample {found.row}: expected "
+            f"{found.expected:g} as the positions have it, within {found.tolerance:g}, got "
+            f"{found.got:g}; sample more often, or leave the velocities out"
         )

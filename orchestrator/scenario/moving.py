@@ -6,16 +6,16 @@ samples stand in the text, whence hosts, replays and resumed runs have them with
 """
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from bus.errors import CosimError
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.inlining import expect_agreement, written
+from orchestrator.scenario.inlining import Array, written
 from orchestrator.scenario.setting import clock_of, names_of
+from orchestrator.scenario.smoothness import expect_smooth
 from orchestrator.scenario.tables.scenario import Scenario
 from orchestrator.scenario.tables.targets import FmuTarget
 from orchestrator.scenario.targets import wrong_variables
@@ -67,9 +67,13 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
                 f"times are aperiodic"
             )
         deadline = target.deadline if target.isolate and not archive.ours else None
-        moved = motion_of(archive, target.parameters, names, times, deadline)
-        advice = "take a shorter target.step, or say in target.variables what they are"
-        expect_agreement(archive.label, np.array(times), *moved, advice)
+
+        def sample(at: Sequence[float]) -> tuple[Array, Array]:
+            return motion_of(archive, target.parameters, names, at, deadline)
+
+        moved = sample(times)
+        again = sample if archive.takes_uneven_steps else None
+        expect_smooth(archive.label, times, *moved, again)
     except CosimError as error:
         raise ScenarioError(f"{origin}: target.fmu: {error}") from None
     document = tomlkit.parse(text)

@@ -237,7 +237,7 @@ BAD_RUNS = {
     "not its velocity": (
         'velocity = "qd"',
         'velocity = ["qd[1:2]", "qd[0:1]"]',
-        "velocity_1 of sample .* as the positions have it.*; take a shorter target.step, or say",
+        "velocity_1 at t = .* as the positions have it.*; say in target.variables what they are$",
     ),
     "too many": ('kind = "fmu"', 'kind = "fmu"\nstep = 1e-7', "target.step: .*1000000 samples"),
 }
