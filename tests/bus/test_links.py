@@ -149,10 +149,11 @@ def test_a_robot_in_an_outage_neither_sends_nor_hears():
     assert not made.fate(3).gone.any()
 
 
-def test_what_arrives_during_an_outage_is_gone_when_it_is_sent():
-    made = links({(3, 6): LinkFault(delay=(2, 2))}, {6: ((50, 60),)})
-    assert [k for k in range(1, 8) if made.fate(k).outage.any()] == [3, 5]
-    sender = links({(3, 6): LinkFault(delay=(2, 2))}, {3: ((50, 60),)})
+@pytest.mark.parametrize("delay", [1, 2, 4])
+def test_what_arrives_during_an_outage_is_gone_when_it_is_sent(delay):
+    made = links({(3, 6): LinkFault(delay=(delay, delay))}, {6: ((50, 60),)})
+    assert [k for k in range(1, 8) if made.fate(k).outage.any()] == [5 - delay, 5]
+    sender = links({(3, 6): LinkFault(delay=(delay, delay))}, {3: ((50, 60),)})
     late = sender.sink.tolist().index(6)
     assert [k for k in range(1, 8) if sender.fate(k).outage[late]] == [5]
 

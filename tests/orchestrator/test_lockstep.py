@@ -162,7 +162,7 @@ def test_a_target_that_was_told_of_no_tick_begins_with_the_first():
 
 
 def test_where_the_time_went_is_told(case):
-    """It passes here while hosts are waited for, by 0.1 s at each message, and by 0.5 s at each put."""
+    """It passes where hosts are waited for, by 0.1 s at each message and 0.5 s at each put."""
     run = case(ticks=2)
     put, take = run.writer.put, run.recorder.take
 

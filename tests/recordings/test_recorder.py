@@ -5,6 +5,8 @@ import pytest
 from bus.errors import BusError
 from bus.keys import EVERYONE, TARGET, wire_key
 from bus.transport import Message
+from recordings import recorder as module
+from recordings.recorder import channels
 from tests.batches import H, recorder_of, samples, told, whole, wire_of
 
 TICKS = 40
@@ -142,3 +144,93 @@ def test_samples_of_open_ticks_are_by_host(wire):
         recorder.take(samples(wire, "left", k))
     known = [(k, host) for k, _, host in recorder.samples(1, 3)]
     assert known == [(1, EVERYONE), (2, "left"), (3, "left")]
+
+
+def test_channels_are_those_of_each_robot_and_what_is_beside_the_digest_is_not_counted():
+    found = channels(2, (2,), checkpoints=True)
+    assert [channel.topic for channel in found if channel.counted] == [
+        *("sample/0", "sample/1", "sample/2", "state/1", "state/2")
+    ]
+    assert [channel.topic for channel in found if not channel.counted] == [
+        *("fault/2", "checkpoint/1", "checkpoint/2")
+    ]
+    kinds = {channel.topic.split("/")[0]: channel.schema_name for channel in found}
+    assert kinds == {
+        "sample": "nrs.Sample",
+        "state": "nrs.State",
+        "fault": "nrs.Fault",
+        "checkpoint": "nrs.Checkpoint",
+    }
+
+
+class Read:
+    """A reader of a made-up recording: see `recordings.reading.Reader`."""
+
+    def __init__(self, wire, opened):
+        self.wire, self.opened, self.is_open = wire, opened, True
+        opened.append(self)
+
+    def batches(self, topics, start, end):
+        assert topics == ["sample/0", "sample/1", "sample/2"]
+        for k in range(-(-start // H), -(-end // H)):
+            of_all = [
+                self.wire.unpack_samples(host, samples(self.wire, host, k).payload)[1]
+                for host in ("left", "right", TARGET)
+            ]
+            yield [
+                (k * H, f"sample/{robot}", k, data)
+                for records in of_all
+                for robot, data in zip(
+                    records["robot"], self.wire.samples.encode(records), strict=True
+                )
+            ]
+
+    def close(self):
+        self.is_open = False
+
+
+def test_samples_that_are_no_more_at_hand_are_read_from_what_is_flushed(wire, monkeypatch):
+    opened, flushed = [], []
+    recorder, writer = recorder_of(wire, keep=2)
+    writer.flush = lambda: flushed.append(recorder.closed)
+    monkeypatch.setattr(module, "Reader", lambda path: (path, Read(wire, opened))[1])
+    closed(recorder, wire, 10)
+    assert [k for k, _, _ in recorder.samples(9, 10)] == [9, 10]
+    assert opened == []
+    recorder.take(samples(wire, "left", 11))
+    found = list(recorder.samples(3, 11))
+    assert [(k, host) for k, _, host in found] == [
+        *((k, EVERYONE) for k in range(3, 11)),
+        (11, "left"),
+    ]
+    assert all(sorted(records["robot"].tolist()) == [0, 1, 2] for _, records, _ in found[:-1])
+    assert [k for k, _, _ in recorder.samples(5, 7)] == [5, 6, 7]
+    assert (len(opened), flushed) == (1, [10])
+    closed(recorder, wire, 14)
+    assert [k for k, _, _ in recorder.samples(8, 13)] == [*range(8, 14)]
+    assert [reader.is_open for reader in opened] == [False, True]
+    assert flushed == [10, 14]
+    recorder.end()
+    assert [reader.is_open for reader in opened] == [False, False]
+
+
+def test_a_recorder_that_read_nothing_again_ends_too(wire):
+    recorder_of(wire)[0].end()
+
+
+def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(wire):
+    first, _ = recorder_of(wire, checkpoints=True)
+    closed(first, wire, 3, checkpoint=True)
+    batch = [
+        (3 * H, f"sample/{robot}", 3, data)
+        for _, records, _ in first.samples(3, 3)
+        for robot, data in zip(records["robot"], wire.samples.encode(records), strict=True)
+    ]
+    batch += [(3 * H, f"checkpoint/{r}", 3, data) for r, (_, data) in first.checkpoints.items()]
+    again, writer = recorder_of(wire, checkpoints=True)
+    again.copy(3, batch)
+    assert again.checkpoints == first.checkpoints
+    assert (again.closed, again.messages) == (3, 5)
+    assert writer.ticks == [sorted((topic, time, k) for time, topic, k, _ in batch)]
+    ((k, records, host),) = again.samples(3, 3)
+    assert (k, host, sorted(records["robot"].tolist())) == (3, EVERYONE, [0, 1, 2])

@@ -1,7 +1,10 @@
 """Ticks are put in total order or not at all; what is put is read again."""
 
+import threading
+
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from recordings.columns import Columns
 from recordings.container import Channel, Schema
@@ -136,3 +139,30 @@ def test_an_end_that_there_is_not_is_refused_and_the_recording_goes_on(path, sta
         writer.write([(5, "a", 1, b"")])
         writer.finish("completed", "", {"more": "1"})
     assert len(all_of(path)) == 1
+
+
+def test_the_statistics_are_those_of_the_messages_and_of_none(path):
+    for messages, span in (([], (0, 0)), ([(5, "a", 1, b""), (9, "b", 2, b"")], (5, 9))):
+        with new(path, chunk_bytes=1) as writer:
+            for message in messages:
+                writer.write([message])
+            writer.finish("completed")
+        with path.open("rb") as file:
+            found = make_reader(file).get_summary().statistics
+        assert (found.message_start_time, found.message_end_time) == span
+        assert (found.message_count, found.chunk_count) == (len(messages), len(messages))
+        assert (found.schema_count, found.channel_count) == (1, 3)
+        assert found.channel_message_counts == ({2: 1, 1: 1} if messages else {})
+
+
+def test_a_recording_that_is_closed_leaves_no_thread(path):
+    def recording():
+        return [thread for thread in threading.enumerate() if thread.name.startswith("recording")]
+
+    before = recording()
+    with new(path) as writer:
+        writer.write([(5, "a", 1, b"")])
+        writer.flush()
+        assert len(recording()) == len(before) + 1
+        writer.finish("completed")
+        assert recording() == before
