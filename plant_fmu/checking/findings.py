@@ -152,7 +152,7 @@ def _loading(archive: Archive) -> Iterator[Finding]:
         except FmuError as error:
             yield Finding("loads", kind, "fails", str(error))
         else:
-            yield Finding("loads", kind, "holds", "it can be instantiated here")
+            yield Finding("loads", kind, "holds", f"it can be instantiated here{archive.needs}")
 
 
 def _mapping(task: Task, sizes: Mapping[int, int]) -> Iterator[Finding]:

@@ -123,7 +123,6 @@ int fmi2Reset(void *joint) { return reset(joint); }
 int fmi2SetupExperiment(void) { return 0; }
 int fmi2EnterInitializationMode(void) { return 0; }
 int fmi2ExitInitializationMode(void *joint) { return begin(joint); }
-int fmi2Terminate(void *joint) { return say(joint, "terminated"), 0; }
 int fmi2SetReal(void *j, const unsigned r[], size_t n, const double v[]) { return set(j, r, n, v); }
 int fmi2GetReal(void *j, const unsigned r[], size_t n, double v[]) { return get(j, r, n, v); }
 int fmi2SetBoolean(void) { return 0; }

@@ -21,6 +21,8 @@ from plant_fmu.archives import entries, reading
 from plant_fmu.archives.archive import find_archive, open_archive, unpacked
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.bundled.building import build
+from plant_fmu.checking.apart import check
+from plant_fmu.checking.findings import Task
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi import library
 from plant_fmu.fmi.library import Library
@@ -426,6 +428,9 @@ def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
     path = rewritten(tmp_path / "arm.fmu", fmi, needing)
     archive = open_archive(path, "arm.fmu")
     assert archive.told()["needs_execution_tool"] == "Arms 7"
+    loads = [found.text for found in check(Task(archive)).findings if found.topic == "loads"]
+    assert len(loads) == 2
+    assert all("; it needs Arms 7 on this machine (needsExecutionTool)" in text for text in loads)
     archive.description.guid = archive.description.instantiationToken = "another"
     with unpacked(archive) as folder, Library(archive, folder, "CoSimulation") as loaded:
         with pytest.raises(FmuError) as error:

@@ -110,6 +110,31 @@ stack.close()
     ]
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_threads_of_a_process_have_libraries_of_their_own(talker, fmi):
+    script = """
+from concurrent.futures import ThreadPoolExecutor
+
+def lived(robot):
+    heard = []
+    for _ in range(10):
+        archive = open_archive(Path(sys.argv[1]))
+        with unpacked(archive) as folder, Library(archive, folder, "CoSimulation") as library:
+            handle = library.instantiate(robot)
+            library.instantiate("robot 0")
+            refuse(library, handle)
+            heard += [library.last_words(robot), library.last_words("robot 0")]
+        heard += [library.last_words(robot), library.last_words("robot 0")]
+    return sorted(set(heard))
+
+with ThreadPoolExecutor(4) as threads:
+    lives = list(threads.map(lived, ["robot 1", "robot 2", "robot 3", "robot 4"]))
+words = lambda: lives
+"""
+    said_of_each = sorted(said(fmi, what) for what in ("born", "refused", "freed"))
+    assert told(script, talker(fmi)) == [said_of_each] * 4
+
+
 @pytest.mark.parametrize("first", [2, 3])
 def test_a_library_goes_on_after_another_has_been_unloaded(talker, first):
     script = """
