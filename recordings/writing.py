@@ -25,6 +25,7 @@ import numpy as np
 from mcap import records as mcap
 from numpy.typing import NDArray
 
+from bus.text import storable
 from recordings.chunk import closed, packed
 from recordings.columns import HEAD, MANY, Columns
 from recordings.container import (
@@ -99,7 +100,11 @@ class Writer:
         self.path = path
         self._compression = compression
         channels = list(channels)
-        begin, self._summary = head(version, channels, schemas, metadata, attachments)
+        told = {
+            name: {key: storable(value) for key, value in record.items()}
+            for name, record in metadata.items()
+        }
+        begin, self._summary = head(version, channels, schemas, told, attachments)
         topics = dict(enumerate((channel.topic for channel in channels), 1))
         self.numbers = {topic: number for number, topic in topics.items()}
         """Of each topic its channel."""
@@ -287,7 +292,7 @@ class Writer:
         messages = sum(counts.values())
         fields = {
             "status": status,
-            "reason": reason.encode(errors="backslashreplace").decode(),
+            "reason": storable(reason),
             "digest": stored.digest.hexdigest(),
             "ticks": str(stored.ticks),
             "messages": str(messages),

@@ -31,6 +31,7 @@ from bus.network.access import expect_host_name
 from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import joined
 from bus.seal import Seal
+from bus.text import storable
 from bus.transport import Cut, Item, Message, Presence, Question
 from bus.wire import Wire
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
@@ -284,7 +285,7 @@ class Crew:
             secret=self._secret,
             name=file.name,
             scenario=file.text,
-            folder=str(file.folder.absolute()) if home.process else None,
+            folder=storable(str(file.folder.absolute())) if home.process else None,
             fmus={fmu: about.sha256 for fmu, about in self._fmus.items()},
             robots=tuple(home.robots),
         )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bus.text import storable
 from orchestrator.scenario.clock import NS_PER_S
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from orchestrator.scenario.setting import target_of
@@ -22,7 +23,7 @@ def describe(reader: Reader) -> dict[str, Any]:
     """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
     about, scenario = about_run(reader), scenario_text(reader)
     return {
-        "file": str(reader.path),
+        "file": storable(str(reader.path)),
         "name": about["name"],
         "status": reader.status,
         "reason": reader.reason,

@@ -19,6 +19,7 @@ from typing import Any
 import tomlkit
 
 from bus.errors import InputError
+from bus.text import storable
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
 from orchestrator.scenario.numbers import parse_robots
 
@@ -128,7 +129,14 @@ def _leaves(table: Mapping[str, Any], above: Key = ()) -> Iterator[tuple[Key, An
 def _found(key: Key, value: Any) -> Any:
     """Return a value; a file of here is one wherever the scenario lies."""
     is_file = key[-1] == "fmu" and isinstance(value, str) and value.endswith(".fmu")
-    return str(Path(value).absolute()) if is_file and Path(value).exists() else value
+    if not is_file or not Path(value).exists():
+        return value
+    path = str(Path(value).absolute())
+    if storable(path) != path:
+        raise InputError(
+            f"{'.'.join(key)}: {storable(path)}: its path is no text in UTF-8; rename it"
+        )
+    return path
 
 
 def _own(document: tomlkit.TOMLDocument, robot: int) -> Any:

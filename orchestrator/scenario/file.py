@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from bus.errors import InputError
 from bus.network.access import expect_host_name
+from bus.text import storable
 from estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
 from orchestrator.errors import ScenarioError
 from orchestrator.scenario.faults import wrong_faults
@@ -63,7 +64,7 @@ def read_scenario(path: Path) -> ScenarioFile:
     place in the text; an FMU that is its target is run, and its samples stand there too.
     """
     try:
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
     except UnicodeDecodeError:
@@ -73,7 +74,7 @@ def read_scenario(path: Path) -> ScenarioFile:
     text = inline_target(text, path.parent, str(path))
     text = with_edges(text, path.parent, str(path))
     text = with_motion(text, path.parent, str(path))
-    return parse_scenario(text, path.stem, path.parent, str(path))
+    return parse_scenario(text, storable(path.stem), path.parent, str(path))
 
 
 def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
