@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test benchmark anatomy benchmark-parts benchmark-peers soak figures paper lint lock clean
+.PHONY: demo test mutants benchmark anatomy benchmark-parts benchmark-peers soak figures paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
@@ -16,6 +16,9 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 
 test: .venv/.tested  ## install what the tests need and pass them, on up to eight processors
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
+
+mutants: .venv/.tested  ## change the core in a sample of places; the tests are to find 95 %
+	$(BIN)/python -m tests.mutation $(ARGS)
 
 benchmark: .venv/.installed  ## robot-intervals per second, recorded and by bare loops, in one table
 	$(BIN)/python -m benchmarks.throughput $(ARGS)

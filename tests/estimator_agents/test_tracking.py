@@ -4,10 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from estimator_agents.theory.design import design
 from estimator_agents.theory.estimates import Pair
-from estimator_agents.theory.tracking import Drive, balls, constants, proven, push, worst
+from estimator_agents.theory.tracking import Constants, Drive, balls, constants, proven, push, worst
 from plant_fmu.bundled.bounds import bounds_of
 from tests.plant_fmu.test_bounds import two_link
 
@@ -101,3 +102,61 @@ def test_friction_alone_is_pushed_by_as_much_as_inequality_1_9_allows():
     for _ in range(200):
         friction = np.linalg.qr(rng.normal(size=(3, 3)))[0] * 0.7
         assert np.linalg.norm(friction @ rng.uniform(-2, 2, 3)) <= of.mu_1
+
+
+# The ball that is proven, step by step
+
+
+def v_dot(of, drive, rho_3, x, y, s):
+    """Return what (1.8) says that V̇ is at most, of ‖e‖₂ = x, ‖ė‖₂ = y and ‖tanh e‖₂ = s."""
+    return (
+        -((drive.kd_min - of.rho_2) * y - rho_3) * y
+        - ((drive.kp_min - of.rho_1) * x / np.sqrt(of.m) - rho_3) * s
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_proven_by_roots_and_by_looking_everywhere(seed):
+    rng = np.random.default_rng(seed)
+    m, lambda_m, lambda_M = 1 + seed % 4, *np.sort(rng.uniform(0.5, 4, 2))
+    mu_1, mu_2, rho_1, rho_2 = rng.uniform(0.5, 6, 4)
+    of = Constants(m, lambda_m, lambda_M, mu_1, mu_2, rho_1, rho_2)
+    least = max(2 * lambda_M, rho_1) + rng.uniform(0.5, 60)
+    drive = Drive(least, least * 1.3, rho_2 + rng.uniform(0.5, 60), rho_2 + 80)
+    estimates = Pair(*rng.uniform(0, 0.2, 2))
+    rho_3 = mu_1 + np.sqrt(m) * (
+        drive.kp_max * estimates.position + drive.kd_max * estimates.velocity
+    )
+    a, b = drive.kd_min - rho_2, (drive.kp_min - rho_1) / np.sqrt(m)
+    X = brentq(lambda x: (b * x - rho_3) * np.tanh(x) - rho_3**2 / (4 * a), rho_3 / b, 1e6)
+    Y = np.roots([a, -rho_3, -(rho_3**2) / (4 * b)]).max()
+    x, y = np.meshgrid(np.linspace(0, 2 * X, 400), np.linspace(0, 2 * Y, 400))
+    for s in (np.tanh(x), np.minimum(x, np.sqrt(m))):
+        rises = v_dot(of, drive, rho_3, x, y, s) >= 0
+        assert rises.any()
+        assert not (rises & ((x > X * (1 + 1e-9)) | (y > Y * (1 + 1e-9)))).any()
+    z = np.minimum(x, np.sqrt(m))
+    V = lambda_M * (y**2 / 2 + y * z) + drive.kp_max * x**2 / 2
+    V += drive.kd_max * np.minimum(x**2 / 2, np.sqrt(m) * x)
+    inside = (x <= X) & (y <= Y)
+    zX = min(X, np.sqrt(m))
+    W = lambda_M * (Y * Y / 2 + Y * zX) + drive.kp_max * X * X / 2
+    W += drive.kd_max * min(X * X / 2, np.sqrt(m) * X)
+    assert 0.9 * W < V[inside].max() <= W * (1 + 1e-9)
+    found = proven(of, drive, estimates)
+    assert found.position**2 * (drive.kp_min - 2 * lambda_M) / 2 == pytest.approx(W, rel=1e-9)
+    assert found.velocity**2 * lambda_m / 4 == pytest.approx(W, rel=1e-9)
+
+
+def test_nothing_is_proven_of_a_mass_that_is_not_known():
+    of = Constants(2, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    assert proven(of, Drive(9, 9, 9, 9), Pair(0.1, 0.1)) is None
+
+
+def test_the_eigenvalues_of_gains_are_those_of_their_symmetric_parts_and_of_their_norms():
+    kp, kd = np.array([[5.0, 1.0], [-1.0, 3.0]]), np.array([[2.0, 4.0], [0.0, 7.0]])
+    drive = Drive.of(kp, kd)
+    assert drive.kp_min == pytest.approx(3.0)
+    assert drive.kd_min == pytest.approx(4.5 - np.hypot(2.5, 2.0))
+    for most, K in ((drive.kp_max, kp), (drive.kd_max, kd)):
+        assert most == pytest.approx(np.sqrt(np.linalg.eigvalsh(K.T @ K).max()))
