@@ -20,7 +20,7 @@ from orchestrator.promises.judging import judge
 from orchestrator.runs.alone import alone
 from orchestrator.runs.lockstep import Manning
 from orchestrator.runs.pace import NO_PACE, Pace, RealTime
-from orchestrator.runs.plants import group_by_archive
+from orchestrator.runs.plants import find_recorded, group_by_archive
 from orchestrator.runs.running import Outcome
 from orchestrator.runs.running import run as run_scenario
 from orchestrator.runs.summary import describe, lines, measure, scenario_of
@@ -165,15 +165,8 @@ def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
     if output is not None and output.exists() and output.samefile(reader.path):
         raise InputError(f"-o {output}: is the recording to resume; give another name")
     file = scenario_of(reader)
-    plants = json.loads(reader.metadata[RUN]["plants"])
-    recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
-    for group in group_by_archive(file.scenario, file.folder):
-        sha256 = recorded.get(group.plant.fmu)
-        if sha256 != group.archive.sha256:
-            raise InputError(
-                f"{group.field}: {group.archive.label} is not the FMU that the recording was made "
-                f"with: its SHA-256 is {group.archive.sha256}, not {sha256}"
-            )
+    find = find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)
+    group_by_archive(file.scenario, file.folder, find=find)
     return file
 
 

@@ -14,7 +14,8 @@ from orchestrator.commands.places import expect_another
 from orchestrator.replays.comparing import QUANTITIES, Comparison
 from orchestrator.replays.publishing import publish
 from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import parent, run_again
+from orchestrator.replays.what_if import finder, parent, run_again
+from orchestrator.runs.plants import group_by_archive
 from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.clock import NS_PER_S
@@ -94,6 +95,8 @@ def what_if(reader: Reader, plant: list[str], algorithm: list[str], output: Path
     plants = [Change.of("--plant", text) for text in plant]
     algorithms = [Change.of("--algorithm", text) for text in algorithm]
     file = changed(scenario_of(reader), plants, algorithms)
+    if algorithms:  # all plants are run again
+        group_by_archive(file.scenario, file.folder, find=finder(reader, file))
     every = tuple(range(1, file.scenario.n + 1))
     robots = {robot for change in plants for robot in change.robots or every}
     man = None if algorithms else run_again(reader, file, sorted(robots))

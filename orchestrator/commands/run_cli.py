@@ -145,7 +145,10 @@ def host(
     ] = None,
     allow_fmus: Annotated[
         bool,
-        typer.Option("--allow-fmus", help="Run FMUs that the orchestrator sends: native code."),
+        typer.Option(
+            "--allow-fmus",
+            help="Run FMUs that the orchestrator sends or names by path: native code.",
+        ),
     ] = False,
     wait: Wait = None,
     tls_ca: TlsCa = None,

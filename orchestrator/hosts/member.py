@@ -45,6 +45,7 @@ from orchestrator.scenario.numbers import named
 from orchestrator.scenario.setting import clock_of
 from plant_fmu.archives.archive import Archive, find_archive
 from plant_fmu.archives.store import keep, stored
+from plant_fmu.bundled.declaration import bundled_models
 from plant_fmu.errors import FmuError
 
 _AGAIN = 0.5
@@ -78,6 +79,8 @@ class Membership:
     """Whether to join again when the orchestrator is gone."""
     show: Callable[[str], None]
     """Is told in words what happens."""
+    is_own: bool = False
+    """Whether the orchestrator is the one that started it: its paths are the user's own."""
 
 
 def serve(member: Membership, endpoints: Endpoints) -> None:
@@ -185,7 +188,8 @@ def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Wel
     bus.announce(wire_key(ALIVE, f"{name}/{bus.id}"))
     listening = _Listening(bus, inbox, name, seal)
     try:
-        folder = Path(welcome.folder) if welcome.folder else Path("/nonexistent")
+        own = welcome.folder if member.is_own else None
+        folder = Path(own) if own else Path("/nonexistent")
         file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
         finder = _Finder(bus, member, welcome, folder, seal)
         robots = Robots.opened(stack, file, welcome.robots, finder.find)
@@ -310,24 +314,26 @@ class _Finder:
     def find(self, fmu: str) -> Archive:
         """Return the FMU that the scenario calls so, as the orchestrator has it.
 
-        It is looked for where the scenario says, then in the cache, then with the orchestrator, if
-        the user allowed that; `FmuError` when it is not there.
+        A bundled model is built. Any other is looked for in the cache; and, if the user allowed
+        FMUs of the orchestrator, where the scenario says, then with the orchestrator. `FmuError`
+        when it is not there.
         """
-        sha256 = self._welcome.fmus[fmu]
-        with suppress(FmuError):
-            archive = find_archive(fmu, self._folder)
-            if archive.sha256 == sha256:
-                return archive
+        sha256 = self._welcome.fmus.get(fmu, "")
+        if fmu in bundled_models() or self._member.allow_fmus or self._member.is_own:
+            with suppress(FmuError):
+                archive = find_archive(fmu, self._folder)
+                if archive.sha256 == sha256:
+                    return archive
         path = stored(sha256) or self._fetched(fmu, sha256)
         return replace(find_archive(str(path), Path()), label=fmu)
 
     def _fetched(self, fmu: str, sha256: str) -> Path:
-        if self._welcome.folder is not None:
+        if self._member.is_own:
             raise FmuError(f"{fmu}: is gone, or is no more what it was when the run began")
         if not self._member.allow_fmus:
             raise FmuError(
-                f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}…; copy it here, or let the "
-                "orchestrator's be run with --allow-fmus"
+                f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}… in its cache; --allow-fmus "
+                "lets it run the orchestrator's, and those at paths that the scenario names"
             )
         inbox, key = self._bus.listen(), wire_key(FMU, sha256)
         self._bus.ask(key, self._seal.closed(key, b""), inbox)

@@ -27,7 +27,9 @@ def main() -> None:
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(told.robots, "--robots")
-    member = Membership(told.name, robots, None, told.wait, False, False, lambda _text: None)
+    member = Membership(
+        told.name, robots, None, told.wait, False, False, lambda _text: None, is_own=True
+    )
     try:
         serve(member, Endpoints(connect=(told.connect,), wait=told.wait))
     except CosimError as error:

@@ -6,6 +6,7 @@ tick is compared with what was recorded, message by message in total order. With
 agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from bus.transport import Item, Message
 from bus.wire import Records
 from orchestrator.runs.host import Heard
 from orchestrator.runs.lockstep import TargetNode
+from orchestrator.runs.plants import Find, find_recorded
 from orchestrator.runs.robots import Robots, wire_of
 from orchestrator.runs.running import past_of
 from orchestrator.scenario.clock import seconds
@@ -33,6 +35,7 @@ from recordings.columns import Columns
 from recordings.container import Message as Recorded
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels
+from recordings.tables import RUN
 
 HERE = "here"
 ABSENT, PRESENT = "absent", "present"
@@ -150,7 +153,7 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
     numbers = range(1, n + 1)
     with ExitStack() as stack, np.errstate(all="ignore"):
         robots = (
-            Robots.opened(stack, file, numbers)
+            Robots.opened(stack, file, numbers, _finder(reader, file))
             if plants
             else Robots.driven_by(
                 scenario, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
@@ -179,6 +182,10 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
                     return Verdict(k, same, difference_in(m, m, was, now))
                 same += 1
     return Verdict(reader.ticks, same, None)
+
+
+def _finder(reader: Reader, file: ScenarioFile) -> Find:
+    return find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)
 
 
 def states_of(reader: Reader, m: int) -> Iterator[Records]:

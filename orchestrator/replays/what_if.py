@@ -18,6 +18,7 @@ from orchestrator.replays.verifying import RecordedPlants, states_of
 from orchestrator.runs.alone import on_a_session
 from orchestrator.runs.host import Watch
 from orchestrator.runs.lockstep import Hosts, Manning
+from orchestrator.runs.plants import Find, find_recorded
 from orchestrator.runs.robots import Robots
 from orchestrator.runs.summary import PARENT
 from orchestrator.scenario.changes import Change
@@ -35,7 +36,7 @@ def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Mann
     others = [robot for robot in every if robot not in set(robots)]
 
     def man(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
-        real = Robots.opened(stack, file, robots)
+        real = Robots.opened(stack, file, robots, finder(reader, file))
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:
             rest = RecordedPlants(others, scenario.m, states_of(reader, scenario.m))
@@ -45,6 +46,11 @@ def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Mann
         return on_a_session(stack, clock, Robots.driven_by(scenario, every, fleet, told), watch)
 
     return man
+
+
+def finder(reader: Reader, file: ScenarioFile) -> Find:
+    """Return what finds the FMUs of a changed scenario: the recorded ones, and those it brings."""
+    return find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder, others=True)
 
 
 def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str]]:

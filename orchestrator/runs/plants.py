@@ -1,11 +1,12 @@
 """The robots' bodies become plants: each FMU is loaded once, for all robots that have it."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,6 +96,29 @@ def group_by_archive(
             archive = find(plant.fmu)
         groups.append(Group(field, plant, archive, members[alike], first[alike], uneven))
     return groups
+
+
+def find_recorded(
+    plants: Sequence[Mapping[str, Any]], folder: Path, *, others: bool = False
+) -> Find:
+    """Return what finds a recording's FMUs as it was made with them, given what it tells of them.
+
+    An FMU of another SHA-256 is an `FmuError`: a recording is no reason to load what happens to be
+    at a path. `others` lets FMUs be found that it does not tell of.
+    """
+    recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
+
+    def find(fmu: str) -> Archive:
+        archive = find_archive(fmu, folder)
+        sha256 = recorded.get(fmu, archive.sha256 if others else None)
+        if sha256 != archive.sha256:
+            raise FmuError(
+                f"{archive.label} is not the FMU that the recording was made with: its SHA-256 is "
+                f"{archive.sha256}, not {sha256}"
+            )
+        return archive
+
+    return find
 
 
 def open_fleet(
