@@ -7,7 +7,7 @@ itself, and `damage` says what is missing. So all is known when a recording is o
 a chunk at a time is in memory.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from hashlib import sha256
 from itertools import chain
 from os import PathLike
@@ -46,6 +46,7 @@ _UNFINISHED = "never closed: its writer was killed, or is still at work"
 class Reader:
     """The recording at `path`, checked as it opens; a context manager.
 
+    `watch` is told what part of the file has been read, chunk by chunk, in each pass through it.
     With `verify` the digest of an intact file is computed again from its messages, and a
     difference from the recorded one is a damage.
 
@@ -75,8 +76,15 @@ class Reader:
     damage: list[str]
     """What is missing or wrong, in words; empty when nothing is."""
 
-    def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        verify: bool = False,
+        watch: Callable[[float], None] = lambda _part: None,
+    ) -> None:
         self.path = path
+        self._watch = watch
         self.damage = []
         self._like: NDArray[np.int64] | None = None
         try:
@@ -132,6 +140,7 @@ class Reader:
                 found = found.within(start, end)
             if len(found.time):
                 yield found
+            self._passed(span)
 
     def messages(
         self,
@@ -291,6 +300,7 @@ class Reader:
                     f"chunk at byte {span.offset}: {damage}; {span.length} bytes skipped"
                 )
                 continue
+            self._passed(span)
             here = np.unique(messages.sequence)
             gaps += _gap(k, int(here[0]) - 1)
             k = int(here[-1])
@@ -301,6 +311,9 @@ class Reader:
             self._chunks.append(Span(span.offset, span.length, begin[0], end[0]))
         gaps += _gap(k, int(self.end.get("ticks", k)))
         return digest.hexdigest(), gaps
+
+    def _passed(self, span: Span) -> None:
+        self._watch(min((span.offset + span.length) / self._records.size, 1.0))
 
     def _columns(self, span: Span) -> Columns:
         records = opened(self._records.read(span.offset, span.length))

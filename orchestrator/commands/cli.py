@@ -30,7 +30,7 @@ from orchestrator.commands.options import (
     TlsKey,
 )
 from orchestrator.commands.report_cli import report
-from orchestrator.terminal import AsJson, Warnings, out, print_json, say
+from orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -92,20 +92,21 @@ app.command()(report)
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
     from orchestrator.commands import showing
+    from orchestrator.commands.progress import reading
     from orchestrator.promises.judging import judge
     from orchestrator.runs.summary import describe, lines, measure, scenario_of
     from recordings.reading import Reader
 
-    with Reader(recording) as reader:
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         told, measured = describe(reader), measure(reader)
         judged = judge(reader, scenario_of(reader).scenario, measured)
-        if as_json:
-            print_json({**told, "theory": judged.as_json()})
-        else:
-            showing.summary(out, lines(told, measured))
-            showing.judgement(out, judged)
-            for damage in reader.damage:
-                say("yellow", "damage", damage)
+    if as_json:
+        print_json({**told, "theory": judged.as_json()})
+        return
+    showing.summary(out, lines(told, measured))
+    showing.judgement(out, judged)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
 
 
 @app.command()
@@ -122,16 +123,18 @@ def export(
     """Write a recording's samples, states and faults as tables."""
     from orchestrator.commands.formats import expect_folder_name
     from orchestrator.commands.places import expect_folder
+    from orchestrator.commands.progress import reading
     from recordings.export import export as tables
     from recordings.reading import Reader
 
     expect_folder_name("-o", output)
     expect_folder(output)
-    with Reader(recording) as reader:
-        for path in tables(reader, output, form):
-            out.print(str(path), markup=False)
-        for damage in reader.damage:
-            say("yellow", "damage", damage)
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        written = tables(reader, output, form)
+    for path in written:
+        out.print(str(path), markup=False)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
 
 
 @app.command()
@@ -141,16 +144,18 @@ def recover(
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
     from orchestrator.commands import showing
+    from orchestrator.commands.progress import reading
     from orchestrator.runs.summary import describe, lines, measure
     from recordings.reading import Reader
     from recordings.recovering import recover as whole
 
-    with Reader(recording) as reader:
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         whole(reader, output)
         for damage in reader.damage:
             say("yellow", "damage", damage)
-    with Reader(output) as reader:
-        showing.summary(out, lines(describe(reader), measure(reader)))
+    with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
+        told = lines(describe(reader), measure(reader))
+    showing.summary(out, told)
 
 
 @app.command()
@@ -159,6 +164,7 @@ def scene(
     output: NewRecording,
 ) -> None:
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    from orchestrator.commands.progress import reading
     from orchestrator.runs.summary import scenario_of
     from recordings.reading import Reader
 
@@ -169,7 +175,7 @@ def scene(
             "scene: foxglove-schemas-protobuf is missing; "
             "pip install '.[scene]' in nrs-cosim's sources"
         ) from error
-    with Reader(recording) as reader:
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         shapes = shapes_of(scenario_of(reader))
         if not shapes:
             raise InputError(

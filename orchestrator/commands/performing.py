@@ -12,7 +12,7 @@ import typer
 
 from bus.errors import InputError
 from bus.network.endpoints import Endpoints
-from orchestrator.commands import showing
+from orchestrator.commands import progress, showing
 from orchestrator.commands.places import place_for
 from orchestrator.errors import Interrupted
 from orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
@@ -95,11 +95,11 @@ def perform(
     with (
         place_for(output, file.name) as path,
         _signals() as stopped,
-        showing.progress(err, clock) as progress,
+        progress.running(err, clock) as reached,
     ):
 
         def watch(time_ns: int) -> None:
-            progress(seconds(time_ns))
+            reached(seconds(time_ns))
             if stopped():
                 raise Interrupted
 
@@ -117,7 +117,7 @@ def perform(
             metadata=metadata,
             pace=pace,
         )
-    with Reader(whole) as reader:
+    with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
         measured = measure(reader)
         told = {**lines(describe(reader), measured), "recording": str(path)}
         judged = judge(reader, file.scenario, measured)

@@ -7,7 +7,7 @@ import typer
 
 from bus.errors import InputError
 from orchestrator.commands.options import Connect, InsecureTcp, Listen, Output, RecordingPath
-from orchestrator.terminal import AsJson, out, print_json, say
+from orchestrator.terminal import AsJson, err, out, print_json, say
 
 FAILED = 1
 LISTENER = "tcp/127.0.0.1:7447"
@@ -62,10 +62,11 @@ def replay(
         raise InputError(
             "nrs replay: give one of --verify, --publish, or changes by --plant and --algorithm"
         )
+    if verifying:
+        replaying.verify_again(recording, plants=not agents_only)
+        return
     with Reader(recording) as reader:
-        if verifying:
-            replaying.verify_again(reader, plants=not agents_only)
-        elif publishing:
+        if publishing:
             endpoints = Endpoints(
                 listen=tuple(listen or (() if connect else (LISTENER,))),
                 connect=tuple(connect or ()),
@@ -90,12 +91,17 @@ def diff(
     from orchestrator.commands import replaying, showing
     from orchestrator.commands.formats import expect_ending
     from orchestrator.commands.places import expect_replaceable
+    from orchestrator.commands.progress import reading
     from orchestrator.replays.comparing import compare
     from recordings.reading import Reader
 
     if picture:
         expect_ending("--picture", picture, ".png")
-    with Reader(a) as one, Reader(b) as other:
+    with (
+        reading(err) as follow,
+        Reader(a, watch=follow(a)) as one,
+        Reader(b, watch=follow(b)) as other,
+    ):
         found = compare(one, other)
     if picture:
         if found.why_not:

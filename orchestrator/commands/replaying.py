@@ -11,6 +11,7 @@ from bus.network.endpoints import Endpoints
 from bus.network.zenoh_bus import ZenohBus
 from orchestrator.commands.performing import perform
 from orchestrator.commands.places import expect_another
+from orchestrator.commands.progress import reading
 from orchestrator.replays.comparing import QUANTITIES, Comparison
 from orchestrator.replays.publishing import publish
 from orchestrator.replays.verifying import verify
@@ -19,7 +20,7 @@ from orchestrator.runs.plants import group_by_archive
 from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.changes import Change, changed
 from orchestrator.scenario.clock import NS_PER_S
-from orchestrator.terminal import out, say
+from orchestrator.terminal import err, out, say
 from recordings.errors import MissingExtraError, UncreatableError
 from recordings.reading import Reader
 
@@ -40,10 +41,11 @@ def draw(found: Comparison, picture: Path) -> None:
         raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 
 
-def verify_again(reader: Reader, *, plants: bool) -> None:
-    for damage in reader.damage:
-        say("yellow", "damage", damage)
-    verdict = verify(reader, scenario_of(reader), plants=plants)
+def verify_again(recording: Path, *, plants: bool) -> None:
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+        verdict = verify(reader, scenario_of(reader), plants=plants)
     what = "agents and plants" if plants else "agents"
     if verdict.difference:
         say("red", "differs", verdict.difference.between("the recording", "the replay"))

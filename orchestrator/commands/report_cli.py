@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from orchestrator.terminal import out, say
+from orchestrator.terminal import err, out, say
 
 if TYPE_CHECKING:
     from recordings.report.story import Story
@@ -37,6 +37,7 @@ def report(
     """Draw recordings: a page with everything that moves, or figures for print."""
     from orchestrator.commands.formats import format_of
     from orchestrator.commands.places import expect_replaceable
+    from orchestrator.commands.progress import reading
     from orchestrator.reports.reporting import story_of
     from recordings.errors import UncreatableError
     from recordings.reading import Reader
@@ -44,9 +45,9 @@ def report(
 
     kind = format_of(output, form, tuple(_BEGINS))
     with ExitStack() as stack:
-        stories = []
+        stories, follow = [], stack.enter_context(reading(err))
         for path in recordings:
-            reader = stack.enter_context(Reader(path))
+            reader = stack.enter_context(Reader(path, watch=follow(path)))
             stories.append(story_of(reader))
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")

@@ -1,19 +1,16 @@
-"""What a person sees in a terminal: the progress of a run, its summary, the theory's verdict."""
+"""What a person sees in a terminal: a run's summary, the theory's verdict."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from orchestrator.commands.verdict import grounds, verdict
-from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.numbers import decimals
 
 if TYPE_CHECKING:
@@ -39,24 +36,6 @@ _VERDICTS = {
 
 NEAR = 0.01
 """By how much a measured factor may differ without a word."""
-
-
-class _SimulatedTime(ProgressColumn):
-    def render(self, task: Task) -> Text:
-        speed = f"{task.speed:.3g} x real time" if task.speed else ""
-        return Text(f"t = {task.completed:g} of {task.total:g} s  {speed}")
-
-
-@contextmanager
-def progress(console: Console, clock: Clock) -> Iterator[Callable[[float], None]]:
-    """Show simulated time, speed and time left while a run goes on, on a terminal only."""
-    left = (TimeRemainingColumn(compact=True), TextColumn("left"))
-    columns = (BarColumn(), _SimulatedTime(), *left)
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("run", total=seconds(clock.t(clock.ticks)))
-        yield lambda t: bar.update(task, completed=t)
 
 
 def summary(console: Console, lines: Mapping[str, str]) -> None:

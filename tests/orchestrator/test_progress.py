@@ -1,0 +1,53 @@
+"""Long reading is seen on a terminal, after two seconds, and on nothing else."""
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from orchestrator.commands.progress import reading
+from orchestrator.runs.running import run
+from recordings.reading import Reader
+
+
+def console(*, terminal):
+    return Console(file=StringIO(), force_terminal=terminal, width=80, legacy_windows=False)
+
+
+def shown(clock, parts, *, terminal=True):
+    """Return what is printed while parts of a file are read, at times by a clock."""
+    screen, times = console(terminal=terminal), iter(clock)
+    with reading(screen, lambda: next(times)) as follow:
+        watch = follow("folder/long [1].mcap")
+        for part in parts:
+            watch(part)
+    return screen.file.getvalue()
+
+
+def test_what_takes_two_seconds_shows_its_name_and_its_part():
+    told = shown([0.0, 1.0, 2.5, 3.0], [0.25, 0.5, 0.75])
+    assert "reading long [1].mcap" in told
+    assert "75%" in told
+
+
+@pytest.mark.parametrize(
+    ("clock", "terminal"),
+    [([0.0, 1.0, 1.9], True), ([0.0, 9.0, 99.0], False)],
+    ids=["short", "pipe"],
+)
+def test_what_is_soon_done_or_goes_into_a_pipe_shows_nothing(clock, terminal):
+    assert not shown(clock, [0.5, 1.0], terminal=terminal)
+
+
+def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(paper, tmp_path):
+    path = run(paper(), tmp_path / "run.mcap").path
+    parts = []
+    with Reader(path, verify=True, watch=parts.append) as reader:
+        opening = list(parts)
+        for _ in range(2):
+            parts.clear()
+            chunks = sum(1 for _ in reader.batches())
+            assert len(parts) == len(opening) == chunks > 2
+            assert parts == opening == sorted(parts)
+            assert 0 < parts[0] < parts[-1] <= 1
+            assert parts[-1] > 0.9
