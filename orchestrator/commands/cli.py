@@ -213,6 +213,7 @@ def check(
     from orchestrator.promises.probing import Sampling
     from orchestrator.promises.promising import bounds, designed, promises
     from orchestrator.runs.plants import group_by_archive, named, open_fleet
+    from orchestrator.runs.units import mixed_units
     from orchestrator.scenario.file import read_scenario
     from orchestrator.scenario.setting import bodies
 
@@ -220,6 +221,8 @@ def check(
     with named(str(scenario)), ExitStack() as stack:
         groups = group_by_archive(file.scenario, file.folder)
         open_fleet(stack, groups, bodies(file.scenario))
+        if mixed := mixed_units(file):
+            say("yellow", "warning", mixed)
     find = Sampling(file)
     checked = theory_of(file.scenario, find)
     promised = promises(file.scenario, checked.growth, find)

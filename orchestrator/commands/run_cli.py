@@ -61,6 +61,7 @@ def run(
     from orchestrator.commands.tls import tls_of
     from orchestrator.promises.checking import check
     from orchestrator.runs.plants import named
+    from orchestrator.runs.units import mixed_units
     from orchestrator.scenario.file import read_scenario
 
     pace = performing.pace_of(realtime)
@@ -71,6 +72,9 @@ def run(
     file = read_scenario(scenario)
     for warning in check(file.scenario).warnings():
         say("yellow", "warning", warning)
+    with named(str(scenario)):
+        if mixed := mixed_units(file):
+            say("yellow", "warning", mixed)
     tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     handling = performing.handling_of(no_restart, wait, expect, deadline)

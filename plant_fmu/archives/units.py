@@ -6,6 +6,7 @@ name. A unit that neither explains is refused. No unit is SI.
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isclose, isfinite, pi
 
@@ -83,6 +84,17 @@ def si_factor(name: str, definitions: Sequence[Unit], expected: Sequence[str]) -
     if not any(_is_like(unit, read(other), name) for other in expected):
         raise ValueError(f"expected {' or '.join(expected)}, or a multiple")
     return unit.factor
+
+
+def si_name(name: str, definitions: Sequence[Unit], expected: Sequence[str]) -> str:
+    """Return which of some units in SI a unit is a multiple of; empty for no unit."""
+    if name.strip() in NO_UNIT:
+        return ""
+    for other in expected:
+        with suppress(ValueError):
+            si_factor(name, definitions, (other,))
+            return other
+    return ""
 
 
 def _defined(base: BaseUnit) -> Meaning:

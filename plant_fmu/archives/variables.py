@@ -19,7 +19,7 @@ from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
 from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
 from plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
-from plant_fmu.archives.units import si_factor, unit_of
+from plant_fmu.archives.units import si_factor, si_name, unit_of
 from plant_fmu.errors import FmuError
 
 MOST_NUMBERS = 1_000_000
@@ -58,6 +58,14 @@ def find_quantity(
     if isinstance(found, str):
         raise FmuError(found)
     return found
+
+
+def units_of(archive: Archive, quantity: Quantity) -> tuple[str, ...]:
+    """Return in which of its units of SI each part of a quantity is; empty where none is given."""
+    known = {v.valueReference: v for v in archive.description.modelVariables if v.type in TYPES}
+    names = [unit_of(known[part.reference]) for part in quantity.parts]
+    definitions = archive.description.unitDefinitions
+    return tuple(si_name(name or "", definitions, UNITS[quantity.name]) for name in names)
 
 
 @lru_cache(maxsize=256)

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from orchestrator.runs.plants import group_by_archive, open_fleet
+from orchestrator.runs.units import mixed_units
 from orchestrator.scenario import setting
 from orchestrator.scenario.setting import bodies, initial_estimates
 from plant_fmu.archives.archive import Archive, open_archive
 from plant_fmu.archives.store import keep, stored
+from plant_fmu.archives.units import si_name
 from plant_fmu.bundled.building import build
 from plant_fmu.errors import FmuError
+from tests.command import nrs
+from tests.orchestrator.conftest import SHORT
 
 OWN = (
     "# [[robots]]",
@@ -116,3 +120,29 @@ def test_a_host_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_pa
     assert asked == ["../elsewhere/my.fmu"]
     assert (group.archive.sha256, group.archive.label) == (sha256, "../elsewhere/my.fmu")
     assert not group.archive.ours
+
+
+def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(paper, tmp_path):
+    file = paper(OWN)
+    told = "robots 1, 3-4, 6 in rad, robots 2, 5 in m; a number over all robots mixes them"
+    assert mixed_units(file).endswith(told)
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(file.text.replace(*SHORT), "utf-8")
+    for command in (["check", scenario], ["run", scenario, "-o", tmp_path / "s.mcap"]):
+        done = nrs(*command)
+        assert done.returncode == 0, done.stderr
+        assert told in done.stderr
+
+
+@pytest.mark.parametrize("own", ["", "[[robots]]\nid = 2\nplant.parameters.m2 = 3.0\n"])
+def test_a_fleet_of_one_unit_says_nothing(paper, own):
+    assert mixed_units(paper(("# [[robots]]", f"{own}\n#"))) == ""
+    arm = '[[robots]]\nid = 2\nplant = { fmu = "n_link_arm", parameters = { n = 2 } }\n'
+    assert mixed_units(paper(("# [[robots]]", f"{arm}\n#"))) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("rad", "rad"), ("deg", "rad"), ("m", "m"), ("mm", ""), ("", ""), ("-", "")]
+)
+def test_a_unit_is_a_multiple_of_one_of_those_expected(name, unit):
+    assert si_name(name, [], ("rad", "m")) == unit

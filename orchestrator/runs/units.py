@@ -1,0 +1,28 @@
+"""Robots whose joints are in unlike units run together, yet no one number measures them all."""
+
+from collections import defaultdict
+
+from orchestrator.runs.plants import group_by_archive, named
+from orchestrator.scenario import numbers
+from orchestrator.scenario.file import ScenarioFile
+from plant_fmu.archives.variables import find_quantity, units_of
+
+
+def mixed_units(file: ScenarioFile) -> str:
+    """Say which robots' joints are in which units, where they differ; else return an empty text.
+
+    An FMU that gives no units says nothing of them. Raises `FmuError` where a plant is not found.
+    """
+    if not any(robot.plant for robot in file.scenario.robots):
+        return ""
+    robots: defaultdict[str, list[int]] = defaultdict(list)
+    for group in group_by_archive(file.scenario, file.folder):
+        with named(group.field):
+            joints = find_quantity(group.archive, "q", group.names)
+        units = dict.fromkeys(filter(None, units_of(group.archive, joints)))
+        if units:
+            robots[" and ".join(units)] += [row + 1 for row in group.rows]
+    if len(robots) < 2:
+        return ""
+    told = ", ".join(f"{numbers.named(sorted(rows))} in {unit}" for unit, rows in robots.items())
+    return f"joints are in unlike units: {told}; a number over all robots mixes them"
