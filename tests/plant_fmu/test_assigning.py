@@ -2,8 +2,9 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from plant_fmu.archives.archive import Archive, open_archive, unpacked
 from plant_fmu.archives.quantities import Part, Quantity
 from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError
+from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.instances import Instances
 from plant_fmu.fmi.library import Library
@@ -189,3 +190,40 @@ def test_parameters_of_other_types_may_have_the_references_of_quantities(tmp_pat
         plants.hold(np.ones((1, 1)), none[None])
         plants.advance(0.0, 0.1)
         assert plants.q[0, 0] > 0.0
+
+
+# What is given to, and read from, FMUs that are initialised
+
+
+@pytest.fixture
+def two(typed: Archive) -> Iterator[Instances]:
+    """Yield two robots' FMUs, initialised; their input u is variable 1, of four numbers."""
+    with ExitStack() as stack:
+        folder = stack.enter_context(unpacked(typed))
+        library = stack.enter_context(Library(typed, folder, "CoSimulation"))
+        bodies = [replace(body({}), robot=robot) for robot in (3, 8)]
+        instances = Instances(library, bodies, {})
+        instances.initialise(bodies, [{"kp": np.eye(2)}] * 2)
+        yield instances
+
+
+def stretch(first: int, size: int, length: int = 4) -> list[Quantity]:
+    return [Quantity("u", (Part(1, length, first, size, 1.0, ()),))]
+
+
+def test_what_is_written_into_a_part_of_a_variable_leaves_the_rest(two: Instances) -> None:
+    whole = np.arange(8.0).reshape(2, 4) + 1
+    two.writes(stretch(0, 4), whole)(0.0)
+    two.writes(stretch(1, 2), np.array([[70.0, 80.0], [71.0, 81.0]]))(0.0)
+    found = np.empty((2, 4))
+    two.reads(stretch(0, 4), found)(0.0)
+    assert found.tolist() == [[1, 70, 80, 4], [5, 71, 81, 8]]
+
+
+@pytest.mark.parametrize("act", ["reads", "writes"])
+def test_an_access_that_the_fmu_refuses_names_robot_time_and_variable(
+    two: Instances, act: str
+) -> None:
+    words = r"robot 3 \(typed\.fmu\) at t = 0\.25 s: access to .*u.* ended with Error"
+    with pytest.raises(StepError, match=words):
+        getattr(two, act)(stretch(0, 3, length=3), np.zeros((2, 3)))(0.25)

@@ -204,7 +204,7 @@ class TestEveryDrive:
             plants.advance(0.0, H)
 
 
-TICKS = 30
+TICKS = 12
 RESUME = """
 import sys
 from contextlib import ExitStack
