@@ -28,6 +28,8 @@ PROFILE = "nrs"
 MAGIC = MCAP0_MAGIC
 BEGIN, END = "nrs.begin", "nrs.end"
 END_FIELDS = frozenset({"status", "reason", "digest", "ticks", "messages", "sha256"})
+PART = "part_of"
+"""Is said at the end of what was recovered of a run: the digest of all of it, empty if unknown."""
 LIMIT = 2**30
 """No chunk, decompressed or not, and no record of the head is longer: 1 GiB."""
 

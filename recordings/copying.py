@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 
-from recordings.container import END_FIELDS, Channel, Closing, Schema
+from recordings.container import END_FIELDS, PART, Channel, Closing, Schema
 from recordings.errors import UncreatableError
 from recordings.reading import Reader
 from recordings.writing import Writer
@@ -38,11 +38,11 @@ def ending(reader: Reader) -> tuple[Closing, str, dict[str, str]]:
     """Return how a copy of all that is here ends: status, reason, and what else was said.
 
     Where all messages are here, as the run did. Else it is "failed", whatever was said of the run,
-    and its reason begins with "recovered from".
+    its reason begins with "recovered from", and it says that its digest is a part's.
     """
-    here = (str(reader.message_count), reader.digest)
-    if reader.status != "unfinished" and here == (reader.end["messages"], reader.end["digest"]):
+    if reader.status != "unfinished" and reader.digest:
         extra = {name: said for name, said in reader.end.items() if name not in END_FIELDS}
         return reader.status, reader.reason, extra
     what = "; ".join(filter(None, (reader.status, reader.reason, *reader.damage)))
-    return "failed", f"recovered from {reader.path}: {what}", {}
+    whole = reader.end.get(PART) or reader.end.get("digest", "")
+    return "failed", f"recovered from {reader.path}: {what}", {PART: whole}

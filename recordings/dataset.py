@@ -83,7 +83,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
         {
             "name": run["name"],
             "status": reader.status,
-            "digest": reader.digest,
+            **({"digest": reader.digest} if reader.digest else {}),
             "seed": int(run["seed"]),
         },
     )

@@ -31,6 +31,7 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     Parquet needs the extra `analysis`: `InputError` without it. `UncreatableError` when the folder
     cannot be written, `UnreadableError` as `rows`; then no table is replaced.
     """
+    reader.expect_ticks("export")
     opened = _csv if form == "csv" else _parquet()
     faulty = any(channel.schema_name == FAULTS.kind.name for channel in reader.channels)
     tables = [SAMPLES, STATES, FAULTS] if faulty else [SAMPLES, STATES]

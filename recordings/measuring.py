@@ -20,15 +20,15 @@ TargetAt = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True, slots=True)
 class SteadyState:
-    """Suprema over robots and the last fifth of a run; 0 where nothing was recorded there."""
+    """Suprema over robots and the last fifth of a run; None where nothing was recorded there."""
 
-    position_estimate: float = 0.0
+    position_estimate: float | None = None
     """sup ‖ε̄_i(t_k)‖∞"""
-    velocity_estimate: float = 0.0
+    velocity_estimate: float | None = None
     """sup ‖ῡ_i(t_k)‖∞"""
-    position_tracking: float = 0.0
+    position_tracking: float | None = None
     """sup ‖e_i‖₂"""
-    velocity_tracking: float = 0.0
+    velocity_tracking: float | None = None
     """sup ‖ė_i‖₂"""
     times_ns: tuple[int, int, int, int] = (0, 0, 0, 0)
     """When each of the four was reached first, ns."""
@@ -38,7 +38,7 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     """Measure the steady state of a recording against its target."""
     end = reader.end_ns or 0
     since = end - end // 5
-    most, times = np.zeros(4), np.zeros(4, np.int64)
+    most, times = np.full(4, -np.inf), np.zeros(4, np.int64)
 
     def note(quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
         norms = np.linalg.norm(errors, order, axis=1)
@@ -55,7 +55,8 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
         else:
             note(2, records["q"] - position, 2, records["time_ns"])
             note(3, records["qd"] - velocity, 2, records["time_ns"])
-    (a, b, c, d), (e, f, g, h) = most.tolist(), times.tolist()
+    (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
+    (e, f, g, h) = times.tolist()
     return SteadyState(a, b, c, d, (e, f, g, h))
 
 

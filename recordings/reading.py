@@ -25,6 +25,7 @@ from recordings.columns import Columns, columns
 from recordings.container import (
     BEGIN,
     MAGIC,
+    PART,
     PROFILE,
     Channel,
     DamageError,
@@ -68,7 +69,7 @@ class Reader:
     """All that was said at the end, with the `extra` of `Writer.finish`; empty when unfinished."""
     status: Status
     reason: str
-    digest: str
+    digest_here: str
     """That of the messages that are here."""
     ticks: int
     """How many ticks after tick 0 are here; each is whole."""
@@ -150,6 +151,21 @@ class Reader:
     ) -> Iterator[Message]:
         """The same messages, one at a time."""
         return chain.from_iterable(self.batches(topics, start_ns, end_ns))
+
+    @property
+    def digest(self) -> str | None:
+        """That of the run; None where messages of it are missing, or may be."""
+        counted = self.end.get("messages"), self.end.get("digest")
+        whole = counted == (str(self.message_count), self.digest_here) and PART not in self.end
+        return self.digest_here if whole else None
+
+    def expect_ticks(self, purpose: str) -> None:
+        """Raise `UnreadableError` for a recording in which no tick is left."""
+        if not self.message_count:
+            why = "; ".join(self.damage) or self.reason
+            raise UnreadableError(
+                f"{self.path}: holds no tick, so that there is nothing to {purpose}: {why}"
+            )
 
     @property
     def start_ns(self) -> int | None:
@@ -249,7 +265,7 @@ class Reader:
         else:
             computed, gaps = self._judge()
             self.damage += [] if layout.intact else gaps
-        self.digest = computed
+        self.digest_here = computed
         self.status = cast(Status, self.end.get("status", "unfinished"))
         self.reason = self.end.get("reason", _UNFINISHED)
         if not self.end:

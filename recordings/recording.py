@@ -63,8 +63,8 @@ class Recording:
         return self._reader.reason
 
     @property
-    def digest(self) -> str:
-        """SHA-256 over all samples and states that are here."""
+    def digest(self) -> str | None:
+        """SHA-256 over all samples and states of the run; None where some are not here."""
         return self._reader.digest
 
     @property

@@ -18,8 +18,10 @@ RECOVERED = "nrs.recovered"
 def recover(reader: Reader, path: str | PathLike[str]) -> None:
     """Write what a recording still holds as a new one, which ends as `ending` says.
 
-    Raises `UncreatableError` when there is a file already, or none can be made.
+    Raises `UncreatableError` when there is a file already, or none can be made, `UnreadableError`
+    when no tick is left.
     """
+    reader.expect_ticks("recover")
     told = {"file": str(reader.path), "status": reader.status, "reason": reader.reason}
     told["damage"] = json.dumps(reader.damage)
     with copy_of(reader, path, {RECOVERED: told}) as writer:

@@ -176,6 +176,7 @@ def scene(
             "pip install '.[scene]' in nrs-cosim's sources"
         ) from error
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        reader.expect_ticks("show")
         shapes = shapes_of(scenario_of(reader))
         if not shapes:
             raise InputError(

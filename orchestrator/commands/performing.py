@@ -164,6 +164,7 @@ def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
     if output is not None and output.exists() and output.samefile(reader.path):
         raise InputError(f"-o {output}: is the recording to resume; give another name")
+    reader.expect_ticks("resume")
     file = scenario_of(reader)
     find = find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)
     group_by_archive(file.scenario, file.folder, find=find)

@@ -50,10 +50,21 @@ def verify_again(recording: Path, *, plants: bool) -> None:
     if verdict.difference:
         say("red", "differs", verdict.difference.between("the recording", "the replay"))
         raise typer.Exit(FAILED)
-    out.print(
-        f"identical: {what} say the same {verdict.messages} messages again, to the last bit, "
-        f"in ticks 0 to {verdict.ticks}"
+    same = (
+        f"{what} say the same {verdict.messages} messages again, to the last bit, in ticks 0 to "
+        f"{verdict.ticks}"
     )
+    if verdict.holds:
+        out.print(f"identical: {same}")
+        return
+    lacks = {
+        None: "how many the run had beside these is not known",
+        0: "",
+    }.get(verdict.missing, f"{verdict.missing} that the run had are not here")
+    unseen = f"{verdict.unseen} that are here could not be looked at" if verdict.unseen else ""
+    seen = same if verdict.ticks >= 0 else "no message could be looked at: tick 0 is not here"
+    say("red", "unverified", "; ".join(filter(None, (seen, unseen, lacks))))
+    raise typer.Exit(FAILED)
 
 
 def put_back(
@@ -63,6 +74,7 @@ def put_back(
     between: tuple[float | None, float | None],
     wait: float,
 ) -> None:
+    reader.expect_ticks("publish")
     start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
     last = reader.end_ns or 0
     if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):

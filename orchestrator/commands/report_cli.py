@@ -48,6 +48,7 @@ def report(
         stories, follow = [], stack.enter_context(reading(err))
         for path in recordings:
             reader = stack.enter_context(Reader(path, watch=follow(path)))
+            reader.expect_ticks("draw")
             stories.append(story_of(reader))
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")

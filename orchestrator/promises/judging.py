@@ -45,7 +45,8 @@ class Judged:
     """One quantity of a run."""
 
     bound: Bound
-    measured: float
+    measured: float | None
+    """None where nothing was recorded."""
     tick: int
     """The last sampling time up to when it was reached, k."""
     rest: float
@@ -57,6 +58,8 @@ class Judged:
         """The bounds of the long run that were passed: `this target`, `any target`, `paper`."""
         b = self.bound
         laws = {"this target": b.exact, "any target": b.sharp, "paper": b.paper}
+        if self.measured is None:
+            return ()
         most = (self.measured - LOST) / (1 + SETTLED)
         return tuple(law for law, bound in laws.items() if bound is not None and most > bound)
 
@@ -79,7 +82,8 @@ class Judgement:
     def left(self) -> float | None:
         """What is left of the beginning, at most; None where that is no part worth telling."""
         rest = max((row.rest for row in self.quantities), default=0.0)
-        return rest if rest > SETTLED * max(row.measured for row in self.quantities) else None
+        most = max((row.measured or 0.0 for row in self.quantities), default=0.0)
+        return rest if rest > SETTLED * most else None
 
     def as_json(self) -> dict[str, Any]:
         """Return the judgement for JSON."""
@@ -118,7 +122,7 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
     ]
     why = next((part.why for part in promised.robots if part.why), "")
     estimates, tracking = quantities[:2], quantities[2:]
-    if any(row.rest > SETTLED * row.measured for row in estimates):
+    if any(row.rest > SETTLED * (row.measured or 0.0) for row in estimates):
         tracking = [
             replace(row, verdict="unknown") if row.verdict == "exceeds" else row for row in tracking
         ]
@@ -127,9 +131,9 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
     )
 
 
-def _verdict(bound: Bound, measured: float, rest: float | None) -> Verdict:
+def _verdict(bound: Bound, measured: float | None, rest: float | None) -> Verdict:
     proven = bound.exact if bound.exact is not None else bound.sharp
-    if proven is None or rest is None:
+    if measured is None or proven is None or rest is None:
         return "unknown"
     return "within" if measured <= (proven + rest) * (1 + SLACK) + LOST else "exceeds"
 

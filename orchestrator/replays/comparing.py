@@ -77,6 +77,8 @@ class Comparison:
 
 def compare(a: Reader, b: Reader) -> Comparison:
     """Compare two recordings."""
+    for reader in (a, b):
+        reader.expect_ticks("compare")
     fields = dict(_fields(tomllib.loads(scenario_text(a)), tomllib.loads(scenario_text(b))))
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)

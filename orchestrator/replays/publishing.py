@@ -31,7 +31,7 @@ def publish(
     `speed` is simulated over wall time, None for as fast as possible. `ready` is called when the
     keys are declared, before the first message.
     """
-    bus = ZenohBus(reader.digest[:16], endpoints)
+    bus = ZenohBus(reader.digest_here[:16], endpoints)
     try:
         puts = {channel.topic: bus.publisher(channel.topic) for channel in reader.channels}
         ready(bus)

@@ -68,9 +68,19 @@ class Verdict:
     """What a replay came to."""
 
     ticks: int
+    """The last one that was run again; -1 where there is none, since tick 0 is not here."""
     messages: int
     """How many are the same to the last bit, from the first on."""
     difference: Difference | None
+    unseen: int = 0
+    """How many more are here that could not be looked at, since a tick before them is missing."""
+    missing: int | None = 0
+    """How many the run had that are not here; None where it is not known how many."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether all messages of the run were looked at, and are the same."""
+        return self.difference is None and self.unseen == 0 and self.missing == 0
 
 
 class RecordedPlants:
@@ -147,7 +157,12 @@ class _Kept:
 
 
 def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
-    """Run a recording again, with its plants or by the agents alone, up to the first difference."""
+    """Run a recording again, with its plants or by the agents alone, up to the first difference.
+
+    It ends before a tick that is missing: there is no going on without it.
+    """
+    if next(past_of(reader), None) is None:
+        return Verdict(-1, 0, None, _unseen(reader, -1), _missing(reader))
     scenario = file.scenario
     clock, n, m = clock_of(scenario), scenario.n, scenario.m
     numbers = range(1, n + 1)
@@ -167,7 +182,7 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         recorder = Recorder(kept, wire, n, 0)
         host = robots.hosted(HERE, bus, MemoryInbox(), wire, clock)
         ticks = host.run(-1, lambda _time: None, heard)
-        same = 0
+        same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)
             heard.now = _records(wire.samples, "sample", recorded)
@@ -181,7 +196,22 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
                 if was != now:
                     return Verdict(k, same, difference_in(m, m, was, now))
                 same += 1
-    return Verdict(reader.ticks, same, None)
+    return Verdict(k, same, None, _unseen(reader, k), _missing(reader))
+
+
+def _unseen(reader: Reader, k: int) -> int:
+    """Return how many messages of the run are here of ticks after tick k."""
+    numbers = [number for number, topic in reader.topics.items() if _kind_of(topic) in _KINDS]
+    parts = (columns.on(numbers) for columns in reader.columns())
+    return sum(int(np.count_nonzero(part.sequence.astype(np.int64) > k)) for part in parts)
+
+
+def _missing(reader: Reader) -> int | None:
+    """Return how many messages are not here that the run had; None where that is not known."""
+    if reader.digest:
+        return 0
+    planned = int(reader.end["messages"]) if reader.end else 0
+    return planned - reader.message_count if planned > reader.message_count else None
 
 
 def _finder(reader: Reader, file: ScenarioFile) -> Find:
@@ -204,7 +234,11 @@ def _said(tick: list[Recorded]) -> list[Recorded]:
 
 
 def _kind(message: Recorded) -> str:
-    return message[1].partition("/")[0]
+    return _kind_of(message[1])
+
+
+def _kind_of(topic: str) -> str:
+    return topic.partition("/")[0]
 
 
 def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | None) -> Difference:

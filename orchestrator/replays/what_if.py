@@ -56,7 +56,7 @@ def finder(reader: Reader, file: ScenarioFile) -> Find:
 def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str]]:
     """Return the metadata that names the recording from which another came."""
     text = "; ".join(f"{change.option} {change.text}" for change in changes)
-    return {PARENT: {"digest": reader.digest, "change": text}}
+    return {PARENT: {"digest": reader.digest_here, "change": text}}
 
 
 def _told_of(reader: Reader, robots: Sequence[int]) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from recordings.reading import Reader
 from recordings.tables import REFUSED, SCENARIO, SPENT
 from recordings.tables import about as about_run
 
+_PARTIAL = "none of the run: messages of it are missing here"
 PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
 
@@ -28,6 +29,7 @@ def describe(reader: Reader) -> dict[str, Any]:
         "status": reader.status,
         "reason": reader.reason,
         "digest": reader.digest,
+        "digest_here": reader.digest_here,
         "ticks": reader.ticks,
         "ticks_planned": int(about["ticks"]),
         "robots": int(about["robots"]),
@@ -77,14 +79,24 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         **led,
         "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
         "messages": f"{told['messages']}",
-        "estimates": f"sup |eps - eps_0|inf = {measured.position_estimate:.4g}, "
-        f"sup |ups - ups_0|inf = {measured.velocity_estimate:.4g}, in the last fifth",
-        "tracking": f"sup |q - eps_0|2 = {measured.position_tracking:.4g}, "
-        f"sup |qd - ups_0|2 = {measured.velocity_tracking:.4g}, in the last fifth",
+        "estimates": _suprema(
+            ("eps - eps_0|inf", measured.position_estimate),
+            ("ups - ups_0|inf", measured.velocity_estimate),
+        ),
+        "tracking": _suprema(
+            ("q - eps_0|2", measured.position_tracking),
+            ("qd - ups_0|2", measured.velocity_tracking),
+        ),
         **of,
-        "digest": told["digest"],
+        "digest": told["digest"] or _PARTIAL,
         "recording": told["file"],
     }
+
+
+def _suprema(*found: tuple[str, float | None]) -> str:
+    """Say how large errors were in the last fifth, where any was measured."""
+    known = [f"sup |{name} = {value:.4g}" for name, value in found if value is not None]
+    return ", ".join([*known, "in the last fifth"]) if known else "not measured: no tick is here"
 
 
 def scenario_text(reader: Reader) -> str:

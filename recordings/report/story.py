@@ -53,7 +53,7 @@ class Story:
     name: str
     status: Status
     reason: str
-    digest: str
+    digest: str | None
     damage: tuple[str, ...]
     ticks: int
     planned: int

@@ -43,14 +43,15 @@ def lead(story: Story) -> str:
 
 def measured(story: Story) -> Iterator[dict[str, Any]]:
     """Yield each steady-state error of the last fifth, with the theory's bounds by name."""
-    if not story.ticks:
-        return
     for field, (what, norm, rate) in _MEASURED.items():
+        value = getattr(story.steady, field)
+        if value is None or not story.ticks:
+            continue
         yield {
             "what": what,
             "norm": norm,
             "unit": story.subject.unit + rate,
-            "value": getattr(story.steady, field),
+            "value": value,
             "bounds": {
                 law: bound
                 for law, bound in story.subject.bounds.get(field, {}).items()
@@ -88,7 +89,7 @@ def counted(story: Story) -> dict[str, str]:
 def particulars(story: Story) -> dict[str, str]:
     """Return what identifies a run."""
     return {
-        "digest": story.digest,
+        "digest": story.digest or "of a part of the run, so that it is not told",
         "seed": str(story.seed),
         **story.versions,
     }

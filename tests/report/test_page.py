@@ -224,10 +224,8 @@ def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
     assert np.isnan(estimates.y).sum() == missing.sum()
 
 
-def test_a_recording_without_a_tick_is_reported(empty, tmp_path):
-    result = nrs.invoke(app, ["report", str(empty), "-o", str(tmp_path / "page.html")])
-    assert result.exit_code == 0, result.output
-    data = told((tmp_path / "page.html").read_text("utf-8"))
+def test_a_run_whose_first_tick_is_to_come_has_a_page(empty):
+    data = told(page([story(empty)]))
     (run,) = data["runs"]
     assert data["figures"] == []
     assert run["motion"] is None

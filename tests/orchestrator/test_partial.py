@@ -1,0 +1,176 @@
+"""Of a recording that is not whole nothing is said as of the whole: no digest, error or verdict."""
+
+import json
+
+import pytest
+
+from recordings.container import RECORD
+from recordings.reading import Reader
+from recordings.writing import Writer
+from tests.command import nrs
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A recording of 10 ticks, each in a chunk of its own."""
+    folder = tmp_path_factory.mktemp("partial")
+    scenario = folder / "short.toml"
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    scenario.write_text(text.replace(*SHORT), "utf-8")
+    done = nrs("run", scenario, "-o", folder / "run.mcap", "--compression", "none")
+    assert done.returncode == 0, done.stderr
+    with Reader(folder / "run.mcap") as reader:
+        writer = Writer(
+            folder / "whole.mcap",
+            version="test",
+            channels=reader.channels,
+            schemas=reader.schemas,
+            metadata={
+                name: fields
+                for name, fields in reader.metadata.items()
+                if name not in {"nrs.begin", "nrs.end"}
+            },
+            attachments=reader.attachments,
+            chunk_bytes=1,
+            compression="none",
+        )
+        with writer:
+            messages = [*reader.messages()]
+            for k in range(reader.ticks + 1):
+                writer.write(message for message in messages if message[2] == k)
+            writer.finish("completed")
+    return folder / "whole.mcap"
+
+
+def chunks(path):
+    """Return where each chunk begins, as the reader found them."""
+    with Reader(path) as reader:
+        return [span.offset for span in reader._chunks]
+
+
+def flipped_in(path, into, number):
+    """Flip a bit of a message in one chunk."""
+    data = bytearray(path.read_bytes())
+    data[chunks(path)[number] + 300] ^= 1
+    into.write_bytes(data)
+    return into
+
+
+def count(path, keep):
+    with Reader(path) as reader:
+        return sum(1 for message in reader.messages() if keep(message[2]))
+
+
+@pytest.mark.parametrize("agents", [(), ("--agents-only",)])
+class TestVerify:
+    def test_a_whole_recording_is_identical(self, whole, agents):
+        done = nrs("replay", whole, "--verify", *agents)
+        assert done.returncode == 0
+        assert f"the same {count(whole, lambda _: True)} messages" in done.stdout
+
+    def test_a_damaged_first_tick_leaves_nothing_to_look_at(self, whole, agents, tmp_path):
+        path = flipped_in(whole, tmp_path / "a.mcap", 0)
+        done = nrs("replay", path, "--verify", *agents)
+        later, first = count(whole, lambda k: k > 0), count(whole, lambda k: k == 0)
+        assert done.returncode == 1
+        said = " ".join(done.stderr.split())
+        assert "no message could be looked at: tick 0 is not here" in said
+        assert f"{later} that are here could not be looked at" in said
+        assert f"{first} that the run had are not here" in said
+        assert "identical" not in done.stdout + done.stderr
+
+    def test_a_damaged_middle_is_verified_up_to_it(self, whole, agents, tmp_path):
+        path = flipped_in(whole, tmp_path / "a.mcap", 6)
+        done = nrs("replay", path, "--verify", *agents)
+        before, later = count(whole, lambda k: k < 6), count(whole, lambda k: k > 6)
+        assert done.returncode == 1
+        said = " ".join(done.stderr.split())
+        assert f"the same {before} messages again, to the last bit, in ticks 0 to 5" in said
+        assert f"{later} that are here could not be looked at" in said
+        assert "identical" not in done.stdout + done.stderr
+
+    def test_a_recovered_gap_is_not_verified_either(self, whole, agents, tmp_path):
+        damaged = flipped_in(whole, tmp_path / "a.mcap", 6)
+        assert nrs("recover", damaged, "-o", tmp_path / "b.mcap").returncode == 0
+        done = nrs("replay", tmp_path / "b.mcap", "--verify", *agents)
+        assert done.returncode == 1
+        assert "could not be looked at" in " ".join(done.stderr.split())
+
+    def test_a_cut_end_is_verified_up_to_it(self, whole, agents, tmp_path):
+        (tmp_path / "a.mcap").write_bytes(whole.read_bytes()[: chunks(whole)[8]])
+        done = nrs("replay", tmp_path / "a.mcap", "--verify", *agents)
+        assert done.returncode == 1
+        said = " ".join(done.stderr.split())
+        assert "in ticks 0 to 7; how many the run had beside these is not known" in said
+
+
+class TestDigest:
+    def told(self, path):
+        return json.loads(nrs("info", path, "--json").stdout)
+
+    def test_a_whole_recording_has_the_runs(self, whole):
+        told = self.told(whole)
+        assert told["digest"] == told["digest_here"]
+        assert len(told["digest"]) == 64
+
+    @pytest.mark.parametrize("how", ["flipped", "cut", "recovered"])
+    def test_a_part_of_a_run_has_none(self, whole, tmp_path, how):
+        path = tmp_path / "a.mcap"
+        if how == "cut":
+            path.write_bytes(whole.read_bytes()[: chunks(whole)[8]])
+        else:
+            flipped_in(whole, path, 4)
+        if how == "recovered":
+            assert nrs("recover", path, "-o", tmp_path / "b.mcap").returncode == 0
+            path = tmp_path / "b.mcap"
+        told = self.told(path)
+        assert told["digest"] is None
+        assert told["digest_here"] not in {None, self.told(whole)["digest"]}
+        text = nrs("info", path).stdout
+        assert told["digest_here"] not in text
+        assert "none of the run: messages of it are missing here" in text
+
+
+class TestNoTick:
+    @pytest.fixture
+    def path(self, whole, tmp_path):
+        path = tmp_path / "a.mcap"
+        path.write_bytes(whole.read_bytes()[: chunks(whole)[0] + RECORD.size])
+        return path
+
+    @pytest.mark.parametrize(
+        "command",
+        [
+            ("report", "{}", "-o", "page.html"),
+            ("diff", "{}", "{whole}"),
+            ("diff", "{whole}", "{}"),
+            ("export", "{}", "-o", "tables"),
+            ("recover", "{}", "-o", "new.mcap"),
+            ("resume", "{}", "-o", "new.mcap"),
+            ("scene", "{}", "-o", "new.mcap"),
+            ("replay", "{}", "--publish", "--insecure-tcp"),
+        ],
+        ids=" ".join,
+    )
+    def test_every_command_says_so(self, path, whole, tmp_path, command):
+        pytest.importorskip("foxglove_schemas_protobuf")
+        words = [word.replace("{whole}", str(whole)).replace("{}", str(path)) for word in command]
+        done = nrs(*words, cwd=tmp_path)
+        assert done.returncode == 2
+        assert "holds no tick" in done.stderr
+        assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
+
+    @pytest.mark.parametrize("agents", [(), ("--agents-only",)])
+    def test_nothing_is_verified(self, path, agents):
+        done = nrs("replay", path, "--verify", *agents)
+        assert done.returncode == 1
+        assert "no message could be looked at: tick 0 is not here" in " ".join(done.stderr.split())
+
+    def test_no_error_was_measured(self, path):
+        told = json.loads(nrs("info", path, "--json").stdout)
+        assert [row["measured"] for row in told["theory"]["quantities"]] == [None] * 4
+        assert {row["verdict"] for row in told["theory"]["quantities"]} == {"unknown"}
+        text = nrs("info", path).stdout
+        assert text.count("not measured: no tick is here") == 2
+        assert "inf = 0" not in text
