@@ -15,6 +15,8 @@ from plant_fmu.bundled.urdf_xml import Element
 
 _FREE = {"floating", "planar"}
 _DEFAULT_AXIS: Three = (1.0, 0.0, 0.0)
+LARGEST = 1e30
+"""Beyond what is of any robot; masses, and squares of lengths and rates, stay finite together."""
 
 
 def named(root: Element, tag: str, faults: Remarks) -> Iterator[tuple[str, Element]]:
@@ -131,11 +133,19 @@ class _Reading:
             numbers = [float(word) for word in text.split()]
         except ValueError:
             numbers = []
-        if len(numbers) == n and np.isfinite(numbers).all() and "_" not in text:
-            return numbers
         expected = "a number" if n == 1 else f"{n} numbers"
-        self.fault(f"{where}{key}: expected {expected}, got {text!r}")
-        return instead
+        if len(numbers) != n or not np.isfinite(numbers).all() or not _is_plain(text):
+            self.fault(f"{where}{key}: expected {expected}, got {text!r}")
+            return instead
+        if max(map(abs, numbers)) > LARGEST:
+            self.fault(f"{where}{key}: expected {expected} up to {LARGEST:g}, got {text!r}")
+            return instead
+        return numbers
+
+
+def _is_plain(text: str) -> bool:
+    """Whether numbers are written as in XML: Python takes 1_0 and digits of all scripts as well."""
+    return text.isascii() and "_" not in text
 
 
 def _end(element: Element, tag: str, read: _Reading, links: dict[str, Link]) -> str:

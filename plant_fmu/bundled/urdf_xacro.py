@@ -24,6 +24,7 @@ _ALL_PARTS = set(_PARTS).union(*_PARTS.values())
 _DEFINITIONS = {"property", "arg", "macro"}
 _OPEN = {"include", "insert_block", "call", "element", "attribute"}
 """Directives of which anything may come."""
+_EXPAND = "is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf"
 _EXPRESSION = re.compile(r"\$[({]")
 
 
@@ -34,11 +35,13 @@ def expect_expanded(root: Element, warnings: Remarks) -> None:
         for element in root.iter(etree.Element)
         if _directive(element) == "macro"
     }
+    if macros and root.find("link") is None:
+        raise FmuError(_EXPAND)
     for element in _read(root):
         if _EXPRESSION.search(" ".join(element.values())) or any(
             _matters(child, macros, frozenset()) for child in element
         ):
-            raise FmuError("is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf")
+            raise FmuError(_EXPAND)
     left = dict.fromkeys(filter(None, map(_directive, root.iter(etree.Element))))
     if left:
         names = ", ".join(f"<xacro:{name}>" for name in left)
@@ -73,7 +76,7 @@ def _matters(element: Element, macros: Mapping[str, Element], within: frozenset[
         return False
     return any(
         inner.tag in _ALL_PARTS or _matters(inner, macros, within)
-        for inner in body.iterdescendants(etree.Element)
+        for inner in body.iterchildren(etree.Element)
     )
 
 

@@ -66,6 +66,14 @@ WRONG = {
         ONE.replace("0 0 1", "0 1"),
         "joint 'j': <axis> xyz: expected 3 numbers, got '0 1'",
     ),
+    "a number of Python": (
+        ONE.replace('ixx="1"', 'ixx="1_0"'),
+        "link 'arm': <inertial> <inertia> ixx: expected a number, got '1_0'",
+    ),
+    "a number beyond all robots": (
+        ONE.replace('ixx="1"', 'ixx="1e200"'),
+        "link 'arm': <inertial> <inertia> ixx: expected a number up to 1e+30, got '1e200'",
+    ),
     "an unknown link": (
         ONE.replace('child link="arm"', 'child link="leg"'),
         "joint 'j': <child>: there is no link 'leg'",
@@ -262,7 +270,7 @@ def test_inertias_of_links_that_do_not_move_are_not_looked_at(
 
 DECLARED = f'<?xml version="1.0"?>{ONE}'
 XACRO = ONE.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
-VISUAL = '<gazebo><visual name="v"/></gazebo>'
+VISUAL = '<visual><origin xyz="0 0 1"/></visual>'
 
 
 def with_more(text: str, more: str) -> str:
@@ -365,6 +373,12 @@ def test_what_xacro_must_still_expand_is_refused(tmp_path: Path, case: str) -> N
     with pytest.raises(FmuError) as caught:
         read(tmp_path, with_more(XACRO, UNEXPANDED[case]))
     assert str(caught.value) == f"{tmp_path / 'robot.urdf'}: {EXPAND}"
+
+
+def test_macros_alone_are_no_robot(tmp_path: Path) -> None:
+    macro = '<robot name="r"><xacro:macro name="arm"><link name="a"/></xacro:macro></robot>'
+    with pytest.raises(FmuError, match="is a xacro file"):
+        read(tmp_path, macro.replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"'))
 
 
 LAUGHS = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 10))
