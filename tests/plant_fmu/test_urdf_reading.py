@@ -283,7 +283,7 @@ LENIENT = {
         "the prefix 'sensor' is declared nowhere; what bears it is left out of the dynamics",
     ),
     "an attribute's prefix of nowhere": (
-        ONE.replace("<axis", '<limit lower="0" drake:acceleration="3"/><axis'),
+        ONE.replace("<axis", '<limit effort="1" velocity="1" drake:acceleration="3"/><axis'),
         "the prefix 'drake' is declared nowhere; what bears it is left out of the dynamics",
     ),
     "another vocabulary's joint": (
@@ -350,6 +350,23 @@ def test_what_others_read_is_read_with_a_warning(tmp_path: Path, case: str) -> N
     if case == "no axis":
         plain = replace(plain, joints=(replace(plain.joints[0], axis=(1.0, 0.0, 0.0)),))
     assert read(tmp_path, text) == replace(plain, warnings=tuple(warnings))
+
+
+@pytest.mark.parametrize("case", [c for c in LENIENT if c not in {"UTF-16", "no name"}])
+def test_what_is_read_with_a_warning_is_read_by_another_parser(tmp_path: Path, case: str) -> None:
+    """By urdfdom, in Pinocchio; that one asks for a name, for limits, and for bytes of ASCII."""
+    pinocchio = pytest.importorskip("pinocchio", reason="needs the package pin, of the extra test")
+    text, *_ = LENIENT[case]
+    limit = b'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(
+        (text if isinstance(text, bytes) else text.encode()).replace(b"</joint>", limit)
+    )
+    model = pinocchio.buildModelFromUrdf(str(path))
+    kind = "JointModelRX" if case == "no axis" else "JointModelRZ"
+    assert [(model.names[i], model.joints[i].shortname()) for i in range(1, model.njoints)] == [
+        ("j", kind)
+    ]
 
 
 UNEXPANDED = {
