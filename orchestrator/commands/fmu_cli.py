@@ -102,7 +102,7 @@ def fmu_from_urdf(
 ) -> None:
     """Write the rigid-body dynamics of a URDF's joints as an FMU, once it is checked."""
     from orchestrator.commands.places import expect_replaceable
-    from orchestrator.commands.stages import stages
+    from orchestrator.commands.progress import stages
     from plant_fmu.archives.archive import open_archive
     from plant_fmu.bundled.building import copy_out
     from plant_fmu.bundled.urdf import read_urdf

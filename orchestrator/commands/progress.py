@@ -1,7 +1,8 @@
 """Long work is seen to go on: on a terminal alone, on its error output, and gone when it is done.
 
 A run goes by simulated time. What reads recordings goes by the part of the file that was read, pass
-by pass; it shows nothing unless it takes longer than two seconds.
+by pass, and what builds an FMU by stages; neither shows anything unless it takes longer than two
+seconds.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,7 +11,8 @@ from os import PathLike
 from pathlib import Path
 from time import monotonic
 
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.markup import escape
 from rich.progress import (
     BarColumn,
@@ -87,3 +89,38 @@ def reading(
         yield follow
     finally:
         bar.stop()
+
+
+class _Stage:
+    """What is being done, and for how long."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._name = now, ""
+        self._start = self._begun = now()
+
+    def begin(self, name: str) -> None:
+        self._name, self._begun = name, self._now()
+
+    def __rich__(self) -> RenderableType:
+        now = self._now()
+        if now - self._start <= PATIENCE:
+            return Group()
+        return f"{escape(self._name)} … {now - self._begun:.0f} s"
+
+
+@contextmanager
+def stages(
+    console: Console, now: Callable[[], float] = monotonic
+) -> Iterator[Callable[[str], None]]:
+    """Yield what is told of each stage as it begins."""
+    stage = _Stage(now)
+    if not console.is_terminal:
+        yield stage.begin
+        return
+    with Live(stage, console=console, transient=True, redirect_stdout=False) as live:
+
+        def begin(name: str) -> None:
+            stage.begin(name)
+            live.refresh()
+
+        yield begin

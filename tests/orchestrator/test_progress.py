@@ -5,7 +5,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from orchestrator.commands.progress import reading
+from orchestrator.commands.progress import reading, stages
 from orchestrator.runs.running import run
 from recordings.reading import Reader
 
@@ -37,6 +37,28 @@ def test_what_takes_two_seconds_shows_its_name_and_its_part():
 )
 def test_what_is_soon_done_or_goes_into_a_pipe_shows_nothing(clock, terminal):
     assert not shown(clock, [0.5, 1.0], terminal=terminal)
+
+
+def test_a_stage_is_shown_by_name_once_all_stages_take_two_seconds():
+    screen, now = console(terminal=True), [0.0]
+    with stages(screen, lambda: now[0]) as begin:
+        begin("equations")
+        now[0] = 1.9
+        begin("compiling [C]")
+        soon = screen.file.getvalue()
+        now[0] = 5.0
+        begin("checking")
+    shown = screen.file.getvalue()
+    assert "equations" not in shown
+    assert "compiling" not in soon
+    assert "checking" in shown
+
+
+def test_stages_in_a_pipe_show_nothing():
+    screen = console(terminal=False)
+    with stages(screen, lambda: 9.0) as begin:
+        begin("checking")
+    assert not screen.file.getvalue()
 
 
 def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(paper, tmp_path):

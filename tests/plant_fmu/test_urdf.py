@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cache
-from io import StringIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,10 +18,8 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from orchestrator.commands.stages import stages
 from orchestrator.runs.running import run
 from orchestrator.runs.summary import measure
 from orchestrator.scenario.file import parse_scenario
@@ -448,28 +445,6 @@ def test_a_crash_of_the_check_is_a_failure() -> None:
     archive = open_archive(build_urdf(read_urdf(ARM)))
     checked = CHECK_BUILT(Task(replace(archive, path=archive.path.with_name("gone.fmu"))))
     assert not checked.passes
-
-
-def test_stages_are_shown_on_a_terminal_once_they_take_long() -> None:
-    shown, now = StringIO(), [0.0]
-    terminal = Console(file=shown, force_terminal=True, highlight=False, width=80)
-    with stages(terminal, clock=lambda: now[0]) as begin:
-        begin("reading")
-        now[0] = 1.9
-        begin("compiling")
-        quick = shown.getvalue()
-        now[0] = 5.0
-        begin("checking")
-    assert "reading" not in quick + shown.getvalue()
-    assert "compiling" not in quick
-    assert "checking … 0 s" in shown.getvalue()
-
-
-def test_stages_are_not_shown_in_a_file() -> None:
-    shown = StringIO()
-    with stages(Console(file=shown), clock=lambda: 9.0) as begin:
-        begin("reading")
-    assert shown.getvalue() == ""
 
 
 @pytest.mark.parametrize("gravity", ["0,0", "0,0,nan"])
