@@ -106,9 +106,11 @@ def _changes(node: ast.AST, place: str) -> Iterator[tuple[str, ast.AST, str]]:
 
 
 def _is_text(node: ast.AST) -> bool:
-    """Return whether it is a docstring, a text for people, or for a type checker alone."""
+    """Return whether it is a docstring, a text for people, or decides nothing."""
     if isinstance(node, ast.Expr):
         return isinstance(node.value, ast.Constant)
+    if isinstance(node, ast.keyword):
+        return node.arg == "strict"  # of zip, which holds what is so anyway
     return isinstance(node, ast.JoinedStr | ast.Import | ast.ImportFrom)
 
 

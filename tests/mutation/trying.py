@@ -22,6 +22,8 @@ _SLOWER, _LEAST = 4, 10.0
 """How many times as long, and s at least, are allowed."""
 _PATIENCE = 60.0
 """s: how long what waits may take beside."""
+_LONGEST = 900.0
+"""s: how long tests may take without a mutation."""
 How = Literal["killed", "timed out", "survived"]
 
 
@@ -51,10 +53,9 @@ class Tree:
         return cls(folder)
 
     def usual(self, tests: list[str]) -> Usual:
-        """Return what tests take; `RuntimeError` where they do not pass without a mutation."""
-        self._run(tests, 600.0, 600.0, kept="")  # what is built or compiled once is, by now
+        """Return what tests take, with what is built once; exit where they do not pass."""
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), monotonic()
-        status, printed = self._run(tests, 600.0, 600.0)
+        status, printed = self._run(tests, _LONGEST, _LONGEST, kept="")
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if status:
             sys.exit(f"{' '.join(tests)}: do not pass without a mutation:\n{printed}")

@@ -166,3 +166,36 @@ def test_a_recording_that_is_closed_leaves_no_thread(path):
         assert len(recording()) == len(before) + 1
         writer.finish("completed")
         assert recording() == before
+
+
+@pytest.mark.parametrize("verify", [False, True])
+def test_an_end_that_has_another_digest_is_told_when_it_is_verified(path, monkeypatch, verify):
+    monkeypatch.setattr("recordings.writing.Digest.hexdigest", lambda _self: "0" * 64)
+    with new(path) as writer:
+        writer.write([(5, "a", 1, b"")])
+        writer.finish("completed")
+    monkeypatch.undo()
+    with Reader(path, verify=verify) as reader:
+        told = [f"the messages had the digest {'0' * 64} when written"]
+        assert reader.damage == (told if verify else [])
+        assert (reader.digest == "0" * 64) != verify
+
+
+def test_chunks_that_changed_places_are_out_of_order(path):
+    """All else is as written: they are of one size, and their checksums are their own."""
+    with new(path, chunk_bytes=1, compression="none") as writer:
+        for k in (1, 2, 3):
+            writer.write([(k, "a", k, b"same size")])
+        writer.finish("completed")
+    data = path.read_bytes()
+    with path.open("rb") as file:
+        one, two, _ = (
+            (index.chunk_start_offset, index.chunk_length + index.message_index_length)
+            for index in make_reader(file).get_summary().chunk_indexes
+        )
+    assert one[1] == two[1]
+    first, second = (data[at : at + size] for at, size in (one, two))
+    path.write_bytes(data[: one[0]] + second + first + data[two[0] + two[1] :])
+    with Reader(path, verify=True) as reader:
+        assert any("its messages are out of order" in line for line in reader.damage)
+        assert [k for _, _, k, _ in reader.messages()] == [2, 3]
