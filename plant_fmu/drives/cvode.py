@@ -82,26 +82,11 @@ class Cvode:
             _Evaluation(self._evaluation(robot.signs, "the event indicators", int)),
         )
         self._heard = _Complaint(self._hear)
-        derivatives, indicators = self._evaluations
-        size, context = robot.states.size, self._new_context()
-        self._states, self._allowed = (
-            self._hold(_new_vector(size, context), _free_vector) for _ in range(2)
-        )
-        self._states_at, self._allowed_at = _address(self._states), _address(self._allowed)
-        matrix = self._hold(_new_matrix(size, size, context), _free_matrix)
-        linear = self._hold(_new_linear(self._states, matrix, context), _free_linear)
-        self._solver = c_void_p(_create(_BDF, context))
-        self._memory.callback(lambda: _free(byref(self._solver)))
-        self._load()
-        for status in (
-            _begin(self._solver, derivatives, robot.time, self._states),
-            _set_tolerances(self._solver, rtol, self._allowed),
-            _set_linear(self._solver, linear, matrix),
-            _set_max_steps(self._solver, MAX_STEPS),
-            _find_roots(self._solver, robot.indicators.size, indicators),
-            _allow_flat_roots(self._solver),
-        ):
-            self._expect(status)
+        try:
+            self._open(robot)
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Free all that it holds in SUNDIALS."""
@@ -125,6 +110,29 @@ class Cvode:
             memmove(robot.states_at, self._states_at, robot.states.nbytes)
             event = robot.complete(self._reached.value) or flag == _ROOT_FOUND
         return event
+
+    def _open(self, robot: Exchanged) -> None:
+        """Make what is held in SUNDIALS, and begin at the robot's time and states."""
+        derivatives, indicators = self._evaluations
+        size, context = robot.states.size, self._new_context()
+        self._states, self._allowed = (
+            self._hold(_new_vector(size, context), _free_vector) for _ in range(2)
+        )
+        self._states_at, self._allowed_at = _address(self._states), _address(self._allowed)
+        matrix = self._hold(_new_matrix(size, size, context), _free_matrix)
+        linear = self._hold(_new_linear(self._states, matrix, context), _free_linear)
+        self._solver = c_void_p(_create(_BDF, context))
+        self._memory.callback(lambda: _free(byref(self._solver)))
+        self._load()
+        for status in (
+            _begin(self._solver, derivatives, robot.time, self._states),
+            _set_tolerances(self._solver, self._rtol, self._allowed),
+            _set_linear(self._solver, linear, matrix),
+            _set_max_steps(self._solver, MAX_STEPS),
+            _find_roots(self._solver, robot.indicators.size, indicators),
+            _allow_flat_roots(self._solver),
+        ):
+            self._expect(status)
 
     def _load(self) -> None:
         """Copy the robot's states, and the errors allowed in them, to where CVODE finds them."""

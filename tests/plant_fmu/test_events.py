@@ -3,13 +3,17 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from plant_fmu.archives.archive import Archive, open_archive
+from plant_fmu.drives import cvode
 from plant_fmu.drives.driving import Driving, choose
+from plant_fmu.drives.exchanged import Exchanged
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.plants import Body, Disturbance, DrivenPlants
@@ -151,3 +155,39 @@ def test_a_nominal_value_that_is_not_positive_is_taken_for_1_and_told(
     drive = "Model Exchange, CVODE rtol 1e-09"
     remark = " (nominal value 1 for states 1, 2, whose own is not positive)"
     assert [each.drive for each in plants] == [drive + remark, drive]
+
+
+def test_a_solver_that_cannot_begin_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each context, vector, matrix and solver that was made is freed, as many as there were."""
+    made, freed = [], []
+
+    def counted(name: str, list_of: list[str]) -> Callable[..., Any]:
+        call = getattr(cvode, name)
+
+        def counting(*arguments: Any) -> Any:
+            list_of.append(name.rpartition("_")[2])
+            return call(*arguments)
+
+        return counting
+
+    for what in ("context", "vector", "matrix", "linear"):
+        monkeypatch.setattr(cvode, f"_new_{what}", counted(f"_new_{what}", made))
+        monkeypatch.setattr(cvode, f"_free_{what}", counted(f"_free_{what}", freed))
+
+    def refusing() -> Array:
+        raise StepError("no nominal values")
+
+    robot = SimpleNamespace(
+        states=np.zeros(2),
+        states_at=0,
+        indicators=np.zeros(0),
+        time=0.0,
+        tells_steps=False,
+        derivatives=None,
+        signs=None,
+        nominals=refusing,
+    )
+    with pytest.raises(StepError, match="no nominal values"):
+        cvode.Cvode(cast(Exchanged, robot), 1e-9)
+    assert made == ["context", "vector", "vector", "matrix", "linear"]
+    assert sorted(freed) == sorted(made)

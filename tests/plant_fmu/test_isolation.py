@@ -233,6 +233,20 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, 
     assert not (place / "run.mcap").exists()
 
 
+@pytest.mark.parametrize("needs", [True, False])
+def test_a_crash_before_the_run_is_told_with_the_tool_that_the_fmu_needs(
+    faulty, monkeypatch, needs
+):
+    monkeypatch.setenv("FAULTY_LOAD", "crash")
+    archive = open_archive(faulty, "faulty.fmu")
+    archive.description.coSimulation.needsExecutionTool = needs
+    with ExitStack() as stack, pytest.raises(FmuError) as error:
+        IsolatedPlants(stack, archive, bodies(1), {}, Driving(), 10.0)
+    advice = "; it needs nrs-cosim on this machine (needsExecutionTool)" if needs else ""
+    cause = "faulty.fmu: robot 1: the FMU aborted (SIGABRT), in loading"
+    assert str(error.value) == cause + advice
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
 def test_a_killed_parent_leaves_no_worker_behind(start, life):
     command = start(scenario("hang", plant="deadline = 3600"))
