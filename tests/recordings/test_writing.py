@@ -199,3 +199,21 @@ def test_chunks_that_changed_places_are_out_of_order(path):
     with Reader(path, verify=True) as reader:
         assert any("its messages are out of order" in line for line in reader.damage)
         assert [k for _, _, k, _ in reader.messages()] == [2, 3]
+
+
+@pytest.mark.parametrize(
+    ("ticks", "told"),
+    [
+        ((1, 2, 3), []),
+        ((1, 2, 6, 7), ["ticks 3 to 5 are missing"]),
+        ((2, 3, 5), ["tick 1 is missing", "tick 4 is missing"]),
+    ],
+)
+def test_ticks_that_a_damaged_recording_lacks_are_named(path, ticks, told):
+    with new(path, chunk_bytes=1) as writer:
+        for k in (0, *ticks):
+            writer.write([(k, "a", k, b"")])
+        writer.finish("completed")
+    path.write_bytes(path.read_bytes()[:-1])
+    with Reader(path, verify=True) as reader:
+        assert [line for line in reader.damage if line.endswith("missing")] == told
