@@ -28,7 +28,12 @@ err = Terminal(soft_wrap=True, highlight=False, emoji=False, stderr=True)
 
 def say(colour: str, kind: str, text: str) -> None:
     """Tell the user of an error, a warning or damage."""
-    err.print(f"[{colour}]{kind}:[/] {escape(text)}")
+    prose(err, f"[{colour}]{kind}:[/] {escape(text)}")
+
+
+def prose(console: Console, markup: str) -> None:
+    """Print sentences: a terminal's lines end between words, a pipe's where the text's do."""
+    console.print(markup, soft_wrap=not console.is_terminal)
 
 
 class Warnings(logging.Handler):

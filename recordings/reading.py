@@ -196,10 +196,13 @@ class Reader:
         """Read all that stands before the first chunk; the offset (bytes) of that."""
         magic = self._records.read(0, len(MAGIC))
         if magic != MAGIC:
-            found = f"begins with {magic!r}" if magic else "is empty"
-            raise UnreadableError(
-                f"{self.path}: {found}, so it is no MCAP file; give a recording of a run"
-            )
+            if Path(self.path).suffix.lower() == ".toml":
+                raise UnreadableError(
+                    f"{self.path}: is a scenario (TOML), not a recording; `nrs check` reads "
+                    f"scenarios"
+                )
+            found = "is no MCAP file" if magic else "is empty"
+            raise UnreadableError(f"{self.path}: {found}; give a recording of a run")
         seal = sha256(magic)
         records: list[tuple[int, bytes]] = []
         try:

@@ -8,6 +8,7 @@ called, for a user waits for all that is loaded.
 """
 
 import logging
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
 from math import isfinite
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperArgument, TyperGroup
 
 from bus.errors import CosimError, InputError
 from orchestrator.commands import replay_cli, run_cli
@@ -28,6 +29,7 @@ from orchestrator.commands.options import (
     TlsCa,
     TlsCertificate,
     TlsKey,
+    number,
 )
 from orchestrator.commands.report_cli import report
 from orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
@@ -35,8 +37,34 @@ from orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
+def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]:
+    """Return what tells a command's parameters, with no type where a name or nothing says it."""
+
+    def parameters(ctx: Any) -> list[Any]:
+        found = of(ctx)
+        for parameter in found:
+            if isinstance(parameter, TyperArgument):
+                parameter.display_type_rich = _nothing  # type: ignore[method-assign]
+            elif getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return found
+
+    return parameters
+
+
+def _nothing(ctx: Any) -> None:
+    """Return no type."""
+
+
 class Commands(TyperGroup):
     """All commands; each says so when it is interrupted."""
+
+    def __init__(self, **told: Any) -> None:
+        super().__init__(**told)
+        waiting: list[Any] = [self]
+        for command in waiting:
+            command.get_params = _without_types(command.get_params)
+            waiting += getattr(command, "commands", {}).values()
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command that was given."""
@@ -144,12 +172,14 @@ def recover(
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
     from orchestrator.commands import showing
+    from orchestrator.commands.places import make_folder
     from orchestrator.commands.progress import reading
     from orchestrator.runs.summary import describe, lines, measure
     from recordings.reading import Reader
     from recordings.recovering import recover as whole
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        make_folder(output)
         whole(reader, output)
         for damage in reader.damage:
             say("yellow", "damage", damage)
@@ -164,6 +194,7 @@ def scene(
     output: NewRecording,
 ) -> None:
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    from orchestrator.commands.places import make_folder
     from orchestrator.commands.progress import reading
     from orchestrator.runs.summary import scenario_of
     from recordings.reading import Reader
@@ -182,6 +213,7 @@ def scene(
             raise InputError(
                 f"{recording}: no robot is a bundled model, so their looks are unknown"
             )
+        make_folder(output)
         write_scene(reader, output, shapes)
         for damage in reader.damage:
             say("yellow", "damage", damage)
@@ -200,7 +232,11 @@ def check(
     ] = None,
     share: Annotated[
         float,
-        typer.Option(help="Of --accuracy, the part for the robots' own error, between 0 and 1."),
+        typer.Option(
+            metavar="PART",
+            parser=number("--share"),
+            help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
+        ),
     ] = 0.5,
 ) -> None:
     """Say what the theory promises for a scenario, and whether its plants can be opened."""

@@ -1,16 +1,64 @@
 """Arguments and options that several commands share."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from bus.errors import InputError
+from bus.numerals import decimal, whole
 from orchestrator.commands.formats import expect_ending
+
+LONGEST = 2**63 / 1e9
+"""s; what the clock can count in ns."""
 
 ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+
+
+def number(option: str) -> Callable[[str | float], float]:
+    """Return what reads an option's text as a finite number."""
+
+    def read(text: str | float) -> float:
+        try:
+            found = decimal(str(text))
+        except ValueError:
+            found = inf
+        if not isfinite(found):
+            raise InputError(f"{option}: expected a number, got {text!r}")
+        return found
+
+    return read
+
+
+def moment(option: str) -> Callable[[str | float], float]:
+    """Return what reads an option's text as a simulated time, s."""
+
+    def read(text: str | float) -> float:
+        found = number(option)(text)
+        if not 0 <= found < LONGEST:
+            raise InputError(f"{option}: expected 0 to {LONGEST:g} s, got {text!r}")
+        return found
+
+    return read
+
+
+def whole_number(option: str, least: int, most: float = inf) -> Callable[[str | int], int]:
+    """Return what reads an option's text as a whole number from one to another."""
+
+    def read(text: str | int) -> int:
+        try:
+            found = whole(str(text))
+        except ValueError:
+            found = least - 1
+        if not least <= found <= most:
+            upto = f" to {most:g}" if most < inf else " or more"
+            raise InputError(f"{option}: expected a whole number, {least}{upto}, got {text!r}")
+        return found
+
+    return read
 
 
 def _expect_recording(output: Path | None) -> Path | None:
@@ -107,7 +155,8 @@ Hosts = Annotated[
 Expect = Annotated[
     int,
     typer.Option(
-        min=1,
+        metavar="N",
+        parser=whole_number("--expect", 1),
         rich_help_panel=_PANEL,
         help="How many hosts share the robots, when they do not say which they want.",
     ),
@@ -118,6 +167,7 @@ Wait = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
+        parser=number("--wait"),
         rich_help_panel=_PANEL,
         show_default=f"{WAIT:g}",
         help="How long to wait for one another, at the start or after a link was lost.",
@@ -127,6 +177,7 @@ Deadline = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
+        parser=number("--deadline"),
         help="End the run after so long a silence; bus.deadline of the scenario unless given.",
     ),
 ]
@@ -134,22 +185,33 @@ NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when 
 ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
 Realtime = Annotated[
     float | None,
-    typer.Option(metavar="X", help="Let simulated time pass at most X times as fast as wall time."),
+    typer.Option(
+        metavar="X",
+        parser=number("--realtime"),
+        help="Let simulated time pass at most X times as fast as wall time.",
+    ),
 ]
 ShowLive = Annotated[
     bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
 ]
 Port = Annotated[
-    int | None, typer.Option(min=0, max=65535, help="Of --live; any free one unless given.")
+    int | None,
+    typer.Option(
+        metavar="N",
+        parser=whole_number("--port", 0, 65535),
+        help="With --live: the port to serve at; any free one unless given.",
+    ),
 ]
 Stay = Annotated[
-    bool, typer.Option("--stay", help="Of --live: serve the page until Ctrl-C after the run.")
+    bool, typer.Option("--stay", help="With --live: serve the page until Ctrl-C after the run.")
 ]
 
 
 def expect_of(owners: Mapping[str, object | None], options: Mapping[str, object | None]) -> None:
-    """Refuse the first option that was given though none was that it is of; None: not given."""
+    """Refuse the first option that was given without any that it requires; None: not given."""
     if all(value is None for value in owners.values()):
         for option, value in options.items():
             if value is not None:
-                raise InputError(f"{option}: is of {' or '.join(owners)}, which is not given")
+                *most, last = owners
+                others = f"{', '.join(most)} or {last}" if most else last
+                raise InputError(f"{option} requires {others}")

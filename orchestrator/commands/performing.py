@@ -33,6 +33,8 @@ from recordings.container import Compression, Message
 from recordings.reading import Reader
 from recordings.tables import RUN
 
+KEPT = 0.95
+"""Of the pace that was asked for: what is slower did not keep it."""
 EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
 
 
@@ -71,7 +73,7 @@ def manning_of(
         return elsewhere(file, endpoints, places, handling)
     if hosts == "auto":
         count = hosts_worth_it(n)
-    elif hosts is None or (hosts.isdecimal() and 1 <= int(hosts) <= n):
+    elif hosts is None or (hosts.isascii() and hosts.isdecimal() and 1 <= int(hosts) <= n):
         count = int(hosts or 1)
     else:
         raise InputError(f"--hosts: expected auto or 1 to {n}, a robot each at least, got {hosts}")
@@ -124,6 +126,8 @@ def perform(
     simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
     took = outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    if pace.asked and simulated < KEPT * pace.asked * took:
+        told["ticks"] += f"; --realtime {pace.asked:g} was not kept"
     if outcome.copied:
         told["ticks"] += f"; {outcome.copied} are the earlier recording's"
     last = {name: told.pop(name) for name in ("digest", "recording")}

@@ -20,9 +20,8 @@ def place_for(output: Path | None, name: str) -> Iterator[Path]:
     once, so that runs that begin together do not share it, and given back if nothing was written.
     """
     folder = DATA if output is None else output.parent
+    make_folder(folder / name)
     try:
-        expect_folder(folder)
-        folder.mkdir(parents=True, exist_ok=True)
         path = _new(name) if output is None else output
         if output is not None and output.exists():
             expect_replaceable(output, "recording", MAGIC)
@@ -53,6 +52,15 @@ def expect_folder(folder: Path) -> None:
     there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     if there.exists() and not there.is_dir():
         raise InputError(f"{there}: is a file and not a folder; give another place")
+
+
+def make_folder(output: Path) -> None:
+    """Make the folder of a file that is to be written; `InputError` where there can be none."""
+    expect_folder(output.parent)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written: {error.strerror}") from None
 
 
 def expect_another(output: Path | None, recording: Path) -> None:

@@ -6,10 +6,19 @@ from typing import Annotated
 import typer
 
 from bus.errors import InputError
-from orchestrator.commands.options import Connect, InsecureTcp, Listen, Output, RecordingPath
+from orchestrator.commands.options import (
+    Connect,
+    InsecureTcp,
+    Listen,
+    Output,
+    RecordingPath,
+    moment,
+    number,
+)
 from orchestrator.terminal import AsJson, err, out, print_json, say
 
 FAILED = 1
+SLOWEST = 1e-6
 LISTENER = "tcp/127.0.0.1:7447"
 
 
@@ -26,18 +35,43 @@ def replay(
     ] = False,
     speed: Annotated[
         float | None,
-        typer.Option(metavar="X", min=1e-6, help="Simulated over wall time; 1 unless given."),
+        typer.Option(
+            metavar="X",
+            parser=number("--speed"),
+            help="With --publish: simulated time over wall time; 1 unless given.",
+        ),
     ] = None,
     unpaced: Annotated[
         bool, typer.Option("--as-fast-as-possible", help="With --publish: do not pace it.")
     ] = False,
-    since: Annotated[float | None, typer.Option("--from", metavar="T", help="s")] = None,
-    until: Annotated[float | None, typer.Option("--to", metavar="T", help="s, excluded")] = None,
+    since: Annotated[
+        float | None,
+        typer.Option(
+            "--from",
+            metavar="T",
+            parser=moment("--from"),
+            help="With --publish: begin with messages of this simulated time, s.",
+        ),
+    ] = None,
+    until: Annotated[
+        float | None,
+        typer.Option(
+            "--to",
+            metavar="T",
+            parser=moment("--to"),
+            help="With --publish: end before messages of this simulated time, s.",
+        ),
+    ] = None,
     listen: Listen = None,
     connect: Connect = None,
     insecure_tcp: InsecureTcp = False,
     wait: Annotated[
-        float, typer.Option(metavar="SECONDS", help="How long to wait for somebody who listens.")
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            parser=number("--wait"),
+            help="With --publish: how long to wait for somebody who listens.",
+        ),
     ] = 60.0,
     plant: Annotated[
         list[str] | None,
@@ -62,6 +96,8 @@ def replay(
         raise InputError(
             "nrs replay: give one of --verify, --publish, or changes by --plant and --algorithm"
         )
+    if speed is not None and speed < SLOWEST:
+        raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
     if verifying:
         replaying.verify_again(recording, plants=not agents_only)
         return
@@ -90,7 +126,7 @@ def diff(
     """Say what is not the same in two recordings; exit status 1 when anything is not."""
     from orchestrator.commands import replaying, showing
     from orchestrator.commands.formats import expect_ending
-    from orchestrator.commands.places import expect_replaceable
+    from orchestrator.commands.places import expect_replaceable, make_folder
     from orchestrator.commands.progress import reading
     from orchestrator.replays.comparing import compare
     from recordings.reading import Reader
@@ -107,6 +143,7 @@ def diff(
         if found.why_not:
             raise InputError(f"--picture: nothing to draw: {found.why_not}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
+        make_folder(picture)
         replaying.draw(found, picture)
     if as_json:
         print_json(found.as_json())

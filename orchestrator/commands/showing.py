@@ -12,6 +12,7 @@ from rich.text import Text
 
 from orchestrator.commands.verdict import grounds, verdict
 from orchestrator.scenario.numbers import decimals
+from orchestrator.terminal import prose
 
 if TYPE_CHECKING:
     from estimator_agents.theory.design import Design
@@ -40,8 +41,16 @@ NEAR = 0.01
 
 def summary(console: Console, lines: Mapping[str, str]) -> None:
     """Show short lines by name."""
+    if not console.is_terminal:
+        for name, line in lines.items():
+            console.print(f"[bold]{name:<10}[/] {escape(line)}")
+        return
+    table = Table.grid(padding=(0, 1))
+    table.add_column(style="bold", min_width=10, no_wrap=True)
+    table.add_column(overflow="fold")
     for name, line in lines.items():
-        console.print(f"[bold]{name:<10}[/] {escape(line)}")
+        table.add_row(name, Text(line))
+    console.print(table, soft_wrap=False)
 
 
 def check(
@@ -173,18 +182,20 @@ def comparison(console: Console, found: "Comparison") -> None:
         console.print("the same run: scenario, samples and states, to the last bit")
         return
     for name, (a, b) in found.fields.items():
-        console.print(f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
+        prose(console, f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
     if found.first is None:
         console.print("the same samples and states, to the last bit")
         return
-    console.print(f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
+    prose(console, f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
+    moved = [apart for apart in found.distances if apart.largest]
+    if not moved:
+        return
     table = Table(box=None, pad_edge=False)
     for title in ("robot", "quantity", "largest |A - B|", "at t, s", "rms"):
         table.add_column(title, justify="left" if title == "quantity" else "right")
-    for apart in found.distances:
-        if apart.largest:
-            numbers = (f"{apart.largest:.4g}", f"{apart.at:g}", f"{apart.rms:.4g}")
-            table.add_row(str(apart.robot), apart.quantity, *numbers)
+    for apart in moved:
+        numbers = (f"{apart.largest:.4g}", f"{apart.at:g}", f"{apart.rms:.4g}")
+        table.add_row(str(apart.robot), apart.quantity, *numbers)
     console.print()
     console.print(table)
 

@@ -16,6 +16,10 @@ _PATIENCE = 0.1
 class Pace(Protocol):
     """What a tick waits for before it is closed."""
 
+    @property
+    def asked(self) -> float:
+        """Simulated over wall time that is asked for; 0 for as fast as the machine allows."""
+
     def start(self, time_ns: int) -> None:
         """Let simulated time begin to pass at a time, ns."""
 
@@ -25,6 +29,8 @@ class Pace(Protocol):
 
 class AtOnce:
     """Never waits."""
+
+    asked = 0.0
 
     def start(self, time_ns: int) -> None:
         """Begin."""
@@ -45,16 +51,16 @@ class RealTime:
         now: Callable[[], float] = monotonic,
         pause: Callable[[float], None] = sleep,
     ) -> None:
-        self._factor, self._now, self._pause = factor, now, pause
+        self.asked, self._now, self._pause = factor, now, pause
         self._origin = 0.0
 
     def start(self, time_ns: int) -> None:
         """Let t / X of wall time be over now."""
-        self._origin = self._now() - seconds(time_ns) / self._factor
+        self._origin = self._now() - seconds(time_ns) / self.asked
 
     def wait(self, time_ns: int, ask: Callable[[], object]) -> None:
         """Return when t / X of wall time is over."""
-        due = self._origin + seconds(time_ns) / self._factor
+        due = self._origin + seconds(time_ns) / self.asked
         while (left := due - self._now()) > 0:
             self._pause(min(left, _PATIENCE))
             ask()

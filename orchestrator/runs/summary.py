@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +73,9 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
     of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
     return {
         "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
-        "robots": f"{told['robots']}, {told['joints']} joints each",
+        "robots": f"{told['robots']}, {told['joints']} axes each",
         "plants": "; ".join(plants),
-        "driven": "; ".join(dict.fromkeys(plant["why"] for plant in told["plants"])),
+        "driven": _driven(told["plants"]),
         **led,
         "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
         "messages": f"{told['messages']}",
@@ -97,6 +97,16 @@ def _suprema(*found: tuple[str, float | None]) -> str:
     """Say how large errors were in the last fifth, where any was measured."""
     known = [f"sup |{name} = {value:.4g}" for name, value in found if value is not None]
     return ", ".join([*known, "in the last fifth"]) if known else "not measured: no tick is here"
+
+
+def _driven(plants: Sequence[Mapping[str, Any]]) -> str:
+    """Say how plants are driven, and which FMUs where they are not all driven alike."""
+    fmus: dict[str, list[str]] = {}
+    for plant in plants:
+        fmus.setdefault(plant["why"], []).append(plant["fmu"])
+    if len(fmus) == 1:
+        return next(iter(fmus))
+    return "; ".join(f"{', '.join(dict.fromkeys(who))}: {why}" for why, who in fmus.items())
 
 
 def scenario_text(reader: Reader) -> str:

@@ -29,6 +29,7 @@ from orchestrator.scenario.targets import unsampled_times, wrong_target
 from orchestrator.scenario.times import wrong_times
 from orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
 from plant_fmu.archives.quantities import MOTION, UNITS
+from recordings.container import MAGIC
 
 SHORTEST = 1e-6
 AXES = "numbers, one for each of the target's axes"
@@ -64,7 +65,7 @@ def read_scenario(path: Path) -> ScenarioFile:
     place in the text; an FMU that is its target is run, and its samples stand there too.
     """
     try:
-        text = path.read_text("utf-8-sig")
+        text = _text_of(path)
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
     except UnicodeDecodeError:
@@ -75,6 +76,14 @@ def read_scenario(path: Path) -> ScenarioFile:
     text = with_edges(text, path.parent, str(path))
     text = with_motion(text, path.parent, str(path))
     return parse_scenario(text, storable(path.stem), path.parent, str(path))
+
+
+def _text_of(path: Path) -> str:
+    """Return a file's text; a byte order mark is passed over."""
+    data = path.read_bytes()
+    if data.startswith(MAGIC):
+        raise ScenarioError(f"{path}: is a recording (MCAP), not a scenario; `nrs info` reads it")
+    return data.decode("utf-8-sig").replace("\r\n", "\n")
 
 
 def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:

@@ -209,7 +209,7 @@ def test_what_cannot_be_resumed_is_refused(tmp_path, whole):
     assert done.stderr == f"error: {whole}: is completed: there is nothing to resume\n"
     done = nrs("resume", other)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {other}: begins with b'no recor', so it is no MCAP file")
+    assert done.stderr.startswith(f"error: {other}: is no MCAP file; give a recording of a run")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:-1000])
     before = cut.read_bytes()

@@ -22,20 +22,21 @@ def toml(tmp_path):
     [
         (["--hosts", "0"], "--hosts: expected auto or 1 to 6, a robot each at least, got 0"),
         (["--hosts", "7"], "--hosts: expected auto or 1 to 6, a robot each at least, got 7"),
+        (["--hosts", "٢"], "--hosts: expected auto or 1 to 6, a robot each at least, got ٢"),
         (["--hosts", "many"], "--hosts: expected auto or 1 to 6, a robot each at least, got many"),
         (
             ["--hosts", "2", "--listen", "tcp/127.0.0.1:7447"],
             "--hosts 2: starts hosts here, --listen waits for others",
         ),
         (["--deadline", "0"], "--deadline: expected more than 0 s, got 0"),
-        (["--hosts", "2", "--wait", "nan"], "--wait: expected more than 0 s, got nan"),
-        (["--wait", "9"], "--wait: is of --hosts or --listen or --connect, which is not given"),
+        (["--hosts", "2", "--wait", "nan"], "--wait: expected a number, got 'nan'"),
+        (["--wait", "9"], "--wait requires --hosts, --listen or --connect"),
         (
             ["--no-restart"],
-            "--no-restart: is of --hosts or --listen or --connect, which is not given",
+            "--no-restart requires --hosts, --listen or --connect",
         ),
-        (["--tls-key", "x"], "--tls-key: is of --listen or --connect, which is not given"),
-        (["--insecure-tcp"], "--insecure-tcp: is of --listen or --connect, which is not given"),
+        (["--tls-key", "x"], "--tls-key requires --listen or --connect"),
+        (["--insecure-tcp"], "--insecure-tcp requires --listen or --connect"),
     ],
 )
 def test_bad_options_exit_2(toml, tmp_path, options, message):

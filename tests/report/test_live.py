@@ -190,9 +190,9 @@ def test_a_pace_is_asked_before_each_tick_and_changes_no_bit(paper, tmp_path):
     ("options", "said"),
     [
         (["--realtime", "0"], "--realtime: expected a number above 0, got 0"),
-        (["--realtime", "nan"], "--realtime: expected a number above 0, got nan"),
-        (["--port", "80"], "--port: is of --live"),
-        (["--stay"], "--stay: is of --live"),
+        (["--realtime", "nan"], "--realtime: expected a number, got 'nan'"),
+        (["--port", "80"], "--port requires --live"),
+        (["--stay"], "--stay requires --live"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, said):
