@@ -1,0 +1,96 @@
+"""The terms of the bounds on estimates, each by hand: drag, slip, integrals, and their sums."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bus.topology import Topology
+from estimator_agents.impulsive import Impulsive
+from estimator_agents.target import Harmonic
+from estimator_agents.theory.estimates import (
+    Pair,
+    always,
+    largest,
+    modulus,
+    promise,
+    sharp,
+    slip,
+    steady_motion,
+)
+from estimator_agents.theory.recursion import recursion_of
+from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from tests.bus.test_topology import PAPER
+
+TOPOLOGY = Topology.of(*PAPER)
+
+
+def radius_of(algorithm, topology, h):
+    return spectral_radius(algorithm.modes(spectrum_of(topology), h))
+
+
+# The drag of an algorithm whose estimates do not stay where all agree
+
+
+@pytest.mark.parametrize("beta", [0.4, 0.9, 1.3])
+def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
+    """A target of constant velocity: x_∞ = Σ A^j (1 ⊗ d) υ_0 with d = −β [h; 1], dense."""
+    algorithm, h, gamma_1 = Impulsive(0.6, beta), 0.1, 3.0
+    recursion = recursion_of(algorithm, TOPOLOGY, h)
+    np.testing.assert_allclose(recursion.drag, [[0, -beta * h], [0, -beta]])
+    rho = radius_of(algorithm, TOPOLOGY, h)
+    A, x = recursion.matrix.toarray(), np.kron([-beta * h, -beta], np.ones(6))
+    total = np.zeros(12)
+    while np.abs(x).max() > 1e-16:
+        total, x = total + np.abs(x) * gamma_1, A @ x
+    bound = sharp(recursion, gamma_1, 0.0, rho)
+    assert bound.position == pytest.approx(total[:6].max(), rel=1e-9)
+    assert bound.velocity == pytest.approx(total[6:].max(), rel=1e-9)
+    none = np.zeros((1, 1))
+    motion = steady_motion(
+        recursion, Harmonic(np.zeros(1), np.array([-gamma_1]), none, none, none), rho
+    )
+    alone = np.linalg.solve(np.eye(12) - A, np.kron([beta * h, beta], np.ones(6))) * gamma_1
+    np.testing.assert_allclose(motion.constant[..., 0].ravel(), alone, atol=1e-9)
+    assert motion.bound.position <= bound.position * (1 + 1e-9)
+    assert motion.bound.velocity <= bound.velocity * (1 + 1e-9)
+
+
+def test_each_of_the_papers_bounds_gains_by_the_drag():
+    """|Δ_1| / h gains β γ1 and |Δ_2| / h gains β γ1 / h (docs/theory.md)."""
+    beta, h = 0.9, 0.1
+    recursion = recursion_of(Impulsive(0.6, beta), TOPOLOGY, h)
+    for gamma_1, gamma_2 in ((3.0, 1.0), (0.1, 40.0)):
+        found = promise(recursion, gamma_1, gamma_2)
+        most = max((2 + beta) * gamma_1, gamma_2 + beta * gamma_1 / h)
+        assert found.kappa == pytest.approx(found.norm.gain * most)
+
+
+def test_after_a_jump_the_drag_adds_to_what_the_estimates_are_bounded_by():
+    """ε⁺ = ε + 0.2 υ and υ⁺ = 0.1 υ where all agree: |K − I| of [0; γ1] is 0.2 γ1 and 0.9 γ1."""
+    recursion = replace(
+        recursion_of(Impulsive(0.6, 0.9), TOPOLOGY, 0.1), keep=np.array([[1, 0.2], [0, 0.1]])
+    )
+    found = always(Pair(1.0, 1.0), Pair(0.9, 0.5), recursion, 3.0)
+    assert (found.position, found.velocity) == pytest.approx((0.9 + 0.6, 0.5 + 2.7))
+    found = always(Pair(7.0, 8.0), Pair(0.9, 0.5), recursion, 3.0)
+    assert (found.position, found.velocity) == (7.0, 8.0)
+
+
+@pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])
+def test_a_target_slips_by_an_integral(h, gamma_1, gamma_2):
+    w = (np.arange(100_000) + 0.5) * h / 100_000
+    expected = np.minimum(2 * gamma_1, gamma_2 * w).mean() * h
+    assert slip(h, gamma_1, gamma_2) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.0, 3.0), (-1.0, 3.0), (2.0, -0.5), (0.0, 0.0)])
+def test_the_integral_of_a_straight_lines_size_is_that_of_its_triangles(first, last):
+    t = (np.arange(100_000) + 0.5) / 100_000
+    expected = np.abs(first + (last - first) * t).mean() * 0.3
+    found = modulus(np.array([first]), np.array([last]), 0.3)
+    assert found == pytest.approx([expected], rel=1e-6)
+
+
+def test_the_largest_of_bounds_is_that_of_positions_and_of_velocities():
+    assert largest(np.array([1.0, 5.0, 2.0, 4.0, 9.0, 3.0])) == Pair(5.0, 9.0)
