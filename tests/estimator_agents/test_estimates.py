@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bus.topology import Topology
+from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.impulsive import Impulsive
 from estimator_agents.target import Harmonic
 from estimator_agents.theory.estimates import (
@@ -94,3 +95,19 @@ def test_the_integral_of_a_straight_lines_size_is_that_of_its_triangles(first, l
 
 def test_the_largest_of_bounds_is_that_of_positions_and_of_velocities():
     assert largest(np.array([1.0, 5.0, 2.0, 4.0, 9.0, 3.0])) == Pair(5.0, 9.0)
+
+
+@pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])
+def test_where_nothing_cancels_the_worst_is_the_sum_of_all_steps_at_their_largest(
+    h, gamma_1, gamma_2
+):
+    """Δ_1 is at most what a target slips by, Δ_2 what its velocity may change by in h."""
+    algorithm = FirstOrder(0.9, 0.8)
+    recursion = recursion_of(algorithm, TOPOLOGY, h)
+    A = recursion.matrix.toarray()
+    assert A.min() >= 0
+    step = np.kron([slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)], np.ones(6))
+    expected = np.linalg.solve(np.eye(12) - A, step)
+    found = sharp(recursion, gamma_1, gamma_2, radius_of(algorithm, TOPOLOGY, h))
+    assert found.position == pytest.approx(expected[:6].max(), rel=1e-9)
+    assert found.velocity == pytest.approx(expected[6:].max(), rel=1e-9)

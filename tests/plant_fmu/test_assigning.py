@@ -12,6 +12,7 @@ import pytest
 
 from plant_fmu.archives.archive import Archive, open_archive, unpacked
 from plant_fmu.archives.quantities import Part, Quantity
+from plant_fmu.bundled.building import build
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.fmi.assigning import assignments, sizes_of
@@ -227,3 +228,20 @@ def test_an_access_that_the_fmu_refuses_names_robot_time_and_variable(
     words = r"robot 3 \(typed\.fmu\) at t = 0\.25 s: access to .*u.* ended with Error"
     with pytest.raises(StepError, match=words):
         getattr(two, act)(stretch(0, 3, length=3), np.zeros((2, 3)))(0.25)
+
+
+def test_a_disturbance_that_the_fmu_has_no_variables_for_is_refused(typed: Archive) -> None:
+    one, none = np.ones(2), np.zeros((2, 0))
+    disturbed = replace(body({"n": 4}), disturbance=Disturbance(one, one, none, none, none))
+    words = r"typed\.fmu: cannot take the disturbance of robot 1: .* it has no variable disturb"
+    with ExitStack() as stack, pytest.raises(FmuError, match=words):
+        open_plants(stack, typed, [disturbed], NAMES)
+
+
+def test_more_waves_than_the_fmu_has_room_for_are_refused() -> None:
+    archive = open_archive(build("two_link_arm"))
+    waves = Disturbance(np.zeros(2), np.zeros(2), *np.ones((3, 2, 99)))
+    disturbed = replace(body({}), disturbance=waves)
+    words = r"takes up to \d+ sines and cosines of a disturbance on an axis, got 99 for robot 1"
+    with ExitStack() as stack, pytest.raises(FmuError, match=words):
+        open_plants(stack, archive, [disturbed], {})
