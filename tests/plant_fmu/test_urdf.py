@@ -440,6 +440,24 @@ def test_an_fmu_that_takes_long_to_check_is_written_with_a_warning(
     assert output.is_file()
 
 
+def test_a_robot_that_is_too_stiff_to_be_stepped_is_written_with_a_warning(tmp_path: Path) -> None:
+    """A finger of 1e-9 kg m2 and a damping of 1 N m s: 1e9 per s, as in many files of grippers."""
+    body = '<mass value="1e-3"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" iyz="0" izz="1e-9"/>'
+    finger, output = tmp_path / "finger.urdf", tmp_path / "finger.fmu"
+    finger.write_text(
+        f'<robot name="finger"><link name="a"/><link name="b"><inertial>{body}</inertial></link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<dynamics damping="1"/></joint></robot>',
+        "utf-8",
+    )
+    done = nrs("fmu", "from-urdf", finger, "-o", output)
+    assert (done.returncode, done.stdout) == (0, f"{output}\n")
+    warnings = done.stderr.splitlines()
+    assert warnings
+    assert all(line.startswith(f"warning: {finger}: its FMU ") for line in warnings)
+    assert output.is_file()
+
+
 def test_a_crash_of_the_check_is_a_failure() -> None:
     """An archive that is gone when the check begins ends its process."""
     archive = open_archive(build_urdf(read_urdf(ARM)))
