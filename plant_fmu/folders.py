@@ -15,14 +15,18 @@ _PREFIX = "nrs-own-"
 
 
 @contextmanager
-def own_folder() -> Iterator[Path]:
-    """Yield a folder that ends with the context; first those of processes that were killed end."""
-    for left in Path(gettempdir()).glob(f"{_PREFIX}*"):
+def own_folder(within: str | None = None) -> Iterator[Path]:
+    """Yield a folder that ends with the context; first those of processes that were killed end.
+
+    It is in the folder for temporary files unless another is given.
+    """
+    place = within or gettempdir()
+    for left in Path(place).glob(f"{_PREFIX}*"):
         with suppress(OSError):  # somebody holds it, or it is another user's, or gone
             lock = _lock(left, fcntl.LOCK_EX | fcntl.LOCK_NB)
             rmtree(left, ignore_errors=True)
             os.close(lock)
-    folder, lock = _made()
+    folder, lock = _made(place)
     try:
         yield folder
     finally:
@@ -30,10 +34,10 @@ def own_folder() -> Iterator[Path]:
         os.close(lock)
 
 
-def _made() -> tuple[Path, int]:
+def _made(place: str) -> tuple[Path, int]:
     """Return a new folder and its lock; another process may remove it before it is locked."""
     while True:
-        folder = Path(mkdtemp(prefix=_PREFIX))
+        folder = Path(mkdtemp(prefix=_PREFIX, dir=place))
         with suppress(FileNotFoundError):
             lock = _lock(folder, fcntl.LOCK_EX)
             if folder.exists():

@@ -8,6 +8,7 @@ import zenoh
 from bus.errors import BusError, InputError
 from bus.network.endpoints import Address, Endpoints, zenoh_settings
 from bus.network.reaching import BRIEFLY, LONG, Finding, probe
+from bus.network.room import expect_room
 
 
 def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Session:
@@ -16,6 +17,7 @@ def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Se
     `InputError` where nothing can be listened on, or certificates are refused; `BusError` where
     what was to be connected to does not answer within `endpoints.wait` s.
     """
+    expect_room()
     _expect_no_refusal(endpoints, _findings(endpoints, BRIEFLY))
     config = zenoh.Config()
     settings = zenoh_settings(endpoints)

@@ -311,6 +311,12 @@ def main() -> None:
     except OSError as error:
         say("red", "error", str(error))
         raise SystemExit(FAILED) from None
+    except (RuntimeError, MemoryError) as error:
+        if isinstance(error, RuntimeError) and str(error) != "can't start new thread":
+            raise
+        said = str(error) or "out of memory"
+        say("red", "error", f"{said}: raise the limit: `ulimit -u`, `ulimit -v`, or a container's")
+        raise SystemExit(FAILED) from None
     except CosimError as error:
         say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None

@@ -182,9 +182,10 @@ def show(text: str) -> None:
 
 @contextmanager
 def _signals() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a question with the answer yes; the second ends all.
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a question with the answer yes.
 
-    As long as nobody has asked, a run is still being set up, and the first one ends all.
+    The second ends all; as long as nobody has asked, a run is still being set up, and the first
+    does. SIGHUP comes when a terminal is closed; what ignores it, as under nohup, goes on to.
     """
     asked = stopped = False
 
@@ -201,7 +202,10 @@ def _signals() -> Iterator[Callable[[], bool]]:
         asked = True
         return stopped
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, stop) for number in numbers}
     try:
         yield ask
     finally:

@@ -35,7 +35,7 @@ from bus.text import storable
 from bus.transport import Cut, Item, Message, Presence, Question
 from bus.wire import Wire
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
-from orchestrator.hosts.local import LocalHost
+from orchestrator.hosts.local import STARTING, LocalHost
 from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Welcome
 from orchestrator.runs.host import Spent
 from orchestrator.runs.restart import AT_ONCE, point_of
@@ -201,6 +201,11 @@ class Crew:
                 "--wait gives them longer"
             )
         for name, home in self._homes.items():
+            if home.process and home.incarnation is None and home.seconds >= STARTING:
+                raise RunError(
+                    f"host {name} ({named(home.robots)}), a process of this machine, did not ask "
+                    f"to join within {STARTING:g} s of its start{home.process.last_words()}"
+                )
             # One that waits for the others to be gathered is ready too.
             is_there = home.is_ready or home.begin
             if home.process and not is_there and home.seconds >= self._terms.wait:

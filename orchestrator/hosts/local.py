@@ -11,8 +11,8 @@ from pathlib import Path
 from bus.errors import RunError
 
 _PRINTED = 2000
-_STARTING = 60.0
-"""s: how long it looks for the run that started it."""
+STARTING = 60.0
+"""s: how long it may look for the run that started it."""
 
 
 class LocalHost:
@@ -25,7 +25,7 @@ class LocalHost:
         temporary = folder / name  # what it leaves when it is killed goes with the run's folder
         temporary.mkdir(exist_ok=True)
         command = ["--connect", endpoint, "--name", name, "--robots", ",".join(map(str, robots))]
-        command += ["--wait", f"{_STARTING:g}", "--parent", str(os.getpid())]
+        command += ["--wait", f"{STARTING:g}", "--parent", str(os.getpid())]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         try:
             with self._printed.open("wb") as printed:
@@ -48,7 +48,7 @@ class LocalHost:
     def ending(self) -> str | None:
         """Return how it ended, with the last that it printed; None while it runs."""
         status = self._process.poll()
-        return None if status is None else f"{_how(status)}{self._last_words()}"
+        return None if status is None else f"{_how(status)}{self.last_words()}"
 
     def kill(self) -> str:
         """End it, whatever it does; return how it ended."""
@@ -63,7 +63,8 @@ class LocalHost:
             self._process.wait(seconds)
         self.kill()
 
-    def _last_words(self) -> str:
+    def last_words(self) -> str:
+        """Return the last that it printed, as the end of a sentence; nothing when it did not."""
         with suppress(OSError):
             lines = self._printed.read_text(errors="replace")[-_PRINTED:].splitlines()
             ours = "host: "  # what it says of itself, as it is said here too

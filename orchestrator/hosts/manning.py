@@ -2,13 +2,15 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from uuid import uuid4
 
+from bus.errors import InputError
 from bus.keys import RECORDS, REPORT, SAMPLES, wire_key
-from bus.network.endpoints import Endpoints
+from bus.network.endpoints import Address, Endpoints
 from bus.network.zenoh_bus import ZenohBus
 from bus.transport import Bus
 from orchestrator.hosts.crew import Crew, Fmu, Terms
@@ -45,7 +47,7 @@ def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
     def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
         load_native()  # compiled once, before every host looks for it
         folder = stack.enter_context(own_folder())
-        endpoint = f"unixsock-stream/{folder}/bus"
+        endpoint = meeting_place(stack, folder)
         start = partial(LocalHost, endpoint=endpoint, folder=folder)
         n = file.scenario.n
         robots = range(1, n + 1)
@@ -55,6 +57,22 @@ def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
         return _crew(stack, file, Endpoints(listen=(endpoint,)), homes, handling, start)
 
     return man
+
+
+def meeting_place(stack: ExitStack, folder: Path) -> str:
+    """Return an endpoint in a folder of this user's alone, for which the stack may make another.
+
+    A socket's path is short and has no sign that means something in an endpoint, which a folder for
+    temporary files need not mind: clusters give long ones.
+    """
+    for place in (None, os.environ.get("XDG_RUNTIME_DIR"), "/tmp"):
+        with suppress(InputError, OSError):
+            own = folder if place is None else stack.enter_context(own_folder(place))
+            return Address.of("TMPDIR", f"unixsock-stream/{own}/bus").text
+    raise InputError(
+        f"TMPDIR: a socket cannot be in {folder.parent}, nor in XDG_RUNTIME_DIR or /tmp: give a "
+        "folder with a short name of letters and digits"
+    )
 
 
 def elsewhere(

@@ -65,7 +65,8 @@ class Library:
                 )
             except Exception as error:  # FMPy's are bare, and AttributeError for a symbol
                 raise FmuError(
-                    f"{archive.label}: its library cannot be loaded: {self._cause(error)}"
+                    f"{archive.label}: its library cannot be loaded: "
+                    f"{self._cause(error)}{_advice(folder)}"
                 ) from None
             finally:
                 os.chdir(here)
@@ -130,3 +131,10 @@ class Library:
                 self.calls.free(instance.component)
         self._prototype.freeLibrary()
         self._instances.clear()
+
+
+def _advice(folder: Path) -> str:
+    """Return what to do where no code may be run from a folder."""
+    if os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        return f"; {folder.parent} is mounted noexec: set TMPDIR to a folder on another disk"
+    return ""

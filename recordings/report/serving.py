@@ -12,8 +12,9 @@ from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from math import inf
 from socket import socket
-from threading import Condition, Lock
+from threading import BoundedSemaphore, Condition, Lock
 from time import monotonic
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from recordings.report.page import live_page
@@ -25,6 +26,12 @@ Tell = Callable[[], bytes | None]
 """Reads what is shown, as JSON; None when it cannot be read yet."""
 
 
+MOST = 64
+"""Connections at a time, each of which has a thread."""
+PATIENCE = 10.0
+"""s: how long a connection may be silent."""
+
+
 class LiveServer(ThreadingHTTPServer):
     """Serves a page and what it shows."""
 
@@ -33,6 +40,7 @@ class LiveServer(ThreadingHTTPServer):
     def __init__(self, listening: socket, version: Version, tell: Tell) -> None:
         """Serve on a socket that listens already."""
         self._version, self._tell = version, tell
+        self._free = BoundedSemaphore(MOST)
         self._reading, self._handed = Lock(), Condition()
         self._last: tuple[str, bytes] = ("", b"")
         self._rest_until = -inf
@@ -41,6 +49,17 @@ class LiveServer(ThreadingHTTPServer):
         self.socket.close()
         self.socket = listening
         self.server_port = listening.getsockname()[1]
+
+    def verify_request(self, request: object, client_address: object) -> bool:  # noqa: ARG002
+        """Return whether there is room for another connection; one too many is closed."""
+        return self._free.acquire(blocking=False)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, then make room for another."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
 
     def news(self, since: str) -> tuple[str, bytes] | None:
         """Return the version and the JSON of what there is; None when `since` has it all."""
@@ -73,6 +92,7 @@ class LiveServer(ThreadingHTTPServer):
 
 class _Answer(BaseHTTPRequestHandler):
     server: LiveServer
+    timeout = PATIENCE
     protocol_version = "HTTP/1.1"
 
     def do_GET(self) -> None:

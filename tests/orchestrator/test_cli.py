@@ -361,7 +361,7 @@ def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
         assert two.digest == three.digest
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
     """A real terminal, a real signal: the progress bar shows, the file is valid, 130."""
     text = PAPER.read_text("utf-8").replace("duration = 30.0", "duration = 36000.0")

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from http.client import HTTPConnection
 from threading import Thread
 
@@ -18,6 +19,7 @@ from orchestrator.runs.pace import RealTime
 from orchestrator.runs.running import run
 from orchestrator.scenario.file import read_scenario
 from recordings.reading import Reader
+from recordings.report import serving
 from recordings.report.serving import LiveServer
 from tests.guard import GUARD
 from tests.report.conftest import SCENARIOS
@@ -132,6 +134,28 @@ def test_what_is_known_is_not_told_again(served):
     server.linger(0.0)
     state["version"], state["told"] = "b", b"[]"
     assert get(address, "/data.json?since=a") == (200, "b", b"[]")
+
+
+def silent(address):
+    """Return a connection that asks nothing."""
+    host, port = re.findall(r"http://(.*):(\d+)/", address)[0]
+    return socket.create_connection((host, int(port)), timeout=GUARD)
+
+
+def test_a_connection_beyond_the_bound_is_closed_and_the_others_are_served(served):
+    address, *_ = served
+    with ExitStack() as stack:
+        held = [stack.enter_context(silent(address)) for _ in range(serving.MOST)]
+        assert stack.enter_context(silent(address)).recv(1) == b""
+        held[0].sendall(b"x\r\n\r\n")
+        assert b"Error response" in held[0].recv(200)
+
+
+def test_a_silent_connection_is_closed(served, monkeypatch):
+    address, *_ = served
+    monkeypatch.setattr(serving._Answer, "timeout", 0.05)
+    with silent(address) as quiet:
+        assert quiet.recv(1) == b""
 
 
 def test_only_this_machine_by_its_own_name_is_answered(served):

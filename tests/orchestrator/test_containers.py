@@ -1,0 +1,134 @@
+"""Where little is to be had, as in containers and on clusters, a run says what it lacks."""
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
+
+import pytest
+
+from bus.errors import BusError, InputError, RunError
+from bus.network import room
+from orchestrator.hosts import crew, manning
+from orchestrator.hosts.manning import Handling, here
+from orchestrator.runs.running import run
+from plant_fmu.fmi import library
+from recordings.reading import Reader
+from tests.guard import GUARD
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+SCENARIO = SCENARIOS / "paper_first_order.toml"
+
+
+def limited(which: int, most: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(which, (most, most))
+
+
+@pytest.mark.parametrize("hosts", [(), ("--hosts", "2")], ids=["alone", "two hosts"])
+@pytest.mark.parametrize(
+    ("which", "most", "lacks"),
+    [
+        (resource.RLIMIT_AS, 400_000 * 1024, "512 MiB more of addresses"),
+        (resource.RLIMIT_NOFILE, 10, "16 more file descriptors"),
+    ],
+    ids=["addresses", "descriptors"],
+)
+def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, hosts):
+    done = subprocess.run(
+        [sys.executable, "-m", "orchestrator", "run", SCENARIO, "-o", tmp_path / "x.mcap", *hosts],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "500"},
+        preexec_fn=limited(which, most),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=GUARD,
+    )
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert f"this process may not have {lacks}" in line
+    assert "raise the limit: `ulimit -" in line
+
+
+def test_too_few_threads_are_told_and_the_others_end(monkeypatch):
+    started = []
+
+    class Few(Thread):
+        def start(self):
+            if len(started) == 3:
+                raise RuntimeError("can't start new thread")
+            started.append(self)
+            super().start()
+
+    monkeypatch.setattr(room, "Thread", Few)
+    with pytest.raises(BusError, match=r"may not have 16 more threads \(can't start new thread\)"):
+        room.expect_room()
+    assert [thread.is_alive() for thread in started] == [False] * 3
+
+
+@pytest.mark.parametrize("name", ["x" * 140, "a b", "a#b", "a;b", "a?b", "ü"])
+def test_hosts_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
+    paper, tmp_path, monkeypatch, name
+):
+    odd = tmp_path / name
+    odd.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(odd))
+    monkeypatch.setenv("TMPDIR", str(odd))
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    file = paper(SHORT)
+    shown = []
+    man = here(file, 2, Handling(True, GUARD, shown.append))
+    assert run(file, tmp_path / "two.mcap", man).status == "completed", shown
+    assert run(file, tmp_path / "one.mcap").status == "completed"
+    with Reader(tmp_path / "one.mcap") as one, Reader(tmp_path / "two.mcap") as two:
+        assert one.digest == two.digest
+    assert list(odd.iterdir()) == []
+
+
+def test_where_no_folder_is_fit_tmpdir_is_named(tmp_path, monkeypatch):
+    class Stack:
+        def enter_context(self, _context):
+            raise PermissionError
+
+    monkeypatch.setattr(manning, "own_folder", lambda place: place)
+    with pytest.raises(InputError, match=r"TMPDIR: a socket cannot be in .*a b, nor in XDG_RUNTIM"):
+        manning.meeting_place(Stack(), tmp_path / "a b" / "own")
+
+
+def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    assert library._advice(folder) == ""
+    told = SimpleNamespace(f_flag=os.ST_NOEXEC)
+    monkeypatch.setattr(library.os, "statvfs", lambda _path: told)
+    assert library._advice(folder) == (
+        f"; {tmp_path} is mounted noexec: set TMPDIR to a folder on another disk"
+    )
+
+
+def test_a_host_of_this_machine_that_never_asks_to_join_ends_the_run(paper, tmp_path, monkeypatch):
+    class Mute:
+        def __init__(self, *_given, **_more):
+            pass
+
+        def ending(self):
+            return None
+
+        def kill(self):
+            return "was ended"
+
+        def last_words(self):
+            return "; it printed: panicked"
+
+    monkeypatch.setattr(manning, "LocalHost", Mute)
+    monkeypatch.setattr(crew, "STARTING", 0.1)
+    man = here(paper(SHORT), 2, Handling(True, GUARD, lambda _text: None))
+    with pytest.raises(
+        RunError, match=r"host local-1 \(robots 1-3\), a process of this machine"
+    ) as e:
+        run(paper(SHORT), tmp_path / "x.mcap", man)
+    assert str(e.value).endswith("within 0.1 s of its start; it printed: panicked")
