@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bus.errors import InputError
+from bus.numerals import decimal
 from orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def fmu_from_urdf(
 
 def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     try:
-        x, y, z = map(float, text.split(","))
+        x, y, z = map(decimal, text.split(","))
     except ValueError:
         x = y = z = nan
     if not isfinite(x + y + z):

@@ -395,12 +395,13 @@ def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(paper
 
 def test_a_missing_table_names_the_keys_that_it_must_have(paper):
     text = paper().text
-    for table in ("controller", "algorithm", "disturbance"):
+    for table in ("run", "controller", "algorithm", "disturbance"):
         start = text.index(f"[{table}]")
         text = text[:start] + text[text.index("\n[", start + 1) :]
     with pytest.raises(ScenarioError) as error:
         parse_scenario(text.replace("[plant]\nfmu", "[plant]\n# fmu"), "s", SCENARIOS, "s.toml")
     assert str(error.value).splitlines() == [
+        "s.toml: run: missing, it has no default; give run.duration and run.sampling_period",
         "s.toml: algorithm: missing, it has no default; give algorithm.name and algorithm.alpha "
         "and algorithm.beta",
         "s.toml: controller: missing, it has no default; give controller.kp and controller.kd",

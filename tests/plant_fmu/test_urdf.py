@@ -465,7 +465,7 @@ def test_a_crash_of_the_check_is_a_failure() -> None:
     assert not checked.passes
 
 
-@pytest.mark.parametrize("gravity", ["0,0", "0,0,nan"])
+@pytest.mark.parametrize("gravity", ["0,0", "0,0,nan", "0,0,1_0", "0,0,١"])
 def test_gravity_is_three_numbers(tmp_path: Path, gravity: str) -> None:
     done = nrs("fmu", "from-urdf", str(ARM), "-o", str(tmp_path / "a.fmu"), "--gravity", gravity)
     assert done.returncode == 2

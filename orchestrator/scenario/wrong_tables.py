@@ -1,0 +1,179 @@
+"""What may be wrong with a scenario's tables in shape, or in the relation of one to another."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from bus.errors import InputError
+from bus.network.access import expect_host_name
+from estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
+from orchestrator.scenario.faults import wrong_faults
+from orchestrator.scenario.networks import hetero_at, topologies_of
+from orchestrator.scenario.numbers import parse_robots
+from orchestrator.scenario.spelling import nearest
+from orchestrator.scenario.tables.faults import Faults
+from orchestrator.scenario.tables.fmus import Plant
+from orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
+from orchestrator.scenario.tables.values import Uniform
+from orchestrator.scenario.targets import unsampled_times
+from orchestrator.scenario.times import wrong_times
+from orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
+from plant_fmu.archives.quantities import MOTION, UNITS
+
+SHORTEST = 1e-6
+AXES = "numbers, one for each of the target's axes"
+ELSEWHERE = {
+    "kp": "controller.kp",
+    "kd": "controller.kd",
+    "q": "initial.q",
+    "qd": "initial.qd",
+    "position_ref": "initial.position",
+    "velocity_ref": "initial.velocity",
+    **{
+        f"disturbance_{part}": "disturbance.axes"
+        for part in ("offset", "rate", "amplitude", "frequency", "phase")
+    },
+}
+"""Parameters of a plant that a scenario gives in tables of their own."""
+
+
+def wrong_tables(scenario: Scenario) -> Iterator[str]:
+    """Yield what is wrong in shape or in the relation of one field to another."""
+    no_form = wrong_form(scenario.network)
+    if no_form:
+        yield no_form
+        return
+    n, m = scenario.n, scenario.m
+    network_faults = list(wrong_network(scenario))
+    yield from _algorithm_faults(scenario)
+    time_faults = list(wrong_times(scenario.run))
+    yield from time_faults or unsampled_times(scenario)
+    yield from _plant_faults("plant", scenario.plant)
+    yield from network_faults
+    if not (time_faults or network_faults):
+        yield from unused_turns(scenario)
+    yield from _gain_faults("controller", scenario.controller, m)
+    yield from _axes_faults("disturbance", scenario.disturbance, m)
+    for name, value in scenario.initial:
+        yield from _draw_faults(f"initial.{name}", value)
+        yield from _initial_faults(f"initial.{name}", value, n, m)
+    if scenario.faults != Faults():
+        yield from wrong_faults(scenario, None if network_faults else topologies_of(scenario).links)
+    yield from _robot_faults(scenario)
+    yield from _hosts_faults(scenario.bus.tls, n)
+
+
+def _robot_faults(scenario: Scenario) -> Iterator[str]:
+    n, m = scenario.n, scenario.m
+    seen: set[int] = set()
+    for i, robot in enumerate(scenario.robots):
+        here = f"robots[{i}]"
+        if robot.id > n:
+            yield f"{here}.id: expected 1 to {n}, got {robot.id}"
+        if robot.id in seen:
+            yield f"{here}.id: robot {robot.id} has been given before"
+        seen.add(robot.id)
+        if robot.plant:
+            yield from _plant_faults(f"{here}.plant", robot.plant)
+        if robot.controller:
+            yield from _gain_faults(f"{here}.controller", robot.controller, m)
+        if robot.disturbance:
+            yield from _axes_faults(f"{here}.disturbance", robot.disturbance, m)
+        for name, value in robot.initial:
+            yield from _draw_faults(f"{here}.initial.{name}", value)
+            if isinstance(value, tuple):
+                yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
+
+
+def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
+    """Yield what is wrong with the hosts' names and robots; a robot has one host."""
+    taken: dict[int, str] = {}
+    for host, text in (tls.hosts if tls else {}).items():
+        here = f"bus.tls.hosts.{host}"
+        try:
+            expect_host_name(host, "bus.tls.hosts")
+            robots = parse_robots(text, here, n)
+        except InputError as error:
+            yield str(error)
+            continue
+        for robot in robots:
+            if robot in taken:
+                yield f"{here}: robot {robot} is already {taken[robot]!r}'s"
+                break
+            taken[robot] = host
+
+
+def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
+    if scenario.algorithm.name not in algorithm_names():
+        yield (
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
+            f"got {scenario.algorithm.name!r}"
+        )
+        return
+    apart, why = hetero_at(scenario.network), why_one_digraph(scenario.algorithm.name)
+    if apart and why:
+        yield (
+            f"{apart}.velocity: {scenario.algorithm.name} cannot hear positions and velocities "
+            f"over different digraphs: {why}; give {apart} one digraph, or take dcea1"
+        )
+    known = policies_of(scenario.algorithm.name)
+    if scenario.algorithm.missing and scenario.algorithm.missing not in known:
+        yield (
+            f"algorithm.missing: expected one of {', '.join(known)}, which "
+            f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
+        )
+
+
+def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+    ours = [name for name in UNITS if name not in MOTION]
+    for name in plant.variables:
+        if name not in ours:
+            yield f"{where}.variables.{name}: no quantity of ours{nearest(name, ours)}"
+    for name in ("step", "control_step"):
+        given = getattr(plant, name)
+        if given is not None and given < SHORTEST:
+            yield f"{where}.{name}: expected at least {SHORTEST:g} s, got {given:g} s"
+    for name in plant.parameters:
+        if name in ELSEWHERE:
+            yield f"{where}.parameters.{name}: give it as {ELSEWHERE[name]} instead"
+
+
+def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
+    for name, value in controller:
+        if isinstance(value, tuple):
+            yield from _length_fault(
+                f"{where}.{name}", value, m, "entries, one for each of the target's axes"
+            )
+            for i, row in enumerate(value):
+                if isinstance(row, tuple):
+                    yield from _length_fault(f"{where}.{name}[{i}]", row, m, AXES)
+
+
+def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
+    if disturbance.axes:
+        yield from _length_fault(
+            f"{where}.axes", disturbance.axes, m, "axes, one for each of the target's axes"
+        )
+
+
+def _draw_faults(where: str, value: Any) -> Iterator[str]:
+    if isinstance(value, Uniform) and value.uniform[0] > value.uniform[1]:
+        yield f"{where}.uniform: expected [low, high] with low <= high, got {list(value.uniform)}"
+
+
+def _initial_faults(where: str, value: Any, n: int, m: int) -> Iterator[str]:
+    """Yield what is wrong with the shape of what all robots start with."""
+    if not isinstance(value, tuple):
+        return
+    rows = [row for row in value if isinstance(row, tuple)]
+    shape = f"expected {m} numbers for each robot, or {n} x {m}, a row for each"
+    if not rows and len(value) != m:
+        yield f"{where}: {shape}, got {len(value)} numbers"
+    elif rows and len(rows) != n:
+        yield f"{where}: {shape}, got {len(rows)} rows"
+    for i, row in enumerate(rows):
+        yield from _length_fault(f"{where}[{i}]", row, m, AXES)
+
+
+def _length_fault(where: str, value: Sequence[Any], length: int, of: str) -> Iterator[str]:
+    if len(value) != length:
+        yield f"{where}: expected {length} {of}, got {len(value)}"
