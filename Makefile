@@ -7,7 +7,7 @@ DATA := recordings/data
 .PHONY: demo test mutants benchmark anatomy benchmark-parts benchmark-peers soak figures paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
-	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap
+	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
 	@echo
 	@echo "The recording is $(CURDIR)/$(DATA)/demo.mcap. To open it:"
 	@echo "  $(BIN)/nrs info $(DATA)/demo.mcap                        what it holds"
@@ -41,7 +41,7 @@ soak: .venv/.installed  ## ten million messages over hosts that are killed; a th
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
-	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap
+	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap --force
 	$(BIN)/python -m docs.figures $(DATA)/figures.mcap docs/paper_first_order.png
 
 paper: .venv/.installed  ## run the paper's cases; its figures and numbers beside ours in docs/paper

@@ -87,6 +87,9 @@ NewRecording = Annotated[
         callback=_expect_recording,
     ),
 ]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace a recording that is there, once this is complete.")
+]
 Compressed = Annotated[
     Literal["zstd", "lz4", "none"],
     typer.Option("--compression", help="Of the recording's chunks."),

@@ -13,6 +13,7 @@ import typer
 from bus.errors import InputError
 from bus.network.endpoints import Endpoints
 from orchestrator.commands import progress, showing
+from orchestrator.commands.locks import expect_unlocked
 from orchestrator.commands.places import place_for
 from orchestrator.errors import Interrupted
 from orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
@@ -91,11 +92,12 @@ def perform(
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     pace: Pace = NO_PACE,
     begin: Callable[[Path], None] | None = None,
+    force: bool = False,
 ) -> None:
     """Run with everything that a person sees of it, and exit with its status."""
     clock = clock_of(file.scenario)
     with (
-        place_for(output, file.name) as path,
+        place_for(output, file.name, force=force) as place,
         _signals() as stopped,
         progress.running(err, clock) as reached,
     ):
@@ -105,7 +107,7 @@ def perform(
             if stopped():
                 raise Interrupted
 
-        whole = path.absolute()  # an FMU may change the working directory
+        whole = place.written.absolute()  # an FMU may change the working directory
         if begin:
             begin(whole)
         outcome = run_scenario(
@@ -119,6 +121,8 @@ def perform(
             metadata=metadata,
             pace=pace,
         )
+        path = place.settle(outcome.status == "completed")
+    whole = path.absolute()
     with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
         measured = measure(reader)
         told = {**lines(describe(reader), measured), "recording": str(path)}
@@ -168,6 +172,7 @@ def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
     if output is not None and output.exists() and output.samefile(reader.path):
         raise InputError(f"-o {output}: is the recording to resume; give another name")
+    expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
     file = scenario_of(reader)
     find = find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)

@@ -1,37 +1,76 @@
 """A recording never destroys another file by accident, and a run that never began leaves none."""
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 
 from bus.errors import InputError
+from orchestrator.commands.locks import expect_unlocked, locked
 from recordings.container import MAGIC
 
 DATA = Path("recordings/data")
+PART = ".part"
+"""Ends the name of what is to take the place of a recording, until it is complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a recording goes: what is written, and whose place it takes when it is complete."""
+
+    written: Path
+    final: Path
+
+    def settle(self, complete: bool) -> Path:
+        """Return where the recording is from now on: a complete one is in the place of the old.
+
+        It is on the disk before it is; one that is not complete stays beside it.
+        """
+        if self.written == self.final or not complete:
+            return self.written
+        with self.written.open("rb") as file:
+            os.fsync(file.fileno())
+        self.written.replace(self.final.resolve())
+        return self.final
 
 
 @contextmanager
-def place_for(output: Path | None, name: str) -> Iterator[Path]:
+def place_for(output: Path | None, name: str, *, force: bool = False) -> Iterator[Place]:
     """Yield where a recording goes: an output path, or a new name in `recordings/data`.
 
-    Only a recording, or an empty file, is replaced; `InputError` else. A new name is taken at
-    once, so that runs that begin together do not share it, and given back if nothing was written.
+    It is locked meanwhile. `InputError` where another process writes there; for a recording that is
+    there unless `force` says that it may be replaced; and for any other file that is not empty. A
+    new name is taken at once, so that runs that begin together do not share it, and given back if
+    nothing was written.
     """
     folder = DATA if output is None else output.parent
     make_folder(folder / name)
-    try:
-        path = _new(name) if output is None else output
-        if output is not None and output.exists():
-            expect_replaceable(output, "recording", MAGIC)
-    except OSError as error:
-        raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
-    try:
-        yield path
-    finally:
-        if output is None and path.exists() and path.stat().st_size == 0:
-            path.unlink()
+    with ExitStack() as stack:
+        try:
+            final = _new(name) if output is None else output
+            was_there = output is not None and output.exists()
+            if was_there:
+                expect_replaceable(final, "recording", MAGIC)
+                expect_unlocked(final)
+            is_held = was_there and final.stat().st_size > 0
+            if is_held and not force:
+                raise InputError(
+                    f"{output}: is there already; give another name, or --force to replace it"
+                )
+            whole = final.resolve()  # where a link leads to
+            written = whole.with_name(whole.name + PART) if is_held else final
+            for path in dict.fromkeys((final, written)):
+                stack.enter_context(locked(path))
+        except OSError as error:
+            raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
+        try:
+            yield Place(written, final)
+        finally:
+            if not (was_there and written == final):
+                _give_back(written)
 
 
 def expect_replaceable(path: Path, kind: str, *begins: bytes) -> None:
@@ -82,3 +121,9 @@ def _taken(path: Path) -> bool:
     except FileExistsError:
         return False
     return True
+
+
+def _give_back(path: Path) -> None:
+    """Remove a file that was made for a recording, if nothing was written into it."""
+    if path.exists() and path.stat().st_size == 0:
+        path.unlink()

@@ -8,6 +8,7 @@ import typer
 from bus.errors import InputError
 from orchestrator.commands.options import (
     Connect,
+    Force,
     InsecureTcp,
     Listen,
     Output,
@@ -85,6 +86,7 @@ def replay(
         typer.Option(metavar="beta=0.9", help="What if the algorithm had been another."),
     ] = None,
     output: Output = None,
+    force: Force = False,
 ) -> None:
     """Run a recording again: to verify it, to hear it, or to ask what if."""
     from bus.network.endpoints import Endpoints
@@ -111,7 +113,7 @@ def replay(
             pace = None if unpaced else speed or 1.0
             replaying.put_back(reader, endpoints, pace, (since, until), wait)
         else:
-            replaying.what_if(reader, plant or [], algorithm or [], output)
+            replaying.what_if(reader, plant or [], algorithm or [], output, force)
 
 
 def diff(

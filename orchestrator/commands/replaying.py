@@ -102,7 +102,9 @@ def put_back(
     out.print(f"{count} messages were put")
 
 
-def what_if(reader: Reader, plant: list[str], algorithm: list[str], output: Path | None) -> None:
+def what_if(
+    reader: Reader, plant: list[str], algorithm: list[str], output: Path | None, force: bool
+) -> None:
     if reader.status != "completed" or reader.damage:
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
     expect_another(output, Path(reader.path))
@@ -114,4 +116,4 @@ def what_if(reader: Reader, plant: list[str], algorithm: list[str], output: Path
     every = tuple(range(1, file.scenario.n + 1))
     robots = {robot for change in plants for robot in change.robots or every}
     man = None if algorithms else run_again(reader, file, sorted(robots))
-    perform(file, output, man, metadata=parent(reader, [*plants, *algorithms]))
+    perform(file, output, man, metadata=parent(reader, [*plants, *algorithms]), force=force)

@@ -13,6 +13,7 @@ from orchestrator.commands.options import (
     Connect,
     Deadline,
     Expect,
+    Force,
     Hosts,
     InsecureTcp,
     Listen,
@@ -37,6 +38,7 @@ from orchestrator.terminal import say
 def run(
     scenario: ScenarioPath,
     output: Output = None,
+    force: Force = False,
     compression: Compressed = "zstd",
     hosts: Hosts = None,
     profile: ShowProfile = False,
@@ -80,7 +82,15 @@ def run(
     handling = performing.handling_of(no_restart, wait, expect, deadline)
     man = performing.manning_of(file, hosts, handling, listen, connect, ends)
     start = partial(
-        performing.perform, file, output, man, compression, profile, deadline, pace=pace
+        performing.perform,
+        file,
+        output,
+        man,
+        compression,
+        profile,
+        deadline,
+        pace=pace,
+        force=force,
     )
     with named(str(scenario)):
         if not live:
@@ -95,6 +105,7 @@ def run(
 def resume(
     recording: RecordingPath,
     output: Output = None,
+    force: Force = False,
     compression: Compressed = "zstd",
     hosts: Hosts = None,
     profile: ShowProfile = False,
@@ -125,7 +136,9 @@ def resume(
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
         handling = performing.handling_of(no_restart, wait, expect, deadline)
         man = performing.manning_of(file, hosts, handling, listen, connect, ends)
-        performing.perform(file, output, man, compression, profile, deadline, past_of(reader))
+        performing.perform(
+            file, output, man, compression, profile, deadline, past_of(reader), force=force
+        )
 
 
 def host(

@@ -90,13 +90,19 @@ def _state(recording: Path) -> str:
 def serve(recording: Path, listening: socket.socket, before: str) -> None:
     """Serve a recording whose state is no more the one before, until standard input ends."""
 
+    final = recording.with_suffix("")
+
+    def current() -> Path:
+        """What is to replace another recording has its name once it is complete."""
+        return recording if recording.exists() or recording.suffix != ".part" else final
+
     def version() -> str:
-        state = _state(recording)
+        state = _state(current())
         return "" if state == before else state
 
     def tell() -> bytes | None:
         try:
-            with Reader(recording) as reader:
+            with Reader(current()) as reader:
                 return json.dumps(told([story_of(reader)]), allow_nan=False).encode()
         except UnreadableError:
             return None

@@ -36,8 +36,8 @@ def test_a_file_is_no_folder(tmp_path, below):
         place_for(tmp_path / "file" / below, "run"),
     ):
         raise AssertionError
-    with place_for(tmp_path / "new" / below, "run") as path:
-        assert path.parent.is_dir()
+    with place_for(tmp_path / "new" / below, "run") as place:
+        assert place.written.parent.is_dir()
 
 
 def test_what_is_read_is_not_written(tmp_path):

@@ -1,0 +1,158 @@
+"""One output has one writer, and what is there is replaced by what is complete, when asked for."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import closing, contextmanager
+
+import pytest
+
+from bus.errors import InputError
+from orchestrator.commands import locks
+from orchestrator.commands.locks import expect_unlocked, locked
+from orchestrator.commands.places import place_for
+from recordings.reading import Reader
+from tests.command import nrs
+from tests.guard import GUARD
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+HOLD = (
+    "import sys; from pathlib import Path; from orchestrator.commands.locks import locked\n"
+    "with locked(Path(sys.argv[1])):\n"
+    "    print('held', flush=True); sys.stdin.read()\n"
+)
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    path = tmp_path / "short.toml"
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    path.write_text(text.replace(*SHORT), "utf-8")
+    return path
+
+
+@contextmanager
+def holder(path):
+    """A process that holds the lock of a file."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "held\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=GUARD)
+
+
+class TestLock:
+    def test_a_second_run_is_refused_with_the_process_that_writes(self, scenario, tmp_path):
+        path = tmp_path / "run.mcap"
+        with holder(path) as process:
+            for force in ((), ("--force",)):
+                done = nrs("run", scenario, "-o", path, *force)
+                assert done.returncode == 2
+                assert f"is being written by process {process.pid}" in " ".join(done.stderr.split())
+            assert path.read_bytes() == b""
+
+    def test_a_run_that_is_going_on_is_not_resumed(self, scenario, tmp_path):
+        path = tmp_path / "run.mcap"
+        assert nrs("run", scenario, "-o", path).returncode == 0
+        path.write_bytes(path.read_bytes()[:-2000])
+        with holder(path) as process:
+            done = nrs("resume", path, "-o", tmp_path / "new.mcap")
+            assert done.returncode == 2
+            assert f"is being written by process {process.pid}" in " ".join(done.stderr.split())
+
+    def test_a_killed_process_holds_nothing(self, tmp_path):
+        path = tmp_path / "run.mcap"
+        with holder(path) as process:
+            with pytest.raises(InputError, match="is being written"):
+                expect_unlocked(path)
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait(GUARD)
+            expect_unlocked(path)
+            with locked(path):
+                pass
+
+    def test_two_at_once_in_one_process_are_two_runs_too(self, tmp_path):
+        with (
+            place_for(tmp_path / "run.mcap", "run"),
+            pytest.raises(InputError, match=f"is being written by process {os.getpid()}"),
+            place_for(tmp_path / "run.mcap", "run"),
+        ):
+            raise AssertionError
+
+    def test_where_the_system_does_not_tell_who_it_is_it_is_another(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(locks, "LOCKS", tmp_path / "none")
+        with locked(tmp_path / "a"), pytest.raises(InputError, match="by another process"):
+            expect_unlocked(tmp_path / "a")
+
+    def test_a_file_system_without_locks_is_told_of_and_goes_without(
+        self, tmp_path, monkeypatch, capsys
+    ):
+        def refuse(*_: object) -> None:
+            raise OSError(95, "Operation not supported")
+
+        monkeypatch.setattr(locks.fcntl, "flock", refuse)
+        with locked(tmp_path / "a"):
+            pass
+        assert "Operation not supported: nothing keeps others" in capsys.readouterr().err
+
+
+class TestForce:
+    def test_a_recording_that_is_there_stays_unless_forced(self, scenario, tmp_path):
+        path = tmp_path / "run.mcap"
+        assert nrs("run", scenario, "-o", path).returncode == 0
+        old = path.read_bytes()
+        done = nrs("run", scenario, "-o", path)
+        assert done.returncode == 2
+        assert "is there already; give another name, or --force" in " ".join(done.stderr.split())
+        assert path.read_bytes() == old
+
+    @pytest.mark.parametrize("linked", [False, True])
+    def test_the_old_one_is_there_until_the_new_one_is_complete(self, tmp_path, linked):
+        path = real = tmp_path / "run.mcap"
+        real.write_bytes(OLD)
+        if linked:
+            path = tmp_path / "link.mcap"
+            path.symlink_to(real)
+        with place_for(path, "run", force=True) as place:
+            assert place.written == tmp_path / "run.mcap.part"
+            place.written.write_bytes(b"new")
+            assert path.read_bytes() == OLD
+            assert place.settle(complete=True) == path
+        assert real.read_bytes() == b"new"
+        assert path.is_symlink() == linked
+        assert not place.written.exists()
+
+    def test_a_run_that_fails_leaves_the_old_one_and_says_where_it_is(self, scenario, tmp_path):
+        path = tmp_path / "run.mcap"
+        assert nrs("run", scenario, "-o", path).returncode == 0
+        old = path.read_bytes()
+        text = scenario.read_text("utf-8")
+        scenario.write_text(text.replace("seed = 1", "seed = 1\ndivergence_limit = 26.0"), "utf-8")
+        done = nrs("run", scenario, "-o", path, "--force")
+        assert done.returncode == 1
+        assert path.read_bytes() == old
+        part = tmp_path / "run.mcap.part"
+        assert str(part) in done.stdout.replace("\n", "")
+        with closing(Reader(part)) as reader:
+            assert reader.status == "failed"
+
+    def test_a_run_that_never_began_leaves_nothing(self, tmp_path):
+        path = tmp_path / "run.mcap"
+        path.write_bytes(OLD)
+        with (
+            pytest.raises(ValueError, match="before it began"),
+            place_for(path, "run", force=True),
+        ):
+            raise ValueError("before it began")
+        assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
+        with pytest.raises(ValueError, match="again"), place_for(tmp_path / "new.mcap", "run"):
+            raise ValueError("again")
+        assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
+
+
+OLD = b"\x89MCAP0\r\n and so on"
