@@ -11,7 +11,7 @@ VERSION = version("nrs-cosim")
 
 
 def hello(robots=None, incarnation="a", of=VERSION):
-    return Hello(version=of, incarnation=incarnation, robots=robots)
+    return Hello(version=of, incarnation=incarnation, robots=robots, public=bytes(32))
 
 
 def let_in(homes, name, robots=None, incarnation=None):
