@@ -7,5 +7,9 @@ class FmuError(InputError):
     """An FMU cannot be found, built, read or used as it is."""
 
 
+class UnstableStepError(FmuError):
+    """A step is beyond what the gains and the plant's inertia let it be."""
+
+
 class StepError(RunError):
     """An FMU failed while it was stepped."""

@@ -57,6 +57,7 @@ def fmu_check(
 ) -> None:
     """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
     from orchestrator.commands import showing
+    from orchestrator.commands.stages import stages
     from orchestrator.scenario.file import read_scenario
     from plant_fmu.archives.archive import find_archive
     from plant_fmu.checking.apart import check
@@ -64,7 +65,8 @@ def fmu_check(
 
     archive = find_archive(name, Path())
     task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario).scenario)
-    checked = check(task)
+    with stages(err) as begin:
+        checked = check(task, tell=begin)
     if as_json:
         print_json(checked.as_json())
     else:

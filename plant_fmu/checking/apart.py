@@ -1,28 +1,31 @@
 """A stranger's FMU is looked at in a process of its own, so that its crash is a finding.
 
-The process writes what it is to tell as lines of JSON, each once it is known, and null after the
-last; what the FMU prints goes to the standard error. It has a deadline, and whatever it started
-ends with it.
+The process writes what it is to say as lines of JSON, each once it is known, and null after the
+last; what it is at stands between them, as signs of life. What the FMU prints goes to the standard
+error. A call of the FMU has a deadline, and whatever the process started ends with it.
 """
 
 import json
 import os
 import pickle
+import selectors
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 import numpy as np
 
 from bus.errors import CosimError
 from plant_fmu.bundled.bounds import Bounds
-from plant_fmu.checking.findings import Finding, FmuCheck, Task, findings
+from plant_fmu.checking.budget import LIMIT, STARTING, VALIDATING, Budget, Tell, unheard
+from plant_fmu.checking.findings import Finding, FmuCheck, Task
+from plant_fmu.checking.procedure import findings
 from plant_fmu.checking.sampling import sampled
 from plant_fmu.errors import FmuError
 from plant_fmu.isolation.worker import follow
@@ -31,8 +34,15 @@ DEADLINE = 60.0
 """s"""
 END = b"null"
 
-Tell = Callable[[Task], Iterator[dict[str, Any]]]
-"""What a process is to tell of a task, for JSON; a function of a module."""
+PRINTED = 1 << 14
+"""Bytes of what the FMU printed that are looked at, the last ones."""
+OURS = ("", STARTING, VALIDATING)
+"""The stages in which no FMU is called."""
+P3_LIMIT = 60.0
+"""s of processor time."""
+
+Say = Callable[[Task, Tell], Iterator[dict[str, Any]]]
+"""What a process is to say of a task, for JSON; a function of a module. It tells each stage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +53,16 @@ class Told:
     ending: str
     printed: str
     """The last words of what the FMU printed, as the end of a sentence."""
+    stage: str = ""
+    """The last that began."""
 
 
-def check(task: Task, deadline: float = DEADLINE) -> FmuCheck:
-    """Check an FMU of ours in this process, and one of others apart."""
-    found = findings(task) if task.archive.ours else _found_apart(task, deadline)
+def check(task: Task, deadline: float = DEADLINE, tell: Tell = unheard) -> FmuCheck:
+    """Check an FMU of ours in this process, and one of others apart; tell each stage."""
+    if task.archive.ours:
+        found = list(findings(task, Budget(tell)))
+    else:
+        found = _found_apart(task, deadline, tell)
     return FmuCheck(task.archive.label, task.archive.sha256, tuple(found))
 
 
@@ -57,8 +72,8 @@ def p3_of(task: Task, deadline: float = DEADLINE) -> Bounds:
     `FmuError` says why there is none.
     """
     if task.archive.ours:
-        return sampled(task)
-    told = told_apart(_tell_p3, task, deadline)
+        return sampled(task, Budget(limit=P3_LIMIT))
+    told = told_apart(_say_p3, task, deadline)
     if told.ending:
         raise FmuError(f"the process of the FMU {told.ending}{told.printed}")
     (line,) = told.lines
@@ -67,56 +82,81 @@ def p3_of(task: Task, deadline: float = DEADLINE) -> Bounds:
     return Bounds(**line)
 
 
-def _found_apart(task: Task, deadline: float) -> list[Finding]:
-    told = told_apart(_tell_findings, task, deadline)
+def _found_apart(task: Task, deadline: float, tell: Tell) -> list[Finding]:
+    told = told_apart(say_findings, task, deadline, tell)
     found = [Finding(**line) for line in told.lines]
     if told.ending:
-        after = f" after {found[-1].topic}: {found[-1].name}" if found else ""
-        text = f"the process of the FMU {told.ending}{after}{told.printed}"
+        after = f", after {found[-1].topic}: {found[-1].name}" if found else ""
+        text = f"the process of the FMU {told.ending} while {told.stage}{after}{told.printed}"
         found.append(Finding("runs", "process", "fails", text))
     return found
 
 
-def _tell_findings(task: Task) -> Iterator[dict[str, Any]]:
-    return map(asdict, findings(task))
+def say_findings(task: Task, tell: Tell, limit: float = LIMIT) -> Iterator[dict[str, Any]]:
+    """Yield all findings for JSON, each stage of which may take so long."""
+    return map(asdict, findings(task, Budget(tell, tell, limit)))
 
 
-def _tell_p3(task: Task) -> Iterator[dict[str, Any]]:
+def _say_p3(task: Task, tell: Tell) -> Iterator[dict[str, Any]]:
     try:
-        yield asdict(sampled(task))
+        yield asdict(sampled(task, Budget(tell, tell, P3_LIMIT)))
     except (CosimError, np.linalg.LinAlgError) as error:
         yield {"why": str(error)}
 
 
-def told_apart(tell: Tell, task: Task, deadline: float) -> Told:
-    """Run a function on a task in a process of its own, for a deadline in s."""
+def told_apart(say: Say, task: Task, deadline: float, tell: Tell = unheard) -> Told:
+    """Run a function on a task in a process of its own.
+
+    The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
+    starts and while no FMU is called it has `DEADLINE` at least.
+    """
     modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
-    with TemporaryDirectory(prefix="nrs-") as folder:
+    with TemporaryDirectory(prefix="nrs-") as folder, TemporaryFile() as printed:
         path = Path(folder) / "task"
-        path.write_bytes(pickle.dumps((tell, task)))
+        path.write_bytes(pickle.dumps((say, task)))
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "plant_fmu.checking.apart", str(path), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=printed,
             env={**os.environ, "PYTHONPATH": modules, "TMPDIR": folder},
             start_new_session=True,
         )
-        ending = ""
         try:
-            told, printed = process.communicate(timeout=deadline)
-        except subprocess.TimeoutExpired:
-            ending = f"did not return within {deadline:g} s"
-            _kill(process)
-            told, printed = process.communicate()
+            told = _listen(process, deadline, tell)
         finally:
             _kill(process)
-    *lines, _unfinished = told.split(b"\n")
-    if lines[-1:] != [END]:
-        ending = ending or _ending(process.returncode)
-    words = [line.strip() for line in printed.decode(errors="replace").splitlines() if line.strip()]
-    said = f"; it printed: {' / '.join(words[-3:])}" if words else ""
-    return Told([json.loads(line) for line in lines if line != END], ending, said)
+        printed.seek(max(0, printed.tell() - PRINTED))
+        words = printed.read().decode(errors="replace").splitlines()
+    words = [line.strip() for line in words if line.strip()]
+    return replace(told, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
+
+
+def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Told:
+    """Return what a process says until its end, or until it is silent for too long."""
+    assert process.stdout is not None
+    lines: list[dict[str, Any]] = []
+    stage, unfinished = "", b""
+    with selectors.DefaultSelector() as selector, process.stdout as said:
+        selector.register(said, selectors.EVENT_READ)
+        while True:
+            patience = deadline if stage not in OURS else max(deadline, DEADLINE)
+            if not selector.select(patience):
+                return Told(lines, f"did not return within {patience:g} s", "", stage)
+            heard = os.read(said.fileno(), 1 << 16)
+            if not heard:
+                process.wait()
+                return Told(lines, _ending(process.returncode), "", stage)
+            *whole, unfinished = (unfinished + heard).split(b"\n")
+            for line in whole:
+                if line == END:
+                    return Told(lines, "", "", stage)
+                found = json.loads(line)
+                if "now" not in found:
+                    lines.append(found)
+                elif found["now"] != stage:
+                    stage = found["now"]
+                    tell(stage)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -138,12 +178,16 @@ def main() -> None:
     np.seterr(all="ignore")
     path, parent = sys.argv[1:]
     follow(int(parent))
-    tell, task = pickle.loads(Path(path).read_bytes())
+    say, task = pickle.loads(Path(path).read_bytes())
     with os.fdopen(os.dup(1), "w") as lines:
         os.dup2(2, 1)
-        for line in tell(task):
+
+        def write(line: dict[str, Any]) -> None:
             lines.write(json.dumps(line) + "\n")
             lines.flush()
+
+        for line in say(task, lambda stage: write({"now": stage})):
+            write(line)
         lines.write(f"{END.decode()}\n")
 
 

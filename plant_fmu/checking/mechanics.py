@@ -13,24 +13,33 @@ import numpy as np
 
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.naming import Spec
+from plant_fmu.checking.budget import Budget
+from plant_fmu.checking.spans import agreeing, staircase
 from plant_fmu.drives.driving import STEP, Offer
+from plant_fmu.drives.grid import parts
 from plant_fmu.drives.model_exchange import ModelExchangePlants
 from plant_fmu.drives.probing import Probe
 from plant_fmu.drives.runge_kutta import RungeKutta
 from plant_fmu.drives.torque_held import TorqueHeldPlants
 from plant_fmu.errors import FmuError
-from plant_fmu.fmi.library import Library
+from plant_fmu.fmi.library import Kind, Library
 from plant_fmu.plants import Array, Body, Disturbance
 
-SPANS = (4e-3, 1e-3)
-"""s, between two of the velocities of which an acceleration is found. What is wrong with an FMU is
-wrong at each; an error of the probing itself is not."""
 AHEAD = 1e-2
 """rad, or s along q̇: half the distance over which what depends on q is differentiated."""
-HOLDING, LOOKS = 1.0, 50
-"""s, and how often it is looked meanwhile."""
+HOLDING = 1.0
+"""s: for how long it is to rest."""
 _FORWARD = np.array([-25 / 12, 4, -3, 4 / 3, -1 / 4])
 """The derivative at the first of five equally spaced numbers, of order 4."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenProbe:
+    """A plant to be probed, and how."""
+
+    probe: Probe
+    archive: Archive
+    kind: Kind
 
 
 def open_probe(
@@ -40,7 +49,7 @@ def open_probe(
     names: Mapping[str, Spec],
     offered: Sequence[Offer],
     chosen: Offer,
-) -> Probe:
+) -> OpenProbe:
     """Return a plant that takes any torque, of the interface that is chosen if it takes one.
 
     The stack ends it. `FmuError` where the FMU takes none.
@@ -52,10 +61,12 @@ def open_probe(
     folder = stack.enter_context(unpacked(archive))
     library = stack.enter_context(Library(archive, folder, way.kind))
     if way.kind == "CoSimulation":
-        return TorqueHeldPlants(library, [body], names, STEP, heun=False)
-    return ModelExchangePlants(
+        held = TorqueHeldPlants(library, [body], names, np.inf, heun=False)
+        return OpenProbe(held, archive, way.kind)
+    solved = ModelExchangePlants(
         library, [body], names, lambda robot: RungeKutta(robot, STEP), drive="", why=""
     )
+    return OpenProbe(solved, archive, way.kind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,24 +82,32 @@ class Rest:
 class Mechanics:
     """One plant's equations, as they are found by starting it anew at postures."""
 
-    def __init__(self, probe: Probe, body: Body) -> None:
-        """Find the pushes that change each joint's acceleration by about 1 rad/s²."""
-        self._probe, self._body = probe, body
+    def __init__(self, opened: OpenProbe, body: Body, budget: Budget) -> None:
+        """Find in what steps it moves, and pushes that move each joint by about 1 rad/s².
+
+        `FmuError` says why accelerations cannot be found.
+        """
+        self._probe, self._body, self._budget = opened.probe, body, budget
         self.states = 0
         """From how many states it was started."""
         self._pushes = np.ones(len(body.q))
-        sizes = np.sqrt((self.mobility(body.q, SPANS[0]) ** 2).sum(axis=0))
-        self._pushes[sizes > 0] /= sizes[sizes > 0]
+        self.stairs = staircase(opened.archive, opened.kind, self._from_rest)
+        self.spans, first = agreeing(self.stairs, lambda span: self.mobility(body.q, span))
+        """s: between two velocities, the longer one and the shorter one"""
+        sizes = np.sqrt((first**2).sum(axis=0))
+        if still := (np.flatnonzero(sizes == 0) + 1).tolist():
+            joints = f"joint{'s' if len(still) > 1 else ''} {', '.join(map(str, still))}"
+            raise FmuError(f"nothing moves by a torque on {joints}")
+        self._pushes /= sizes
 
     def acceleration(self, q: Array, qd: Array, tau: Array, span: float) -> Array:
         """Return q̈(q, q̇, tau), (m,); `FmuError` where the plant does not start there."""
-        self._start(q, qd, tau)
-        velocities = [self._probe.qd[0].copy()]
-        for j in range(len(_FORWARD) - 1):
-            self._probe.advance(j * span, span)
-            velocities.append(self._probe.qd[0].copy())
-        acceleration: Array = _FORWARD @ np.array(velocities) / span
-        return acceleration
+        return np.asarray(_FORWARD @ self._velocities(q, qd, tau, span) / span, float)
+
+    @property
+    def start(self) -> Array:
+        """(m,) where the robot starts."""
+        return self._body.q
 
     def mobility(self, q: Array, span: float) -> Array:
         """Return M⁻¹(q), (m, m)."""
@@ -106,16 +125,34 @@ class Mechanics:
         inverse: Array = (np.array(pushed) - rest).T / self._pushes
         return inverse, rest
 
-    def power_gained(self, q: Array, qd: Array, span: float) -> float:
-        """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s."""
+    def power_gained(self, q: Array, qd: Array, span: float) -> tuple[float, float]:
+        """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s.
+
+        Beside it stands how much of that may be of the FMU's own steps d, of which an acceleration
+        is known to d times its rate of change.
+        """
         mass = np.linalg.inv(self.mobility(q, span))
         ahead, behind = (
             np.linalg.inv(self.mobility(q + side * qd, span)) for side in (AHEAD, -AHEAD)
         )
-        acceleration = self.acceleration(q, qd, self.gravity(q, span), span)
-        pull = qd @ mass @ acceleration
+        velocities = self._velocities(q, qd, self.gravity(q, span), span)
+        pull = qd @ mass @ (_FORWARD @ velocities) / span
         change = qd @ (ahead - behind) @ qd / (4 * AHEAD)
-        return float((pull + change) / (abs(pull) + abs(change) + abs(qd @ mass @ qd)))
+        size = abs(pull) + abs(change) + abs(qd @ mass @ qd)
+        rate = (velocities[0] - 2 * velocities[1] + velocities[2]) / span**2
+        doubt = self.stairs.internal * np.abs(qd @ mass) @ np.abs(rate)
+        return float((pull + change) / size), float(doubt / size)
+
+    def damping_rate(self, q: Array, span: float) -> float:
+        """Return the fastest rate of M⁻¹(F + kd), 1/s: of damping over inertia."""
+        m = len(q)
+        none = np.zeros(m)
+        drags = [
+            self.acceleration(q, -way, none, span) - self.acceleration(q, way, none, span)
+            for way in np.eye(m)
+        ]
+        rates = np.array(drags).T / 2 + self.mobility(q, span) @ self._body.kd
+        return float(np.abs(np.linalg.eigvals(rates)).max())
 
     def rest(self, q: Array, span: float) -> Rest:
         """Start at rest with tau = G(q) held, and look where it goes."""
@@ -129,10 +166,40 @@ class Mechanics:
         growth = float(np.cosh(np.sqrt(squared).real.max() * HOLDING))
         self._start(q, none, tau)
         drift = 0.0
-        for j in range(LOOKS):
-            self._probe.advance(j * HOLDING / LOOKS, HOLDING / LOOKS)
+        step = self.stairs.internal or STEP
+        for j in range(parts(HOLDING, step)):
+            self._advance(j * step, step)
             drift = max(drift, float(np.abs(self._probe.q[0] - q).max()))
         return Rest(drift, growth)
+
+    def _velocities(self, q: Array, qd: Array, tau: Array, span: float) -> Array:
+        """Return q̇ at five times that are a span apart, (5, m)."""
+        self._start(q, qd, tau)
+        internal, time = self.stairs.internal, self.stairs.lead
+        if time:
+            self._advance(0.0, time)
+        velocities = [self._probe.qd[0].copy()]
+        count = round(span / internal) if internal else 1
+        for _ in range(len(_FORWARD) - 1):
+            for _ in range(count):
+                self._advance(time, span / count)
+                time += span / count
+            velocities.append(self._probe.qd[0].copy())
+        return np.array(velocities)
+
+    def _from_rest(self, step: float, steps: int) -> Array:
+        """Return q̇ from rest under a torque of 1 on each joint, (steps + 1, m)."""
+        none = np.zeros(len(self._body.q))
+        self._start(self._body.q, none, none + 1)
+        velocities = [self._probe.qd[0].copy()]
+        for j in range(steps):
+            self._advance(j * step, step)
+            velocities.append(self._probe.qd[0].copy())
+        return np.array(velocities)
+
+    def _advance(self, start: float, step: float) -> None:
+        self._probe.advance(start, step)
+        self._budget.spend()
 
     def _start(self, q: Array, qd: Array, tau: Array) -> None:
         """Start anew under a constant torque alone."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from plant_fmu.archives.archive import Archive
 from plant_fmu.archives.naming import Spec
+from plant_fmu.checking.budget import Budget
 from plant_fmu.drives.driving import Driving
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.isolation.isolated import IsolatedPlants
@@ -37,7 +38,7 @@ class Resumed:
 
 
 def resumed(
-    archive: Archive, body: Body, names: Mapping[str, Spec], driving: Driving
+    archive: Archive, body: Body, names: Mapping[str, Spec], driving: Driving, budget: Budget
 ) -> Resumed | None:
     """Save a plant, and let this and another process go on; None where the FMU cannot be saved."""
     with ExitStack() as stack:
@@ -45,23 +46,24 @@ def resumed(
         if not here.exact:
             return None
         start = _now(here)
-        list(_run(here, body, 0))
+        list(_run(here, body, 0, budget))
         saved, there = here.save(), _now(here)
         other = IsolatedPlants(stack, archive, [body], names, driving, DEADLINE)
         other.restore(saved)
-        ours = np.array([there, *_run(here, body, INTERVALS)])
-        theirs = np.array([_now(other), *_run(other, body, INTERVALS)])
+        ours = np.array([there, *_run(here, body, INTERVALS, budget)])
+        theirs = np.array([_now(other), *_run(other, body, INTERVALS, budget)])
         moved = np.abs(there - start)[:2].max()
         return Resumed(float(moved), float(np.abs(theirs - ours).max()), len(saved[0]))
 
 
-def _run(plants: Plants, body: Body, first: int) -> Iterator[Array]:
+def _run(plants: Plants, body: Body, first: int, budget: Budget) -> Iterator[Array]:
     """Yield q, qd and tau after each step of some intervals."""
     for k in range(first, first + INTERVALS):
         aside = ASIDE * (-1) ** k
         plants.hold((body.position + aside)[None], (body.velocity + aside)[None])
         for j in range(k * STEPS, (k + 1) * STEPS):
             plants.advance(j * STEP, STEP)
+            budget.spend()
             yield _now(plants)
 
 

@@ -17,8 +17,9 @@ import numpy as np
 
 from bus.errors import CosimError
 from plant_fmu.bundled.bounds import Bounds
+from plant_fmu.checking.budget import Budget, OverBudgetError
 from plant_fmu.checking.findings import Task
-from plant_fmu.checking.mechanics import SPANS, Mechanics, open_probe
+from plant_fmu.checking.mechanics import Mechanics, open_probe
 from plant_fmu.drives.driving import choose, offers
 from plant_fmu.drives.probing import SEED
 from plant_fmu.errors import FmuError
@@ -37,7 +38,7 @@ TURNS = 8
 Measure = Callable[[Array], float]
 
 
-def sampled(task: Task) -> Bounds:
+def sampled(task: Task, budget: Budget) -> Bounds:
     """Return P3 of a robot as it is found by sampling, in this process; `FmuError` says why not."""
     archive, body = task.archive, task.body
     assert body is not None
@@ -46,7 +47,7 @@ def sampled(task: Task) -> Bounds:
     chosen = choose(archive, task.names, task.driving, sizes)
     with ExitStack() as stack:
         probe = open_probe(stack, archive, body, task.names, offered, chosen)
-        found = _Worst(Mechanics(probe, body))
+        found = _Worst(Mechanics(probe, body, budget))
         return found.bounds(len(body.q))
 
 
@@ -67,6 +68,8 @@ class _Worst:
         for q in postures:
             try:
                 seen.append((*self._still(q), self._moving(q), q))
+            except OverBudgetError:
+                raise
             except CosimError as error:
                 refusal = str(error)
         if not seen:
@@ -93,7 +96,7 @@ class _Worst:
 
     def _still(self, q: Array) -> tuple[float, float, float]:
         """Return −λ_min(M), λ_max(M) and ‖G‖₂ at a posture."""
-        mobility, falling = self._mechanics.from_rest(q, SPANS[0])
+        mobility, falling = self._mechanics.from_rest(q, self._mechanics.spans[0])
         mass = _inverse(mobility)
         sizes = np.linalg.eigvalsh((mass + mass.T) / 2)
         weight = float(np.linalg.norm(mass @ falling))
@@ -105,7 +108,7 @@ class _Worst:
     def _moving(self, q: Array) -> float:
         """Return sup ‖C(η, q)‖₂ over |η| = 1 at a posture."""
         m = len(q)
-        mobility, falling = self._mechanics.from_rest(q, SPANS[0])
+        mobility, falling = self._mechanics.from_rest(q, self._mechanics.spans[0])
         mass, axes = _inverse(mobility), np.eye(m)
         swings, drags = np.empty((m, m, m)), np.empty((m, m))
         for i in range(m):
@@ -123,12 +126,13 @@ class _Worst:
     def _parts(self, q: Array, v: Array, mass: Array, falling: Array) -> tuple[Array, Array]:
         """Return C(v, q) v and F v."""
         none = np.zeros(len(q))
-        there, back = (self._mechanics.acceleration(q, way, none, SPANS[0]) for way in (v, -v))
+        span = self._mechanics.spans[0]
+        there, back = (self._mechanics.acceleration(q, way, none, span) for way in (v, -v))
         return -mass @ ((there + back) / 2 - falling), -mass @ (there - back) / 2
 
     def _expect_proportion(self, q: Array) -> None:
         """Raise `FmuError` unless drag is in proportion to q̇, and the rest to its square."""
-        mobility, falling = self._mechanics.from_rest(q, SPANS[0])
+        mobility, falling = self._mechanics.from_rest(q, self._mechanics.spans[0])
         mass, ones = _inverse(mobility), np.ones(len(q))
         once, twice = (self._parts(q, way * ones, mass, falling) for way in (1, 2))
         scale = sum(float(np.abs(part).max()) for part in (*twice, mass @ falling, mass @ ones))
@@ -137,7 +141,9 @@ class _Worst:
             (1, 2, "its friction is not in proportion to q̇"),
         ):
             if np.abs(twice[part] - power * once[part]).max() > TOLERANCE * scale:
-                raise FmuError(f"{what}, and P3 knows of no other")
+                internal = self._mechanics.stairs.internal
+                or_else = f"its internal step of {internal:.3g} s is too long, or "
+                raise FmuError(f"{or_else if internal else ''}{what}, and P3 knows of no other")
 
 
 def _inverse(mobility: Array) -> Array:
@@ -181,6 +187,8 @@ def _climb(measure: Measure, q: Array, best: float, looks: int) -> None:
             looks -= 1
             try:
                 value = measure(q + step * side)
+            except OverBudgetError:
+                raise
             except CosimError:
                 continue
             if value > best:

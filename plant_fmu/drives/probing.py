@@ -12,11 +12,13 @@ import numpy as np
 
 from plant_fmu.drives.grid import parts
 from plant_fmu.drives.stability import Propagate, step_limit
-from plant_fmu.errors import FmuError, StepError
+from plant_fmu.errors import FmuError, StepError, UnstableStepError
 from plant_fmu.plants import Array, Body, Disturbance, Plants
 
 POSTURES = 16
 SEED = 2003
+PATIENCE = 1.0
+"""s, after which a push is taken to move nothing."""
 SPAN, ROBOTS = 0.2, 8
 """s: the beginning over which an error is measured, and of how many robots."""
 
@@ -31,17 +33,19 @@ class Probe(Plants, Protocol):
 def expect_stable(
     probe: Probe, bodies: Sequence[Body], propagate: Propagate, name: str, step: float
 ) -> None:
-    """Raise `FmuError` where a step is beyond the limit estimated for one of the robots."""
+    """Raise `UnstableStepError` where a step is beyond the limit estimated for a robot."""
     for body in _distinct(bodies):
+        held = _moving_span(probe, body, step)
         limit = min(
             step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
-            for inverse in _inverse_inertias(probe, body, step)
+            for inverse in _inverse_inertias(probe, body, step, held)
         )
-        if step > limit:
-            raise FmuError(
+        if held > limit:
+            moves = f", for it moves but each {held:g} s" if held > step else ""
+            raise UnstableStepError(
                 f"{name} = {step:g} s is beyond the stability limit of about {limit:.2g} s "
-                f"estimated for robot {body.robot}: its motion would diverge; take a smaller "
-                f"{name}, or lower gains"
+                f"estimated for robot {body.robot}{moves}: its motion would diverge; take "
+                f"{'' if held > step else f'a smaller {name}, or '}lower gains"
             )
 
 
@@ -59,30 +63,45 @@ def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: flo
     return error
 
 
-def _inverse_inertias(probe: Probe, body: Body, step: float) -> Iterator[Array]:
+def _moving_span(probe: Probe, body: Body, step: float) -> float:
+    """Return after how many s a push has moved each joint: a step, or more of a plant's own.
+
+    Where nothing moves within `PATIENCE` there is nothing to be estimated.
+    """
+    span = step
+    while span <= PATIENCE:
+        if _inverse_inertia(probe, body, body.q, step, span).any(axis=0).all():
+            return span
+        span *= 2
+    return step
+
+
+def _inverse_inertias(probe: Probe, body: Body, step: float, span: float) -> Iterator[Array]:
     """Yield M⁻¹ at a robot's initial posture, and at some that are drawn and not refused."""
     m = len(body.q)
-    yield _inverse_inertia(probe, body, body.q, step)
+    yield _inverse_inertia(probe, body, body.q, step, span)
     for q in np.random.Generator(np.random.Philox(SEED)).uniform(-np.pi, np.pi, (POSTURES, m)):
         with suppress(FmuError, StepError):
-            yield _inverse_inertia(probe, body, q, step)
+            yield _inverse_inertia(probe, body, q, step, span)
 
 
-def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float) -> Array:
-    m = len(q)
-    rest = _pushed(probe, body, q, np.zeros(m), step)
-    inverse: Array = np.array([_pushed(probe, body, q, push, step) - rest for push in np.eye(m)]).T
-    return inverse / step
+def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float, span: float) -> Array:
+    rest = _pushed(probe, body, q, np.zeros(len(q)), step, span)
+    pushes = np.eye(len(q))
+    pushed = [_pushed(probe, body, q, push, step, span) for push in pushes]
+    inverse: Array = (np.array(pushed) - rest).T / span
+    return inverse
 
 
-def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float) -> Array:
-    """Return q̇ after a step from rest under a constant torque alone."""
+def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float, span: float) -> Array:
+    """Return q̇ after a span of steps from rest under a constant torque alone."""
     m = len(q)
     none = np.zeros((m, m))
     torque = Disturbance(push, np.zeros(m), *(np.zeros((3, m, 0))))
     at_rest = replace(body, q=q, qd=np.zeros(m), kp=none, kd=none, disturbance=torque)
     probe.start_again([at_rest])
-    probe.advance(0.0, step)
+    for j in range(round(span / step)):
+        probe.advance(j * step, step)
     qd: Array = probe.qd[0].copy()
     return qd
 

@@ -1,0 +1,136 @@
+"""Whether a robot runs alone, and goes on from its saved state in another process.
+
+Without a scenario it stands at the FMU's start values, and its gains are fitted to its inertia.
+"""
+
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from math import isfinite
+
+import numpy as np
+
+from bus.errors import CosimError
+from plant_fmu.archives.archive import Archive
+from plant_fmu.archives.quantities import TYPES, Layout, Quantity
+from plant_fmu.checking.budget import Budget, OverBudgetError
+from plant_fmu.checking.findings import Finding, Task, Verdict
+from plant_fmu.checking.mechanics import Mechanics
+from plant_fmu.checking.resuming import resumed
+from plant_fmu.drives.opening import open_plants
+from plant_fmu.errors import UnstableStepError
+from plant_fmu.plants import Array, Body, Disturbance
+
+PACE = 5.0
+"""rad/s, of the critically damped motion to which the gains of a lone run are fitted."""
+RUN, STEPS = 1.0, 100
+"""s, in equal steps."""
+DIVERGED = 1e6
+"""rad: beyond so far from its start in a run of a second a robot has diverged."""
+STIFF = 1e3
+"""1/s: a rate that makes equations costly to integrate."""
+
+
+def at_start(archive: Archive, q: Quantity) -> Body:
+    """Return a robot at rest at the FMU's start values, with gains of 1."""
+    declared = {
+        v.valueReference: v.start
+        for v in archive.description.modelVariables
+        if v.type in TYPES and v.start
+    }
+    theirs: list[float] = []
+    for reference in Layout.of([q]).references:
+        length = next(part.length for part in q.parts if part.reference == reference)
+        numbers: list[float] = []
+        with suppress(ValueError):
+            numbers = [float(number) for number in declared.get(reference, "").split()]
+        theirs += numbers if len(numbers) == length else [*(numbers[:1] or [0.0])] * length
+    layout, m = Layout.of([q]), q.size
+    start, none, one = layout.factor * np.array(theirs)[layout.index], np.zeros(m), np.eye(m)
+    still = Disturbance(none, none, *np.zeros((3, m, 0)))
+    return Body(1, {}, one, one, still, q=start, qd=none, position=start, velocity=none)
+
+
+def fitted(mechanics: Mechanics, body: Body) -> Body | None:
+    """Return a robot whose gains are critically damped at its inertia; None if it has none."""
+    try:
+        mobility = mechanics.mobility(body.q, mechanics.spans[0])
+        mass: Array = np.asarray(np.linalg.inv((mobility + mobility.T) / 2), float)
+        fits = bool(np.linalg.eigvalsh(mass)[0] > 0)
+    except (CosimError, np.linalg.LinAlgError):
+        return None
+    return replace(body, kp=PACE**2 * mass, kd=2 * PACE * mass) if fits else None
+
+
+def slowness(mechanics: Mechanics) -> str:
+    """Return why a plant is costly to step, as the end of a sentence; nothing where it is not."""
+    try:
+        rate = mechanics.damping_rate(mechanics.start, mechanics.spans[-1])
+    except CosimError:
+        return ""
+    if not rate > STIFF:
+        return ""
+    return (
+        f"; it is stiff: damping (kd and its own) over the least inertia is {rate:.1g} per s; "
+        "give each joint a gain or damping of its size"
+    )
+
+
+def running(task: Task, body: Body, known: bool, budget: Budget, why_slow: str) -> Finding:
+    """Run one robot alone, its reference at its start unless a scenario says otherwise.
+
+    Gains that are not `known` to suit the robot make no failure of its.
+    """
+    guess = "" if known else "; its gains are a guess, for its inertia is not known"
+
+    def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:
+        return Finding("runs", "alone", verdict, text, value)
+
+    moved = end = 0.0
+    try:
+        with ExitStack() as stack:
+            plants = open_plants(stack, task.archive, [body], task.names, task.driving)
+            for j in range(STEPS):
+                plants.advance(j * RUN / STEPS, RUN / STEPS)
+                moved = max(moved, float(np.abs(plants.q[0] - body.q).max()))
+                end = (j + 1) * RUN / STEPS
+                if moved > DIVERGED:
+                    break
+                budget.spend()
+    except OverBudgetError as over:
+        return finding("unknown", f"{over}, at t = {end:g} s of {RUN:g} s{why_slow}")
+    except UnstableStepError as error:
+        return finding("fails" if known else "unknown", f"{error}{guess}")
+    except CosimError as error:
+        return finding("fails", str(error))
+    if moved > DIVERGED:
+        text = f"diverges by {plants.drive}: {moved:.3g} from its start at t = {end:g} s{guess}"
+        return finding("fails" if known else "unknown", text, moved if isfinite(moved) else None)
+    text = f"{RUN:g} s by {plants.drive}: finite, up to {moved:.3g} from its start"
+    return finding("holds", text, moved)
+
+
+def resuming(task: Task, body: Body, budget: Budget, why_slow: str) -> Finding:
+    """Save the robot, and go on in another process."""
+
+    def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:
+        return Finding("runs", "resumed", verdict, text, value)
+
+    try:
+        found = resumed(task.archive, body, task.names, task.driving, budget)
+    except OverBudgetError as over:
+        return finding("unknown", f"{over}{why_slow}")
+    except CosimError as error:
+        return finding("fails", f"it claims that its state can be saved: {error}")
+    if found is None:
+        return finding("note", "it does not claim that its state can be saved")
+    if not found.moved:
+        return finding("unknown", "it does not move, whatever its reference")
+    if found.apart:
+        return finding(
+            "fails",
+            f"another process goes on from its saved state otherwise, by up to {found.apart:.2g}: "
+            "it has more state than it saves",
+            found.apart if isfinite(found.apart) else None,
+        )
+    text = f"another process goes on from its {found.size} bytes to the same bits"
+    return finding("holds", text, 0.0)

@@ -1,0 +1,156 @@
+"""An FMU that moves by steps of its own is probed by them, and never blamed for them."""
+
+import shutil
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from plant_fmu.archives.archive import open_archive
+from plant_fmu.checking.apart import check, p3_of
+from plant_fmu.checking.budget import Budget
+from plant_fmu.checking.findings import Task
+from plant_fmu.checking.mechanics import Mechanics, open_probe
+from plant_fmu.drives.driving import Driving, choose, offers
+from plant_fmu.drives.opening import open_plants
+from plant_fmu.errors import UnstableStepError
+from plant_fmu.plants import Body, Disturbance
+from tests.plant_fmu.stepping import INERTIA, build_stepping
+from tests.plant_fmu.test_check import PHYSICS, found, verdicts
+
+pytestmark = [
+    pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+]
+
+STEPS = (1e-4, 1e-3, 1 / 300, 0.01, 0.02, 0.05)
+"""s"""
+NONE, ONE = np.zeros(2), np.eye(2)
+
+
+def body(kp=ONE, kd=ONE):
+    still = Disturbance(NONE, NONE, *np.zeros((3, 2, 0)))
+    return Body(1, {}, kp, kd, still, q=NONE, qd=NONE, position=NONE, velocity=NONE)
+
+
+def inertia(path):
+    archive = open_archive(path)
+    offered, chosen = offers(archive, {}), choose(archive, {}, Driving())
+    with ExitStack() as stack:
+        opened = open_probe(stack, archive, body(), {}, offered, chosen)
+        mechanics = Mechanics(opened, body(), Budget())
+        return mechanics.stairs, np.linalg.inv(mechanics.mobility(NONE + 0.2, mechanics.spans[0]))
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_inertia_of_joints_that_step_is_right(tmp_path, step, fmi):
+    """But for ω² d²/8 of a spring, by which Euler's method is off, with ω² < 4 here."""
+    stairs, mass = inertia(build_stepping(tmp_path / "a.fmu", step, fmi))
+    assert stairs.internal == pytest.approx(step, rel=1e-6)
+    np.testing.assert_allclose(mass, INERTIA, rtol=1e-6 + step**2)
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
+def test_sound_joints_that_step_pass(tmp_path, step):
+    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step))))
+    told = dict.fromkeys(PHYSICS, "holds")
+    if step > 1e-3:  # q̈ is known to d times its rate, which is more than the tolerance
+        told["power"] = "unknown"
+        assert f"as its internal step of {step:g} s alone" in found(checked, "power").text
+    assert verdicts(checked) == told
+    assert checked.passes
+    ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
+    assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
+    assert found(checked, "alone").verdict == "holds"
+
+
+DECLARED = {
+    "FMI 3, fixedInternalStepSize": (
+        3,
+        lambda text: text.replace(
+            '<CoSimulation modelIdentifier="stepping"',
+            '<CoSimulation modelIdentifier="stepping" fixedInternalStepSize="0.02"',
+        ),
+    ),
+    "FMI 2, steps of the default experiment alone": (
+        2,
+        lambda text: text.replace(' canHandleVariableCommunicationStepSize="true"', "").replace(
+            "<ModelVariables>", '<DefaultExperiment stepSize="0.02"/><ModelVariables>'
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("how", DECLARED)
+def test_what_takes_only_the_steps_that_it_declares_is_asked_for_no_others(tmp_path, how):
+    fmi, edit = DECLARED[how]
+    path = build_stepping(tmp_path / "a.fmu", 0.02, fmi, strict=True, edit=edit)
+    stairs, mass = inertia(path)
+    assert stairs.internal == 0.02
+    np.testing.assert_allclose(mass, INERTIA, rtol=4e-4)
+    checked = check(Task(open_archive(path), body(), driving=Driving(control_step=0.02)))
+    assert verdicts(checked) == {**dict.fromkeys(PHYSICS, "holds"), "power": "unknown"}
+
+
+INVERSE = np.linalg.inv(INERTIA)
+WRONG = {
+    "M symmetric": {"mobility": INVERSE + np.array([[0.0, 0.1], [0.0, 0.0]])},
+    "M positive definite": {"mobility": INVERSE @ np.diag([1.0, -1.0]) @ INVERSE},
+    "power": {"damping": -4.0},
+}
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.02])
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
+    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong]))))
+    assert not checked.passes
+    assert [n for n, verdict in verdicts(checked).items() if verdict == "fails"] == [wrong]
+
+
+def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
+    """Steps of 50 ms tell q̈ to d times its rate, far more than damping of -0.02 gains."""
+    path = build_stepping(tmp_path / "a.fmu", 0.05, damping=-0.02)
+    power = found(check(Task(open_archive(path))), "power")
+    assert power.verdict == "unknown"
+    assert "its internal step of 0.05 s" in power.text
+
+
+@pytest.mark.parametrize("case", ["too long a step", "no torque that acts"])
+def test_what_does_not_move_is_unknown_and_not_without_inertia(tmp_path, case):
+    step, mobility = (9.0, None) if case == "too long a step" else (0.01, np.zeros((2, 2)))
+    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step, mobility=mobility))))
+    assert verdicts(checked) == {"mechanics": "unknown"}
+    text = found(checked, "mechanics").text
+    assert text.startswith("cannot be probed: nothing moves within 1 s")
+    assert text.endswith("has it a longer internal step?")
+    assert checked.passes
+
+
+def test_a_joint_that_does_not_move_is_named(tmp_path):
+    path = build_stepping(tmp_path / "a.fmu", 0.01, mobility=np.diag([0.5, 0.0]))
+    text = found(check(Task(open_archive(path))), "mechanics").text
+    assert text == "cannot be probed: nothing moves by a torque on joint 2"
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
+def test_p3_is_sampled_of_joints_that_step(tmp_path, step):
+    found = p3_of(Task(open_archive(build_stepping(tmp_path / "a.fmu", step)), body()))
+    least, most = np.linalg.eigvalsh(INERTIA)
+    assert [found.lambda_m, found.lambda_M] == pytest.approx([least, most], rel=max(1e-6, step**2))
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.01, 0.02, 0.05])
+def test_gains_too_high_for_the_steps_are_told_before_a_run(tmp_path, step):
+    """Of a torque held over T the limit is 2 M/kd, here of the lighter axis, and T its own step."""
+    lightest = np.linalg.eigvalsh(INERTIA)[0]
+    archive = open_archive(build_stepping(tmp_path / "a.fmu", step))
+    for slack in (0.5, 1.5):
+        kd = slack * 2 * lightest / max(step, 0.005) * ONE
+        with ExitStack() as stack:
+            if slack < 1:
+                open_plants(stack, archive, [body(kd=kd)], {})
+                continue
+            with pytest.raises(UnstableStepError, match="beyond the stability limit"):
+                open_plants(stack, archive, [body(kd=kd)], {})
