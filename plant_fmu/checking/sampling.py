@@ -42,6 +42,7 @@ def sampled(task: Task, budget: Budget) -> Bounds:
     """Return P3 of a robot as it is found by sampling, in this process; `FmuError` says why not."""
     archive, body = task.archive, task.body
     assert body is not None
+    budget.begin("sampling its mechanics")
     sizes = sizes_of(assignments(archive, body.parameters))
     offered = offers(archive, task.names, sizes)
     chosen = choose(archive, task.names, task.driving, sizes)

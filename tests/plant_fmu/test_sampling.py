@@ -9,6 +9,7 @@ from plant_fmu.archives.archive import find_archive, open_archive
 from plant_fmu.bundled.bounds import bounds_of
 from plant_fmu.bundled.building import build
 from plant_fmu.checking.apart import p3_of
+from plant_fmu.checking.budget import Budget
 from plant_fmu.checking.findings import Task
 from plant_fmu.checking.sampling import sampled
 from plant_fmu.drives.driving import Driving
@@ -40,7 +41,7 @@ def task(archive, driving=BEST, joints=2, **parameters):
 
 @pytest.mark.parametrize("driving", [BEST, Driving(solver="rk4"), Driving(control="hold")], ids=str)
 def test_the_paper_s_arm_is_within_a_hundredth_of_what_is_proven_and_never_above(driving):
-    found = sampled(task(find_archive("two_link_arm", None), driving))
+    found = sampled(task(find_archive("two_link_arm", None), driving), Budget())
     proven = bounds_of("two_link_arm", {}, 2)
     assert found.lambda_m >= proven.lambda_m * (1 - PROBED)
     assert found.lambda_m <= proven.lambda_m * 1.01
@@ -53,13 +54,13 @@ def test_the_paper_s_arm_is_within_a_hundredth_of_what_is_proven_and_never_above
 
 
 def test_drag_is_found_where_there_is_any():
-    found = sampled(task(find_archive("planar_robot", None), d=0.7))
+    found = sampled(task(find_archive("planar_robot", None), d=0.7), Budget())
     assert [getattr(found, name) for name in LAMBDAS] == pytest.approx([2, 2, 0, 0, 0.7], abs=1e-9)
 
 
 def test_a_longer_arm_is_below_its_safe_bounds():
     numbers = {"m": [1.0, 0.8, 0.5], "r": [1.0, 0.7, 0.5], "c": [0.5, 0.3, 0.2]}
-    found = sampled(task(find_archive("n_link_arm", None), joints=3, **numbers))
+    found = sampled(task(find_archive("n_link_arm", None), joints=3, **numbers), Budget())
     safe = bounds_of("n_link_arm", numbers, 3)
     assert found.lambda_m >= safe.lambda_m * (1 - PROBED)
     assert found.lambda_M == pytest.approx(safe.lambda_M, rel=0.01)  # exact for 3 links
@@ -71,7 +72,7 @@ def test_a_stranger_s_is_sampled_apart_to_the_same_bits(tmp_path):
     path = rewritten(tmp_path / "arm.fmu", 3, lambda text: text.replace("two-link", "2-link"))
     archive = open_archive(path)
     assert not archive.ours
-    assert p3_of(task(archive)) == sampled(task(find_archive("two_link_arm", None)))
+    assert p3_of(task(archive)) == sampled(task(find_archive("two_link_arm", None)), Budget())
 
 
 def test_what_crashes_says_so(faulty, tmp_path):
@@ -115,9 +116,9 @@ def test_what_is_no_such_mechanics_says_why(tmp_path, case):
     else:
         archive = open_archive(changed(tmp_path, "planar_robot", (old, new)))
     with pytest.raises(FmuError, match=why):
-        sampled(task(archive))
+        sampled(task(archive), Budget())
 
 
 def test_an_fmu_of_fmi_2_is_sampled_as_well():
-    found = sampled(task(open_archive(build("two_link_arm", 2))))
+    found = sampled(task(open_archive(build("two_link_arm", 2))), Budget())
     assert found.lambda_M == pytest.approx(bounds_of("two_link_arm", {}, 2).lambda_M, rel=1e-3)
