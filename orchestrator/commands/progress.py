@@ -6,7 +6,7 @@ seconds.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from time import monotonic
@@ -26,6 +26,7 @@ from rich.progress import (
 from rich.text import Text
 
 from orchestrator.scenario.clock import Clock, seconds
+from recordings.reading import Reader
 
 PATIENCE = 2.0
 """s"""
@@ -68,7 +69,7 @@ def reading(
         redirect_stdout=False,
         disable=not console.is_terminal,
     )
-    begun = now()
+    begun, over = now(), False
 
     def follow(path: str | PathLike[str]) -> Watch:
         task = bar.add_task(f"reading {escape(Path(path).name)}", total=1.0)
@@ -80,7 +81,7 @@ def reading(
                 bar.reset(task)
             before = part
             bar.update(task, completed=part)
-            if now() - begun > PATIENCE:
+            if not over and now() - begun > PATIENCE:
                 bar.start()
 
         return watch
@@ -88,7 +89,17 @@ def reading(
     try:
         yield follow
     finally:
+        over = True
         bar.stop()
+
+
+@contextmanager
+def opened(console: Console, path: Path) -> Iterator[Reader]:
+    """Open a recording, which takes long where its chunks have to be judged one by one."""
+    with ExitStack() as stack:
+        with reading(console) as follow:
+            reader = stack.enter_context(Reader(path, watch=follow(path)))
+        yield reader
 
 
 class _Stage:

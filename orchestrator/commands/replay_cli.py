@@ -91,7 +91,7 @@ def replay(
     """Run a recording again: to verify it, to hear it, or to ask what if."""
     from bus.network.endpoints import Endpoints
     from orchestrator.commands import replaying
-    from recordings.reading import Reader
+    from orchestrator.commands.progress import opened
 
     asked = [verifying, publishing, bool(plant or algorithm)]
     if sum(asked) != 1:
@@ -103,7 +103,7 @@ def replay(
     if verifying:
         replaying.verify_again(recording, plants=not agents_only)
         return
-    with Reader(recording) as reader:
+    with opened(err, recording) as reader:
         if publishing:
             endpoints = Endpoints(
                 listen=tuple(listen or (() if connect else (LISTENER,))),

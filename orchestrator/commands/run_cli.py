@@ -32,7 +32,7 @@ from orchestrator.commands.options import (
     Wait,
     expect_of,
 )
-from orchestrator.terminal import say
+from orchestrator.terminal import err, say
 
 
 def run(
@@ -123,14 +123,14 @@ def resume(
     """Continue a run that did not come to its end, in a new recording that holds all of it."""
     from bus.network.endpoints import Endpoints
     from orchestrator.commands import performing
+    from orchestrator.commands.progress import opened
     from orchestrator.commands.tls import tls_of
     from orchestrator.runs.running import past_of
-    from recordings.reading import Reader
 
     _expect_of_hosts(hosts, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
-    with Reader(recording) as reader:
+    with opened(err, recording) as reader:
         file = performing.resumable(reader, output)
         tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)

@@ -30,6 +30,14 @@ def test_what_takes_two_seconds_shows_its_name_and_its_part():
     assert "75%" in told
 
 
+def test_after_its_work_a_bar_does_not_come_back():
+    screen, times = console(terminal=True), iter([0.0, 9.0, 9.0])
+    with reading(screen, lambda: next(times)) as follow:
+        watch = follow("a.mcap")
+    watch(0.5)
+    assert not screen.file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("clock", "terminal"),
     [([0.0, 1.0, 1.9], True), ([0.0, 9.0, 99.0], False)],
