@@ -100,6 +100,19 @@ def test_a_step_event_is_heard(play: Play) -> None:
     np.testing.assert_allclose(np.exp(1j * q), np.exp(1j * free), atol=1e-7)
 
 
+def test_each_jump_of_the_torque_is_an_event(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FMI wants continuous inputs to be continuous but for events; references jump at k h."""
+    times, event = [], Exchanged.event
+
+    def noted(robot: Exchanged) -> None:
+        times.append(robot.time)
+        event(robot)
+
+    monkeypatch.setattr(Exchanged, "event", noted)
+    play(4, 3.0)
+    assert times == pytest.approx([0.0, H, 2 * H, 3 * H])
+
+
 def test_an_fmu_that_ends_the_simulation_is_an_error_that_says_when(play: Play) -> None:
     with pytest.raises(StepError, match=r"robot 1 .* at t = 0\.2\d* s: the FMU ended the simul"):
         play(8, 1.0, end=1.0, t_load=0.2)
