@@ -57,7 +57,7 @@ def fmu_check(
 ) -> None:
     """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
     from orchestrator.commands import showing
-    from orchestrator.commands.stages import stages
+    from orchestrator.commands.progress import stages
     from orchestrator.scenario.file import read_scenario
     from plant_fmu.archives.archive import find_archive
     from plant_fmu.checking.apart import check
