@@ -3,32 +3,25 @@
 What is known is told at once, each step within a budget of its own.
 """
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from io import BytesIO
-from zipfile import ZipFile
-
-from fmpy.validation import validate_fmu
 
 from bus.errors import CosimError
 from plant_fmu.archives.archive import Archive, unpacked
 from plant_fmu.archives.quantities import TYPES, Part
-from plant_fmu.archives.reading import NAME
 from plant_fmu.archives.units import unit_of
 from plant_fmu.archives.variables import find_quantity
-from plant_fmu.checking.budget import VALIDATING, Budget, OutOfTime, limited
+from plant_fmu.checking.budget import VALIDATING, Budget
 from plant_fmu.checking.findings import Finding, Task
 from plant_fmu.checking.mechanics import Mechanics, open_probe
 from plant_fmu.checking.physics import physics
 from plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
+from plant_fmu.checking.validity import validity
 from plant_fmu.drives.driving import choose, offers
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.library import Kind, Library
 
-_VARYING = re.compile(r'"[^"]*"|\d+')
-"""What problems of one kind differ in: names of variables, and numbers."""
 QUANTITIES = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
 
 
@@ -36,7 +29,7 @@ def findings(task: Task, budget: Budget) -> Iterator[Finding]:
     """Yield what is found of an FMU, in this process; of one that cannot be driven, why."""
     archive = task.archive
     budget.begin(VALIDATING)
-    yield from _validity(archive, budget.limit)
+    yield from validity(archive, budget.limit)
     budget.begin("loading it")
     yield from _loading(archive)
     budget.begin("looking for its variables")
@@ -71,34 +64,6 @@ def findings(task: Task, budget: Budget) -> Iterator[Finding]:
     if run.verdict == "holds":
         budget.begin("saving its state, and going on in another process")
         yield resuming(task, suited or body, budget, why_slow)
-
-
-def _validity(archive: Archive, limit: float) -> Iterator[Finding]:
-    """Yield FMPy's problems of the model description, which alone it is given to parse."""
-    alone = BytesIO()
-    with ZipFile(archive.path) as source, ZipFile(alone, "w") as target:
-        target.writestr(NAME, source.read(NAME))
-    try:
-        with limited(limit):
-            problems = validate_fmu(alone)
-    except OutOfTime:
-        text = f"not validated: took longer than {limit:g} s of processor time"
-        yield Finding("valid", NAME, "unknown", text)
-        return
-    for text in _grouped(problems):
-        yield Finding("valid", NAME, "note", text)
-    if not problems:
-        yield Finding("valid", NAME, "holds", f"it is as FMI {archive.fmi_version} has it")
-
-
-def _grouped(problems: Sequence[str]) -> Iterator[str]:
-    """Yield each problem once, whatever its line and the names in it, with how often it is."""
-    kinds: dict[str, list[str]] = {}
-    for problem in problems:
-        told = " ".join(problem.split())
-        kinds.setdefault(_VARYING.sub("", told), []).append(told)
-    for first, *more in kinds.values():
-        yield f"{first} ({len(more) + 1} times alike)" if more else first
 
 
 def _loading(archive: Archive) -> Iterator[Finding]:

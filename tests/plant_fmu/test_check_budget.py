@@ -71,7 +71,7 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
     def endless(_):
         raise OutOfTime
 
-    monkeypatch.setattr("plant_fmu.checking.procedure.validate_fmu", endless)
+    monkeypatch.setattr("plant_fmu.checking.validity.validate_fmu", endless)
     told = list(findings(Task(open_archive(build("planar_robot"))), Budget(limit=20.0)))
     (valid,) = (f for f in told if f.topic == "valid")
     assert valid.verdict == "unknown"
