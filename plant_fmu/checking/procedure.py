@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 from bus.errors import CosimError
 from plant_fmu.archives.archive import Archive, unpacked
-from plant_fmu.archives.quantities import TYPES, Part
+from plant_fmu.archives.quantities import TYPES, Part, Quantity
 from plant_fmu.archives.units import unit_of
 from plant_fmu.archives.variables import find_quantity
 from plant_fmu.checking.budget import VALIDATING, Budget
@@ -18,6 +18,7 @@ from plant_fmu.checking.physics import physics
 from plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from plant_fmu.checking.validity import validity
 from plant_fmu.drives.driving import choose, offers
+from plant_fmu.drives.reference_driven import REFERENCE
 from plant_fmu.errors import FmuError
 from plant_fmu.fmi.assigning import assignments, sizes_of
 from plant_fmu.fmi.library import Kind, Library
@@ -43,7 +44,8 @@ def findings(task: Task, budget: Budget) -> Iterator[Finding]:
         chosen = choose(archive, task.names, task.driving, sizes)
         body = task.body or at_start(archive, find_quantity(archive, "q", task.names, sizes=sizes))
     except FmuError as error:
-        yield Finding("drives", "chosen", "fails", str(error))
+        cause, _, _told_above = str(error).partition(". First: ")
+        yield Finding("drives", "chosen", "fails", cause)
         return
     yield Finding("drives", "chosen", "holds", chosen.way)
     budget.begin("checking whether it moves as mechanics does")
@@ -81,17 +83,44 @@ def _loading(archive: Archive) -> Iterator[Finding]:
 
 
 def _mapping(task: Task, sizes: Mapping[int, int]) -> Iterator[Finding]:
-    """Yield what stands for each quantity of ours; what is not found may not be needed."""
+    """Yield what stands for each quantity of ours; what is missing is told once, if it is needed.
+
+    A torque makes references needless, and references a torque.
+    """
     m = len(task.body.q) if task.body else None
+    quantities: dict[str, Quantity | str] = {}
     for ours in QUANTITIES:
         try:
-            quantity = find_quantity(task.archive, ours, task.names, size=m, sizes=sizes)
+            found = find_quantity(task.archive, ours, task.names, size=m, sizes=sizes)
         except FmuError as error:
-            yield Finding("variables", ours, "note", str(error))
+            quantities[ours] = str(error)
         else:
-            m = quantity.size if ours == "q" else m
-            text = ", ".join(_named(task.archive, part) for part in quantity.parts)
+            quantities[ours] = found
+            m = found.size if ours == "q" else m
+    torque = isinstance(quantities["tau"], Quantity)
+    referred = all(isinstance(quantities[ours], Quantity) for ours in REFERENCE)
+    needless = {"tau_applied": "it is computed"}
+    if torque:
+        needless |= dict.fromkeys(REFERENCE, "it takes tau")
+    elif referred:
+        needless["tau"] = "it takes references"
+    else:
+        needless |= dict.fromkeys(REFERENCE, "tau would do")
+    unknown, told = f"{task.archive.label}: has no variable ", ""
+    for ours, what in quantities.items():
+        if isinstance(what, Quantity):
+            text = ", ".join(_named(task.archive, part) for part in what.parts)
             yield Finding("variables", ours, "holds", text)
+        elif not what.startswith(unknown):
+            yield Finding("variables", ours, "note", what)
+        elif ours in needless:
+            yield Finding("variables", ours, "note", f"not there, nor needed: {needless[ours]}")
+        elif told:
+            text = f"not found either; write variables.{ours} as well, as of {told}"
+            yield Finding("variables", ours, "note", text)
+        else:
+            told = ours
+            yield Finding("variables", ours, "note", what)
 
 
 def _named(archive: Archive, part: Part) -> str:

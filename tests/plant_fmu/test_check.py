@@ -211,6 +211,26 @@ def test_names_that_are_not_found_tell_what_to_write(tmp_path):
     assert found(mended, "q").text == "phi_1_ (rad), phi_2_ (rad)"
 
 
+def test_what_is_missing_is_told_once_and_only_where_it_is_needed(tmp_path):
+    """Of theta, omega and u, first with no names given, then with those that are needed."""
+    new = {"q": "theta", "qd": "omega", "tau": "u", "position_ref": "a", "velocity_ref": "b"}
+
+    def edit(text):
+        return renamed(text, lambda stem, at: new.get(stem, f"x{stem}") + "_".join(map(str, at)))
+
+    path = rewritten(tmp_path / "a.fmu", 2, edit)
+    plain = check(Task(open_archive(path)))
+    told = [f for f in plain.findings if f.topic in {"variables", "drives"}]
+    assert sum("; it has " in f.text or "did you mean" in f.text for f in told) == 1
+    assert found(plain, "tau").text == "not found either; write variables.tau as well, as of q"
+    assert found(plain, "position_ref").text == "not there, nor needed: tau would do"
+    assert "variables.q" not in found(plain, "chosen").text
+    names = {ours: (f"{new[ours]}1", f"{new[ours]}2") for ours in ("q", "qd", "tau")}
+    mapped = check(Task(open_archive(path), names=names))
+    assert found(mapped, "velocity_ref").text == "not there, nor needed: it takes tau"
+    assert mapped.passes
+
+
 def test_a_scenario_tells_names_gains_and_driving(tmp_path):
     paper = Path("scenarios/paper_first_order.toml")
     done = nrs("fmu", "check", "two_link_arm", "--json", "--scenario", paper)
