@@ -59,7 +59,8 @@ def check(
     """Show the theory's verdict on a scenario."""
     summary(console, verdict(checked) | grounds(promised))
     table = Table(box=None, pad_edge=False)
-    for title in ("condition", "value", "bound", "margin", "", "source"):
+    first = f"condition{', of links without faults' * checked.faulty}"
+    for title in (first, "value", "bound", "margin", "", "source"):
         table.add_column(
             title, justify="right" if title in {"value", "bound", "margin"} else "left"
         )

@@ -19,6 +19,8 @@ TURNS = 12
 """Of digraphs, that are shown."""
 FAULTLESS = ", of links without faults"
 """What is said of growth where links have faults."""
+UNKNOWN = "whether the estimates converge with these links is not known"
+"""What follows from it then: the recursion that is computed is not the one that runs."""
 
 
 def verdict(checked: "Check") -> dict[str, str]:
@@ -26,7 +28,7 @@ def verdict(checked: "Check") -> dict[str, str]:
     periods = checked.periods
     told = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
     if checked.any_order:
-        told["any order"] = _any_order(checked.any_order)
+        told["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
     if periods.alike is None:
         told["times"] = (
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
@@ -85,18 +87,22 @@ def _factor(checked: "Check") -> str:
     growth = checked.growth
     if isnan(growth.upper):
         return f"none: {checked.why}"
-    faulty = FAULTLESS * checked.faulty
+    if checked.faulty:
+        lower, upper = multiple(growth.lower), multiple(growth.upper)
+        factor = lower if growth.lower == growth.upper else f"{lower} to {upper}"
+        worst = "" if growth.lower == growth.upper else ", at worst"
+        return f"{factor} on the error per sampling time{worst}{FAULTLESS}: {UNKNOWN}"
     if not isnan(growth.factor):
         settles = growth.factor < 1
         verdict = "the estimates settle near the target" if settles else "the estimates diverge"
-        return f"{multiple(growth.factor)} on the error per sampling time{faulty}: {verdict}"
+        return f"{multiple(growth.factor)} on the error per sampling time: {verdict}"
     verdict = {
         "proven": "the estimates settle near the target under every jitter",
         "refuted": "under some jitter the estimates diverge",
         "not decided": "it is not decided whether the estimates settle under every jitter",
     }[growth.verdict]
     bounds = f"{multiple(growth.lower)} to {multiple(growth.upper)}"
-    return f"{bounds} on the error per sampling time, at worst{faulty}: {verdict}"
+    return f"{bounds} on the error per sampling time, at worst: {verdict}"
 
 
 def _rate(checked: "Check") -> str:
@@ -104,12 +110,14 @@ def _rate(checked: "Check") -> str:
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
     rate += " in the long run" + FAULTLESS * checked.faulty
     fallen = checked.millionth
+    if checked.faulty:
+        return rate
     if fallen is None:
         return f"{rate}; how long the beginning lasts is not computed"
     return f"{rate}; any error has fallen to a millionth in {fallen:.4g} s"
 
 
-def _any_order(found: "AnyOrder") -> str:
+def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
     """Say whether the estimates would settle whatever the order of turns."""
     bounds = ""
     if found.lower is not None and found.upper is not None:
@@ -126,6 +134,7 @@ def _any_order(found: "AnyOrder") -> str:
             "not decided": "it is not decided whether the estimates settle in any order",
             "not computed": "not computed, of so many robots or at times that are not periodic",
         }[found.verdict]
+        + FAULTLESS * (faulty and found.verdict != "not computed")
     )
 
 

@@ -1,8 +1,8 @@
 """Before a run: whether the theory lets its estimates settle (paper, Theorems 1 and 3)."""
 
 from dataclasses import asdict, dataclass
-from math import inf, isfinite, log
-from typing import Any
+from math import inf, isfinite, isnan, log
+from typing import Any, Literal
 
 import numpy as np
 
@@ -104,6 +104,8 @@ class Check:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
         told: dict[str, Any] = {
             "algorithm": self.algorithm,
+            "convergence": self.convergence,
+            "of": "links without faults" if self.faulty else "the links as they are",
             "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
@@ -114,8 +116,8 @@ class Check:
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
-            "settling": finite(self.settling),
-            "millionth": self.millionth,
+            "settling": None if self.faulty else finite(self.settling),
+            "millionth": None if self.faulty else self.millionth,
         }
         if self.periods.alike is None:
             told["aperiodic"] = {
@@ -131,8 +133,27 @@ class Check:
             told["switching"] = {"repeat": self.repeat, "any_order": order}
         return told
 
+    @property
+    def convergence(self) -> Literal["converges", "diverges", "unknown"]:
+        """Whether the estimates converge over the links that the scenario has.
+
+        Of links with faults it is not known: the growth and the conditions are of links without.
+        """
+        if self.faulty or isnan(self.growth.upper):
+            return "unknown"
+        if self.growth.upper < 1:
+            return "converges"
+        return "diverges" if self.spectral_radius >= 1 else "unknown"
+
     def warnings(self) -> list[str]:
-        """Return one line for each condition that does not hold, and one if the error grows."""
+        """Return one line for each condition that does not hold, and one if the error grows.
+
+        Where links have faults, each says that it is of links without.
+        """
+        found = self._warnings()
+        return [f"of links without faults: {one}" for one in found] if self.faulty else found
+
+    def _warnings(self) -> list[str]:
         unmet = [
             _warning(condition)
             for condition in self.conditions

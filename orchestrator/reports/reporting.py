@@ -109,6 +109,8 @@ def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:
 
 
 def _verdicts(checked: Check) -> list[Verdict]:
+    of = ", of links without faults" * checked.faulty
     return [
-        Verdict(c.name, c.value, c.bound, c.at_least, c.holds, c.source) for c in checked.conditions
+        Verdict(c.name, c.value, c.bound, c.at_least, c.holds, c.source + of)
+        for c in checked.conditions
     ]

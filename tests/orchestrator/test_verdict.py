@@ -9,6 +9,7 @@ from orchestrator.commands import showing
 from orchestrator.commands.verdict import verdict
 from orchestrator.promises.checking import check
 from orchestrator.promises.promising import bounds, promises
+from orchestrator.reports.reporting import subject_of
 from orchestrator.scenario.file import parse_scenario, read_scenario
 from orchestrator.scenario.numbers import multiple
 from tests.orchestrator.conftest import SCENARIOS
@@ -40,9 +41,42 @@ def table(scenario):
 def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
     lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
     plain = said(read_scenario(SCENARIOS / "paper_first_order.toml").scenario)
-    for name in ("factor", "rate"):
-        assert "of links without faults" in lossy[name]
-        assert lossy[name].replace(", of links without faults", "") == plain[name]
+    assert lossy["factor"] == (
+        "0.877817 on the error per sampling time, of links without faults: "
+        "whether the estimates converge with these links is not known"
+    )
+    assert lossy["rate"] == plain["rate"].partition(";")[0] + ", of links without faults"
+
+
+def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
+    """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
+    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
+    text = text.replace("sampling_period = 0.1", "sampling_period = 0.4")
+    plain = check(parse_scenario(text, "h", SCENARIOS, "h.toml").scenario)
+    assert (plain.convergence, plain.as_json()["of"]) == ("converges", "the links as they are")
+    text += "\n[[faults.links]]\ndelay = 1\n"
+    scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml").scenario
+    checked = check(scenario)
+    told = checked.as_json()
+    assert (told["convergence"], told["of"]) == ("unknown", "links without faults")
+    assert (told["settling"], told["millionth"]) == (None, None)
+    assert {v.source[-23:] for v in subject_of(scenario).verdicts} == {"of links without faults"}
+    assert "settle" not in " ".join(verdict(checked).values())
+    written = io.StringIO()
+    promised = promises(scenario)
+    showing.check(Console(file=written, width=200), checked, promised, bounds(promised))
+    assert "condition, of links without faults" in written.getvalue()
+
+
+def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faults():
+    text = (
+        (SCENARIOS / "paper_lossy_links.toml")
+        .read_text("utf-8")
+        .replace("alpha = 0.9", "alpha = 5")
+    )
+    warnings = check(parse_scenario(text, "lossy", SCENARIOS, "lossy.toml").scenario).warnings()
+    assert warnings
+    assert all(line.startswith("of links without faults: ") for line in warnings)
 
 
 def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
