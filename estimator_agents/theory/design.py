@@ -1,6 +1,13 @@
-"""Inequalities (6.1) and (6.2) the other way: gains and a period that give a wanted accuracy.
+"""Gains and a period that give a wanted accuracy: as it is proven, and as the paper states it.
 
-For some 0 < ϵ < 1, the share of the error that stays when the estimates are exact,
+For some 0 < ϵ < 1, the share of the push ϱ3 that stays when the estimates are exact, ϱ3 = μ1/ϵ.
+
+Proven: gains for which the balls of `tracking.proven` under that push are within what is wanted,
+and the largest h for which they are so with the estimates' own bounds at all times. The balls
+vanish with 1/Kp and 1/Kd, so that there always are such gains. Of those that just suffice, at
+several ratios, the ones with the least Kp δ + Kd δ' are taken: the torque at the wanted errors.
+
+The paper's (6.1) and (6.2), which rest on balls that its proof does not yield:
 
     λ_min(Kp) ≥ max(2 λ_M, μ1/(ϵ δ) + ϱ1),   λ_min(Kd) ≥ μ1/(ϵ δ') + ϱ2,
     h [κ1 λ_max(Kp) + min(κ1, κ2) λ_max(Kd)] ≤ μ1 (1 − ϵ)/(ϵ √m),
@@ -14,31 +21,45 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
+import numpy as np
+
 from estimator_agents.theory.estimates import Pair
-from estimator_agents.theory.tracking import Constants, Drive
+from estimator_agents.theory.tracking import Constants, Drive, proven, proven_under
 
 SHORTEST, LONGEST, HALVINGS = 1e-9, 1e3, 24
 """s, s; and how often the logarithm of h is halved between them."""
 MARGIN = 1e-9
 """By which the gains are above their least, for Theorems 2 and 3 want them greater."""
+RATIOS = np.geomspace(1e-4, 1e4, 33)
+"""Of the factors by which Kp and Kd are above the least that the theorems want."""
+LARGEST = 1e12
+"""The factor beyond which no gains are looked for."""
 
 BoundOf = Callable[[float], Pair | None]
-"""Returns δ1 and δ2 for a period in s; None where the estimates do not converge."""
+"""Returns bounds on the estimates for a period in s; None where they do not converge."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Multiples of I, and the longest period that goes with them."""
+
+    kp: float
+    """N m/rad"""
+    kd: float
+    """N m s/rad"""
+    period: float | None
+    """s; None where no period is short enough for the bounds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """The gains and the period that promise an accuracy."""
+    """The gains and the period for an accuracy."""
 
     epsilon: float
-    kp: float
-    """N m/rad, times I"""
-    kd: float
-    """N m s/rad, times I"""
-    period: float | None
-    """s; None where no period is small enough for the paper's bounds."""
-    sharp_period: float | None
-    """s; the same with sharp bounds on the estimates."""
+    proven: Gains | None
+    """None where λ_m of a robot is not known, or no gains are found."""
+    paper: Gains
+    """By (6.1) or (6.2): not proven."""
 
 
 def design(
@@ -46,29 +67,78 @@ def design(
     wanted: Pair,
     epsilon: float,
     paper: BoundOf,
-    sharp: BoundOf,
+    always: BoundOf,
 ) -> Design:
-    """Return the least gains and the largest period for δ of e (rad) and of ė (rad/s)."""
+    """Return gains and the largest period for balls of e (rad) and of ė (rad/s).
+
+    `paper` has δ1 and δ2 of Theorems 1 and 3; `always` bounds that hold at all times.
+    """
     kp = max(
         max(2 * of.lambda_M, of.mu_1 / (epsilon * wanted.position) + of.rho_1) for of in robots
     )
     kd = max(of.mu_1 / (epsilon * wanted.velocity) + of.rho_2 for of in robots)
     kp, kd = kp * (1 + MARGIN), kd * (1 + MARGIN)
-    drive = Drive(kp, kp, kd, kd)
-    periods = [_largest(robots, drive, epsilon, bound_of) for bound_of in (paper, sharp)]
-    return Design(epsilon, kp, kd, *periods)
-
-
-def _largest(
-    robots: Sequence[Constants], drive: Drive, epsilon: float, bound_of: BoundOf
-) -> float | None:
     room = min(of.mu_1 * (1 - epsilon) / (epsilon * sqrt(of.m)) for of in robots)
+    stated = Gains(kp, kd, _longest(paper, lambda b: kp * b.position + kd * b.velocity <= room))
+    return Design(epsilon, _proven(robots, wanted, epsilon, always), stated)
+
+
+def _proven(
+    robots: Sequence[Constants], wanted: Pair, epsilon: float, always: BoundOf
+) -> Gains | None:
+    of = _worst(robots)
+    base = max(2 * of.lambda_M, of.rho_1) * (1 + MARGIN), of.rho_2 * (1 + MARGIN)
+
+    def drive(ratio: float, factor: float) -> Drive:
+        kp, kd = (own + own * factor * part for own, part in zip(base, (1, ratio), strict=True))
+        return Drive(kp, kp, kd, kd)
+
+    def enough(driven: Drive) -> bool:
+        return _within(proven_under(of, driven, of.mu_1 / epsilon), wanted)
+
+    found = []
+    for ratio in RATIOS.tolist():
+        high = 1.0
+        while not enough(drive(ratio, high)) and high < LARGEST:
+            high *= 4
+        if high >= LARGEST:
+            continue
+        low = 0.0
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (low, middle) if enough(drive(ratio, middle)) else (middle, high)
+        found.append(drive(ratio, high))
+    if not found:
+        return None
+    best = min(found, key=lambda d: d.kp_max * wanted.position + d.kd_max * wanted.velocity)
+
+    def kept(bound: Pair) -> bool:
+        return _within(proven(of, best, bound), wanted)
+
+    return Gains(best.kp_min, best.kd_min, _longest(always, kept))
+
+
+def _worst(robots: Sequence[Constants]) -> Constants:
+    """Return constants that are no better than any robot's: their balls are no smaller."""
+    least = min(of.lambda_m for of in robots)
+    names = ("lambda_M", "mu_1", "mu_2", "rho_1", "rho_2")
+    return Constants(
+        robots[0].m, least, *(max(getattr(of, name) for of in robots) for name in names)
+    )
+
+
+def _within(ball: Pair | None, wanted: Pair) -> bool:
+    return (
+        ball is not None and ball.position <= wanted.position and ball.velocity <= wanted.velocity
+    )
+
+
+def _longest(bound_of: BoundOf, kept: Callable[[Pair], bool]) -> float | None:
+    """Return the longest period for whose bounds it is kept; None where there is none."""
 
     def fits(h: float) -> bool:
         bound = bound_of(h)
-        return bound is not None and (
-            drive.kp_max * bound.position + drive.kd_max * bound.velocity <= room
-        )
+        return bound is not None and kept(bound)
 
     low, high = SHORTEST, LONGEST
     while not fits(low):

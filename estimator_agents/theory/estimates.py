@@ -9,7 +9,9 @@
 - paper: Theorems 1 and 3, h κ, of ‖Δ(k)‖∞ ≤ h max(2 γ1, γ2) (equation 0.7) and a small-value norm.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from math import log
 from typing import Any
 
@@ -29,6 +31,8 @@ WORK = 5e4
 """Sampling periods of the past, of a few robots, that a sum may take; of more robots, fewer."""
 REST = 1e-13
 """The part of the sum at which it ends."""
+BLOCK, DENSE = 256, 100
+"""Sampling periods that are summed at once, a power of 2, where A has no more rows than so many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,15 +87,18 @@ def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -
 
 
 def sharp_always(
-    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, before: Pair | None = None
 ) -> Pair | None:
     """Return the sharp bounds at all times: an interval's are at its ends, and so also after jumps.
 
     In between x is affine in time but for what the target does meanwhile, at most a convex part.
+    `before` is what `sharp` has of the same, if that is known already.
     """
-    before = sharp(recursion, gamma_1, gamma_2, radius)
+    before = before or sharp(recursion, gamma_1, gamma_2, radius)
+    if before is None:
+        return None
     most = worst(recursion, gamma_1, gamma_2, radius, recursion.jump, recursion.h)
-    if before is None or most is None:
+    if most is None:
         return None
     return always(before, largest(most), recursion, gamma_1)
 
@@ -135,18 +142,37 @@ def worst(
     most_steps = int(WORK / (1 + A.nnz / 4000))
     if steps > most_steps:
         return None
-    kernel, most, free = unit, np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
-    for _ in range(most_steps):
-        told = seen @ kernel
-        held = np.abs(told @ recursion.drag[:, 1]) * gamma_1
-        bounded = np.abs(told) @ sizes + held
-        driven = gamma_2 * modulus(told[:, 1], told[:, 1] + h * told[:, 0], h) + held
-        most, free = most + bounded, free + driven
+    drag = recursion.drag[:, 1]
+    most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
+    for kernels in islice(_history(A, unit), most_steps // _block(A) + 1):
+        told = (seen @ kernels.reshape(2 * n, -1)).reshape(-1, 2, kernels.shape[2])
+        p, r = told[:, 0], told[:, 1]
+        held = np.abs(p * drag[0] + r * drag[1]) * gamma_1
+        bounded = np.abs(p) * sizes[0] + np.abs(r) * sizes[1] + held
+        driven = gamma_2 * modulus(r, r + h * p, h) + held
+        most, free = most + bounded.sum(axis=1), free + driven.sum(axis=1)
         if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
             least: Array = np.minimum(most, free)
             return least
-        kernel = A @ kernel
     return None
+
+
+def _block(A: sparse.csr_array) -> int:
+    """Return how many periods are summed at once: many where powers of A are cheap, else one."""
+    return BLOCK if A.shape[0] <= DENSE else 1
+
+
+def _history(A: sparse.csr_array, first: Reals) -> Iterator[Reals]:
+    """Yield A^j `first`, (2 n, 2, b), b of one after another at a time, for j = 0, 1, …"""
+    kernels, power = first[:, :, None], A
+    if _block(A) > 1:
+        power = A.toarray()
+        while kernels.shape[2] < BLOCK:
+            further = np.tensordot(power, kernels, axes=1)
+            kernels, power = np.concatenate([kernels, further], axis=2), power @ power
+    while True:
+        yield kernels
+        kernels = (power @ kernels.reshape(len(first), -1)).reshape(kernels.shape)
 
 
 def slip(h: float, gamma_1: float, gamma_2: float) -> float:

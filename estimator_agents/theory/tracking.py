@@ -124,12 +124,18 @@ def balls(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
 def proven(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
     """Return radii of balls into which e and ė come by (1.8) alone, with √m where it belongs.
 
-    V̇ < 0 outside ‖e‖₂ ≤ X, ‖ė‖₂ ≤ Y; V is at most W inside, and what V ≤ W holds is the answer.
     None where λ_m is not known, or the conditions on the gains do not hold.
+    """
+    return proven_under(of, drive, push(of, drive, estimates))
+
+
+def proven_under(of: Constants, drive: Drive, rho_3: float) -> Pair | None:
+    """Return the same under a push ϱ3, N m.
+
+    V̇ < 0 outside ‖e‖₂ ≤ X, ‖ė‖₂ ≤ Y; V is at most W inside, and what V ≤ W holds is the answer.
     """
     if not all(c.holds for c in of.conditions(drive)) or of.lambda_m <= 0:
         return None
-    rho_3 = push(of, drive, estimates)
     a, b = drive.kd_min - of.rho_2, (drive.kp_min - of.rho_1) / sqrt(of.m)
     X = _outside(b, rho_3, rho_3**2 / (4 * a))
     Y = (rho_3 + sqrt(rho_3**2 + 4 * a * rho_3**2 / (4 * b))) / (2 * a)

@@ -15,7 +15,7 @@ from orchestrator.scenario.numbers import decimals
 from orchestrator.terminal import prose
 
 if TYPE_CHECKING:
-    from estimator_agents.theory.design import Design
+    from estimator_agents.theory.design import Design, Gains
     from estimator_agents.theory.estimates import Pair
     from orchestrator.commands.doctor import Diagnosis
     from orchestrator.promises.checking import Check
@@ -78,7 +78,9 @@ def check(
         table.add_column(title, justify="right")
     for row in rows:
         name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
-        table.add_row(name, *map(_number, (row.exact, row.sharp, row.paper)))
+        unproven = ", [yellow]unproven[/]" * (row.unproven and row.paper is not None)
+        numbers = (_number(row.exact), _number(row.sharp), _number(row.paper) + unproven)
+        table.add_row(name, *numbers)
     console.print()
     console.print(table)
 
@@ -136,21 +138,26 @@ def _beside(judged: "Judgement") -> dict[str, str]:
 
 
 def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled: bool) -> None:
-    """Show what gains and period promise an accuracy."""
+    """Show what gains and period are proven to give an accuracy, and what the paper has."""
     if found is None:
         told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
     else:
-        period = "no period is" if found.period is None else f"h <= {found.period:.4g} s is"
-        sharper = "none" if found.sharp_period is None else f"h <= {found.sharp_period:.4g} s"
         told = {
             "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
             f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
-            "gains": f"kp >= {found.kp:.6g}, kd >= {found.kd:.6g} (equations 6.1, 6.2"
-            f"{', P3 sampled' * sampled})",
-            "period": f"{period} enough by the paper's bounds; {sharper} by sharp ones",
+            "sampled" if sampled else "proven": _gains(found.proven)
+            + "; as far as P3 was sampled" * sampled,
+            "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
         }
     console.print()
     summary(console, told)
+
+
+def _gains(found: "Gains | None") -> str:
+    if found is None:
+        return "no gains are found"
+    period = "no period is short enough" if found.period is None else f"h <= {found.period:.4g} s"
+    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {period}"
 
 
 def _number(value: float | None) -> str:

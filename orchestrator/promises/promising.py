@@ -100,7 +100,10 @@ class Promises:
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
             "plants": [_plant(part) for part in self.robots],
-            "tracking": {name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
+            "tracking": {
+                **{name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
+                "unproven": ["paper", "sharp"],
+            },
         }
 
 
@@ -116,6 +119,8 @@ class Bound:
     paper: float | None
     sampled: bool = False
     """Whether it rests on P3 of some robots as it was sampled, and is no proven bound."""
+    unproven: bool = False
+    """Whether `paper` does not follow from the paper's proof, as its balls of tracking do not."""
 
 
 def bounds(promised: Promises) -> list[Bound]:
@@ -127,7 +132,7 @@ def bounds(promised: Promises) -> list[Bound]:
     paper, told = promised.paper.bound if promised.paper else None, promised.tracking
     return [
         *_rows(estimates, promised.exact, promised.sharp, paper),
-        *_rows(tracking, None, told.proven, told.paper, sampled=promised.sampled),
+        *_rows(tracking, None, told.proven, told.paper, sampled=promised.sampled, unproven=True),
     ]
 
 
@@ -138,10 +143,11 @@ def _rows(
     paper: Pair | None,
     *,
     sampled: bool = False,
+    unproven: bool = False,
 ) -> list[Bound]:
     """Return bounds of a pair of quantities, of positions and of velocities."""
     return [
-        Bound(name, _of(exact, part), _of(sharpest, part), _of(paper, part), sampled)
+        Bound(name, _of(exact, part), _of(sharpest, part), _of(paper, part), sampled, unproven)
         for name, part in zip(names, ("position", "velocity"), strict=True)
     ]
 
@@ -186,7 +192,7 @@ def promises(
         if isinstance(target, Harmonic):
             motion = steady_motion(recursion, target, radius)
         sharpest = sharp(recursion, *whole, radius)
-        always = sharp_always(recursion, *whole, radius)
+        always = sharp_always(recursion, *whole, radius, sharpest)
         paper = None if topologies.turning else promise(recursion, *whole)
     tracking = Tracking(
         *(
@@ -219,7 +225,7 @@ def promises(
 def designed(
     scenario: Scenario, wanted: Pair, epsilon: float, find: Find | None = None
 ) -> Design | None:
-    """Return gains and a period for a wanted accuracy, by (6.1) or (6.2); None without P3."""
+    """Return gains and a period for a wanted accuracy; None without P3."""
     topologies, whole = topologies_of(scenario), target_of(scenario).bounds()
     choice = scenario.algorithm
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
@@ -237,14 +243,14 @@ def designed(
         found = promise(recursion, *whole) if recursion else None
         return found.bound if found else None
 
-    def sharp_of(h: float) -> Pair | None:
+    def always(h: float) -> Pair | None:
         recursion = recursion_at(h)
         radius = growth_of(algorithm, topologies, spectra, Periods((h,))).factor
         if recursion is None or not radius < 1:
             return None
-        return sharp(recursion, *whole, radius)
+        return sharp_always(recursion, *whole, radius, sharp(recursion, *whole, radius))
 
-    return design(known, wanted, epsilon, paper_of, sharp_of)
+    return design(known, wanted, epsilon, paper_of, always)
 
 
 def _source(scenario: Scenario) -> str:

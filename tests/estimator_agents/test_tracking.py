@@ -1,5 +1,6 @@
 """μ, ϱ and δ of Theorems 2 and 3, and inequality (1.9), against sums written by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -68,15 +69,40 @@ def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(shar
     """With bounds on the estimates that are h and 2 h, on both sides of the third of (6.1)."""
     wanted = Pair(0.7, 0.9)
     found = design([OF], wanted, share, lambda h: Pair(h, 2 * h), lambda _: None)
-    drive = Drive(found.kp, found.kp, found.kd, found.kd)
-    kept = balls(OF, drive, Pair(found.period, 2 * found.period))
+    paper = found.paper
+    drive = Drive(paper.kp, paper.kp, paper.kd, paper.kd)
+    kept = balls(OF, drive, Pair(paper.period, 2 * paper.period))
     assert kept.position <= wanted.position * (1 + 1e-6)
     assert kept.velocity <= wanted.velocity * (1 + 1e-6)
     room = OF.mu_1 * (1 - share) / (share * 2**0.5)
-    longer = 1.1 * found.period
-    assert found.kp * found.period + found.kd * 2 * found.period <= room
-    assert found.kp * longer + found.kd * 2 * longer > room
-    assert found.sharp_period is None
+    longer = 1.1 * paper.period
+    assert paper.kp * paper.period + paper.kd * 2 * paper.period <= room
+    assert paper.kp * longer + paper.kd * 2 * longer > room
+    assert found.proven.period is None
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("wanted", [Pair(0.7, 0.9), Pair(0.001, 100.0), Pair(5.0, 0.01)])
+def test_what_is_designed_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, share):
+    found = design([OF], wanted, share, lambda _: None, lambda h: Pair(h, 2 * h)).proven
+    drive = Drive(found.kp, found.kp, found.kd, found.kd)
+
+    def keeps(h):
+        ball = proven(OF, drive, Pair(h, 2 * h))
+        return ball.position <= wanted.position and ball.velocity <= wanted.velocity
+
+    assert keeps(found.period)
+    assert not keeps(1.1 * found.period)
+
+
+def test_a_design_for_unlike_robots_keeps_its_promise_for_each():
+    wanted, other = Pair(0.2, 0.9), replace(OF, lambda_m=OF.lambda_m / 3, mu_1=OF.mu_1 / 2)
+    found = design([OF, other], wanted, 0.5, lambda _: None, lambda h: Pair(h, h)).proven
+    drive = Drive(found.kp, found.kp, found.kd, found.kd)
+    for robot in (OF, other):
+        ball = proven(robot, drive, Pair(found.period, found.period))
+        assert ball.position <= wanted.position
+        assert ball.velocity <= wanted.velocity
 
 
 # With friction, which no robot of the examples has

@@ -400,8 +400,8 @@ def test_a_check_says_it_in_words():
 def test_a_design_of_turns_goes_by_their_period():
     scenario = read_scenario(SCENARIOS / "switching.toml").scenario
     found = designed(scenario, promises(scenario).tracking.proven, 0.5)
-    assert found.period is None
-    assert found.sharp_period > 0
+    assert found.paper.period is None
+    assert found.proven.period > 0
 
 
 def test_a_report_tells_that_not_all_links_are_there_at_all_times():
