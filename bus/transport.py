@@ -41,6 +41,12 @@ class Answer(NamedTuple):
     payload: bytes | None
 
 
+class Rejected(NamedTuple):
+    """Something came that was not kept, for a reason."""
+
+    why: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
     """What somebody asks on a key, to be answered once."""
@@ -50,7 +56,9 @@ class Question:
     answer: Put
 
 
-Item = Message | Presence | Cut | Answer | Question
+Item = Message | Presence | Cut | Answer | Question | Rejected
+Screen = Callable[[str, bytes], str | None]
+"""Says of a key and what came on it why it is not to be kept; None for what is."""
 
 
 class Inbox(Protocol):

@@ -25,6 +25,12 @@ NETWORK_LEASE, LOCAL_LEASE = 0.8, 3600.0
 """s; a lost link is noticed within 1 s, and a local process that is stopped is waited for."""
 
 _LONGEST_SOCKET_PATH = 107
+_LARGEST_MESSAGE = 256 * 2**20
+"""Bytes of a message that is let in where one listens; it is whole before it can be judged.
+
+The largest that a host puts is a tick with a checkpoint of each robot: 8 KiB each for as many as a
+recorded run may have.
+"""
 _FORM = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream//absolute/path"
 
 
@@ -129,6 +135,8 @@ def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
             "period_increase_factor": 2,
         },
     }
+    if endpoints.listen:
+        settings["transport/link/rx/max_message_size"] = _LARGEST_MESSAGE
     if endpoints.tls and "tls" in protocols:
         settings |= _tls_settings(endpoints.tls)
         if endpoints.listen and endpoints.hosts:

@@ -5,6 +5,7 @@ was put before `take` is in what `take` returns. On the wire `nrs/<run id>/` sta
 key; the code sees it only where a message of another run is to be told apart.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -14,7 +15,7 @@ from zenoh.handlers import Callback
 
 from bus.network.endpoints import Endpoints
 from bus.network.sessions import open_session
-from bus.transport import Answer, Cut, Item, Message, Presence, Put, Question
+from bus.transport import Answer, Cut, Item, Message, Presence, Put, Question, Rejected, Screen
 
 ROOT = "nrs"
 NO_SOCKET = Endpoints()
@@ -23,11 +24,16 @@ _NOBODY = 3600.0
 
 
 class ZenohInbox:
-    """A party's inbox; a C callable fills it, and no Python runs in Zenoh's threads."""
+    """A party's inbox; a C callable fills it, and no Python runs in Zenoh's threads.
 
-    def __init__(self, prefix: str) -> None:
+    With a screen Python does: what nobody is to believe is dropped there and counted, before any
+    number of such messages fills the memory; a `Rejected` of a few bytes stands for each.
+    """
+
+    def __init__(self, prefix: str, screen: Screen | None = None) -> None:
         self._prefix = prefix
         self.waiting: SimpleQueue[Any] = SimpleQueue()
+        self.put = self._screened(screen) if screen else self.waiting.put
 
     def take(self, seconds: float = 0.0) -> list[Item]:
         """Return all that arrived, in order; wait for the first at most for so many seconds."""
@@ -38,12 +44,27 @@ class ZenohInbox:
             return []
         return [self._item(first), *(self._item(queue.get()) for _ in range(queue.qsize()))]
 
+    def _screened(self, screen: Screen) -> Callable[[Any], None]:
+        put, key_of = self.waiting.put, self._key
+
+        def screened(raw: zenoh.Sample | zenoh.Query) -> None:
+            payload = raw.payload.to_bytes() if raw.payload else b""
+            why = screen(key_of(raw.key_expr), payload)
+            if why is None:
+                put(raw)
+                return
+            if isinstance(raw, zenoh.Query):
+                raw.drop()  # type: ignore[no-untyped-call]
+            put(Rejected(why))
+
+        return screened
+
     def _item(self, raw: Any) -> Item:
         if isinstance(raw, zenoh.Sample):
             return Message(self._key(raw.key_expr), raw.payload.to_bytes())
         if isinstance(raw, zenoh.Query):
             return _question(raw, self._key(raw.key_expr))
-        if isinstance(raw, Cut):
+        if isinstance(raw, Cut | Rejected):
             return raw
         kind, told, *replied = raw
         if kind is Presence:
@@ -126,13 +147,13 @@ class ZenohBus:
         except Empty:
             return False
 
-    def listen(self, *patterns: str) -> ZenohInbox:
+    def listen(self, *patterns: str, screen: Screen | None = None) -> ZenohInbox:
         """Hear every key that a pattern matches, from now on, in an inbox of its own."""
-        return self._listen([self._prefix + pattern for pattern in patterns])
+        return self._listen([self._prefix + pattern for pattern in patterns], screen)
 
-    def listen_to_all(self) -> ZenohInbox:
+    def listen_to_all(self, screen: Screen | None = None) -> ZenohInbox:
         """Hear every key of every run that comes by, from now on; those of others in full."""
-        return self._listen([f"{ROOT}/**"])
+        return self._listen([f"{ROOT}/**"], screen)
 
     def watch(self, pattern: str, inbox: ZenohInbox) -> None:
         """Let an inbox hear who is present on keys of a pattern, now and from now on."""
@@ -170,7 +191,7 @@ class ZenohBus:
     def serve(self, pattern: str, inbox: ZenohInbox) -> None:
         """Let questions on keys of a pattern come into an inbox."""
         queryable = self._session.declare_queryable(
-            self._prefix + pattern, Callback(inbox.waiting.put, indirect=False)
+            self._prefix + pattern, Callback(inbox.put, indirect=False)
         )
         self._declared.append(queryable)
 
@@ -218,9 +239,9 @@ class ZenohBus:
         self._publishers.clear()
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def _listen(self, keys: list[str]) -> ZenohInbox:
-        inbox = ZenohInbox(self._prefix)
+    def _listen(self, keys: list[str], screen: Screen | None = None) -> ZenohInbox:
+        inbox = ZenohInbox(self._prefix, screen)
         for key in keys:
-            put = Callback(inbox.waiting.put, indirect=False)
+            put = Callback(inbox.put, indirect=False)
             self._declared.append(self._session.declare_subscriber(key, put))
         return inbox

@@ -9,7 +9,6 @@ allows, while the rest of the run goes on as far as the data lets it.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from secrets import token_bytes
 from time import monotonic
 from typing import Any
 
@@ -32,7 +31,7 @@ from bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from bus.parts import joined
 from bus.seal import Seal
 from bus.text import storable
-from bus.transport import Cut, Item, Message, Presence, Question
+from bus.transport import Cut, Item, Message, Presence, Question, Rejected, Screen
 from bus.wire import Wire
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import STARTING, LocalHost
@@ -46,6 +45,10 @@ from orchestrator.scenario.setting import clock_of
 from recordings.recorder import Recorder
 
 _MOST_DEATHS = 3
+_LONGEST_HELLO = 2**20
+"""Bytes of what a host says to be let in, which is the one thing that is not sealed."""
+_ASKED = (START, HEARD, FMU)
+_SEALED = (SAMPLES, RECORDS, REPORT, ORDERS, *_ASKED)
 _COMING = 10.0
 """s: how long a host that is let in may take to be present."""
 _LOOK = 0.25
@@ -72,6 +75,22 @@ class Terms:
     """Is told in words who comes and goes."""
 
 
+def screen_of(seal: Seal) -> Screen:
+    """Return what keeps of all that comes only what is under a run's seal, and short questions."""
+
+    def screen(key: str, payload: bytes) -> str | None:
+        kind = key.partition("/")[0]
+        if kind == JOIN:
+            return kind if len(payload) > _LONGEST_HELLO else None
+        if kind not in _SEALED:
+            return "key"
+        if seal.opened(key, payload) is not None:
+            return None
+        return kind if kind in _ASKED else "seal"
+
+    return screen
+
+
 @dataclass(frozen=True, slots=True)
 class Fmu:
     """An FMU of the scenario."""
@@ -91,6 +110,7 @@ class Crew:
         fmus: Mapping[str, Fmu],
         homes: Mapping[str, Sequence[int]],
         terms: Terms,
+        secret: bytes,
     ) -> None:
         """Let hosts of a scenario in, from now on; `fmus` are by what the scenario calls them.
 
@@ -103,8 +123,7 @@ class Crew:
         """How often hosts asked for samples: to catch up, or because they were late."""
         self._homes = Homes(file.scenario.n, terms.expected)
         self._bus, self._file, self._fmus, self._terms = bus, file, fmus, terms
-        self._secret = token_bytes(32)
-        self._seal = Seal(self._secret)
+        self._secret, self._seal = secret, Seal(secret)
         self._recorder: Recorder | None = None
         self._began = monotonic()
         self._progress = False
@@ -181,6 +200,8 @@ class Crew:
                     self._lose(name, home)
         elif isinstance(item, Message):
             self._read_report(item)
+        elif isinstance(item, Rejected):
+            self.refused[item.why] += 1
 
     def look_after(self, k: int, at_last: bool = False) -> bool:
         """Look whether the hosts are well; return whether all are there and none is catching up.
@@ -245,8 +266,8 @@ class Crew:
         until = monotonic() + _FAREWELL
         while not is_enough() and monotonic() < until:
             for item in self.inbox.take(_LOOK):
-                if isinstance(item, Message):
-                    self._read_report(item)
+                if isinstance(item, Message | Rejected):
+                    self.handle(item)
                 for name, home in self._homes.items():
                     present = wire_key(ALIVE, f"{name}/{home.incarnation}")
                     cut = isinstance(item, Cut) and item.peer in {None, home.incarnation}

@@ -6,14 +6,16 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from secrets import token_bytes
 from uuid import uuid4
 
 from bus.errors import InputError
 from bus.keys import RECORDS, REPORT, SAMPLES, wire_key
 from bus.network.endpoints import Address, Endpoints
 from bus.network.zenoh_bus import ZenohBus
+from bus.seal import Seal
 from bus.transport import Bus
-from orchestrator.hosts.crew import Crew, Fmu, Terms
+from orchestrator.hosts.crew import Crew, Fmu, Terms, screen_of
 from orchestrator.hosts.local import LocalHost
 from orchestrator.runs.host import Watch
 from orchestrator.runs.lockstep import Hosts, Manning
@@ -101,9 +103,15 @@ def _crew(
     bus = ZenohBus(uuid4().hex, endpoints)
     stack.callback(bus.close)
     batches = [wire_key(kind, "*") for kind in (SAMPLES, RECORDS, REPORT)]
-    inbox = bus.listen_to_all() if endpoints.listen else bus.listen(*batches)
+    secret = token_bytes(32)
+    if start:  # nobody but this user reaches the socket
+        inbox = bus.listen_to_all()
+    elif endpoints.listen:
+        inbox = bus.listen_to_all(screen_of(Seal(secret)))
+    else:
+        inbox = bus.listen(*batches, screen=screen_of(Seal(secret)))
     terms = Terms(handling.expected, start, handling.restart, handling.wait, handling.show)
-    crew = Crew(bus, inbox, file, fmus, homes, terms)
+    crew = Crew(bus, inbox, file, fmus, homes, terms, secret)
     stack.callback(crew.close)
     crew.gather()
     return bus, crew

@@ -8,7 +8,7 @@ import zenoh
 
 from bus.encryption import KeyPair
 from bus.seal import Seal
-from orchestrator.hosts import crew
+from orchestrator.hosts import manning
 from orchestrator.hosts.notes import Hello, Refusal, Welcome
 from orchestrator.runs.robots import wire_of
 from orchestrator.scenario.file import read_scenario
@@ -131,7 +131,7 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
     run_alone, meet, tmp_path, monkeypatch
 ):
     file, _ = run_alone
-    monkeypatch.setattr(crew, "token_bytes", lambda size: b"s" * size)
+    monkeypatch.setattr(manning, "token_bytes", lambda size: b"s" * size)
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
         id_ = run.until("waits for hosts").split()[1]
         with Intruder(meet, id_) as forger:
