@@ -10,6 +10,7 @@ from bus.encryption import KeyPair
 from bus.seal import Seal
 from orchestrator.hosts import manning
 from orchestrator.hosts.notes import Hello, Refusal, Welcome
+from orchestrator.runs.lockstep import MOST_WINDOW
 from orchestrator.runs.robots import wire_of
 from orchestrator.scenario.file import read_scenario
 from tests.guard import GUARD
@@ -128,9 +129,9 @@ def test_a_welcome_is_repeated_to_its_host_and_read_by_it_alone(run_alone, meet,
 
 
 def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
-    run_alone, meet, tmp_path, monkeypatch
+    meet, tmp_path, monkeypatch
 ):
-    file, _ = run_alone
+    file = read_scenario(scenario(tmp_path, PAUSE + 2 * MOST_WINDOW))
     monkeypatch.setattr(manning, "token_bytes", lambda size: b"s" * size)
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
         id_ = run.until("waits for hosts").split()[1]
@@ -138,8 +139,8 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
             hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
             run.until("paused")
             wire = wire_of(file.scenario, HOMES, Seal(b"s" * 32))
-            samples, k = wire.samples.blank(np.array(HOMES["left"])), PAUSE + 5
-            samples["k"], samples["time_ns"] = k, wire.times.t(k)
+            samples, k = wire.samples.blank(np.array(HOMES["left"])), PAUSE + MOST_WINDOW + 5
+            samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no host has reached
             forger.put("samples/left", wire.pack_samples("left", k, samples))
             forger.count()
             run.go_on.set()
