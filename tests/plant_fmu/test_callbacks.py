@@ -242,7 +242,7 @@ def test_no_command_dies_of_an_fmu_that_logs_to_its_end(place, arguments):
 @pytest.mark.parametrize("isolate", ["true", "false"])
 def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
     (place / "refused.toml").write_text(SCENARIO.format(isolate=isolate, refuses=0.55))
-    done = nrs(place, "run", "refused.toml", "-o", "refused.mcap")
+    done = nrs(place, "run", "refused.toml", "-o", f"refused_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
     assert "robot 1 (talker.fmu) at t = 0.5" in done.stderr
     assert "ended with Error: refused as no. 7, 0.25" in done.stderr
@@ -251,6 +251,6 @@ def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
 @pytest.mark.parametrize("isolate", ["true", "false"])
 def test_nothing_is_called_after_a_fatal_step(place, isolate):
     (place / "fatal.toml").write_text(SCENARIO.format(isolate=isolate, refuses=-0.55))
-    done = nrs(place, "run", "fatal.toml", "-o", "fatal.mcap")
+    done = nrs(place, "run", "fatal.toml", "-o", f"fatal_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
     assert "ended with Fatal: refused as no. 7, 0.25" in done.stderr
