@@ -52,8 +52,10 @@ class Impulsive:
         h < min 2 β² (2 − β) R / (α [β² R² + (2 − β)² I²]).
         """
         away, beta = 1 - spectrum, self.beta
-        size = self.alpha * (beta**2 * away.real**2 + (2 - beta) ** 2 * away.imag**2)
-        bounds = 2 * beta**2 * (2 - beta) * away.real / size
+        size = self.alpha * (
+            (beta * beta) * away.real**2 + ((2 - beta) * (2 - beta)) * away.imag**2
+        )
+        bounds = 2 * (beta * beta) * (2 - beta) * away.real / size
         return [
             Condition("beta", "Schur and Cohn", beta, 2.0),
             Condition("sampling_period", "Schur and Cohn", h, float(bounds.min())),

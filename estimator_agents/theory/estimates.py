@@ -178,8 +178,8 @@ def _history(A: sparse.csr_array, first: Reals) -> Iterator[Reals]:
 def slip(h: float, gamma_1: float, gamma_2: float) -> float:
     """Return the most of |Δ_1(k)|: ∫ min(2 γ1, γ2 w) dw over 0 … h."""
     if gamma_2 * h <= 2 * gamma_1:
-        return gamma_2 * h**2 / 2
-    return 2 * gamma_1 * h - 2 * gamma_1**2 / gamma_2
+        return gamma_2 * (h * h) / 2
+    return 2 * gamma_1 * h - 2 * gamma_1 * (gamma_1 / gamma_2)
 
 
 def modulus(first: Reals, last: Reals, h: float | Array) -> Array:

@@ -82,7 +82,7 @@ def smallest_theta(spectrum: Spectrum) -> float:
 def largest_period(spectrum: Spectrum, alpha: float, beta: float) -> float:
     """Return Theorem 3's bound on h in s: min 2 β² (θ_i − β) / (α (ϑ_i² + β²)) (equation 5.2)."""
     theta = thetas(spectrum)
-    bounds = 2 * beta**2 * (theta.real - beta) / (alpha * (theta.imag**2 + beta**2))
+    bounds = 2 * (beta * beta) * (theta.real - beta) / (alpha * (theta.imag**2 + beta * beta))
     return float(bounds.min())
 
 

@@ -12,7 +12,7 @@ follow. So beside them stands the ball `proven`, which needs neither.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, sqrt, tanh
+from math import inf, isfinite, sqrt, tanh
 from typing import Protocol
 
 import numpy as np
@@ -96,7 +96,7 @@ class Constants:
 def constants(p3: Mechanics, m: int, lambda_d: float, gamma_1: float, gamma_2: float) -> Constants:
     """Return the constants of inequalities (1.9) and (1.8), for m joints and ‖τ_d‖₂ ≤ λ_d."""
     speed, pull = sqrt(m) * gamma_1, sqrt(m) * gamma_2
-    mu_1 = lambda_d + p3.lambda_M * pull + p3.lambda_c * speed**2 + p3.lambda_g
+    mu_1 = lambda_d + p3.lambda_M * pull + p3.lambda_c * (speed * speed) + p3.lambda_g
     mu_1 += p3.lambda_f * speed
     mu_2 = p3.lambda_c * speed
     rho_1 = mu_2 + p3.lambda_f / 2
@@ -124,7 +124,7 @@ def balls(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
 def proven(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
     """Return radii of balls into which e and ė come by (1.8) alone, with √m where it belongs.
 
-    None where λ_m is not known, or the conditions on the gains do not hold.
+    None where λ_m is not known, the conditions on the gains do not hold, or numbers overflow.
     """
     return proven_under(of, drive, push(of, drive, estimates))
 
@@ -137,11 +137,16 @@ def proven_under(of: Constants, drive: Drive, rho_3: float) -> Pair | None:
     if not all(c.holds for c in of.conditions(drive)) or of.lambda_m <= 0:
         return None
     a, b = drive.kd_min - of.rho_2, (drive.kp_min - of.rho_1) / sqrt(of.m)
-    X = _outside(b, rho_3, rho_3**2 / (4 * a))
-    Y = (rho_3 + sqrt(rho_3**2 + 4 * a * rho_3**2 / (4 * b))) / (2 * a)
+    square = rho_3 * rho_3  # a product that is too large is infinite, and a power an error
+    Y = (rho_3 + sqrt(square + 4 * a * square / (4 * b))) / (2 * a)
+    if not isfinite(Y) or not isfinite(square / (4 * a)):
+        return None
+    X = _outside(b, rho_3, square / (4 * a))
     z = min(X, sqrt(of.m))
-    W = of.lambda_M * (Y**2 / 2 + Y * z) + drive.kp_max * X**2 / 2
-    W += drive.kd_max * min(X**2 / 2, sqrt(of.m) * X)
+    W = of.lambda_M * (Y * Y / 2 + Y * z) + drive.kp_max * (X * X) / 2
+    W += drive.kd_max * min(X * X / 2, sqrt(of.m) * X)
+    if not isfinite(W):
+        return None
     return Pair(sqrt(2 * W / (drive.kp_min - 2 * of.lambda_M)), 2 * sqrt(W / of.lambda_m))
 
 
@@ -155,7 +160,7 @@ def _outside(b: float, rho_3: float, gained: float) -> float:
         return (b * X - rho_3) * tanh(X) > gained
 
     low, high = rho_3 / b, 2 * rho_3 / b + 1
-    while not enough(high):
+    while not enough(high) and high < inf:
         low, high = high, 2 * high
     for _ in range(60):
         middle = (low + high) / 2

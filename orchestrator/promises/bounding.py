@@ -122,4 +122,4 @@ def _largest(axes: tuple[Axis, ...]) -> float:
         abs(axis.offset) + sum(abs(wave.amplitude) for wave in (*axis.sines, *axis.cosines))
         for axis in axes
     )
-    return sqrt(sum(size**2 for size in sizes))
+    return sqrt(sum(size * size for size in sizes))

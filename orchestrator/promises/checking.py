@@ -100,6 +100,7 @@ class Check:
         ticks = ticks_until(self.recursion, 1e-6)
         return None if ticks is None else ticks * self.recursion.h
 
+    @np.errstate(all="ignore")
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
         told: dict[str, Any] = {
@@ -178,6 +179,7 @@ class Check:
         return unmet
 
 
+@np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
 def check(scenario: Scenario, find: Find | None = None) -> Check:
     """Return what the theory says of a scenario; `find` as `bounded` has it."""
     topologies, target = topologies_of(scenario), target_of(scenario)

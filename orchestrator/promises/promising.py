@@ -4,6 +4,8 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any
 
+import numpy as np
+
 from estimator_agents.algorithm import Algorithm, load_algorithm, modes
 from estimator_agents.target import Harmonic
 from estimator_agents.theory.aperiodic import Growth, Periods
@@ -89,8 +91,8 @@ class Promises:
     def as_json(self) -> dict[str, Any]:
         """Return the promises for JSON."""
         return {
-            "gamma_1": self.gamma_1,
-            "gamma_2": self.gamma_2,
+            "gamma_1": finite(self.gamma_1),
+            "gamma_2": finite(self.gamma_2),
             "source": self.source,
             "why_not": self.why_not,
             "norms": _norms(self.paper) if self.paper else [],
@@ -159,6 +161,7 @@ def _of(pair: Pair | None, part: str) -> float | None:
 TRACKED = ("paper", "sharp", "proven")
 
 
+@np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
 def promises(
     scenario: Scenario, growth: Growth | None = None, find: Find | None = None
 ) -> Promises:
@@ -222,6 +225,7 @@ def promises(
     )
 
 
+@np.errstate(all="ignore")
 def designed(
     scenario: Scenario, wanted: Pair, epsilon: float, find: Find | None = None
 ) -> Design | None:
@@ -323,13 +327,21 @@ def _norms(paper: Promise) -> list[dict[str, Any]]:
     ]
 
 
+def _finite(numbers: Any) -> dict[str, Any] | None:
+    """Return the fields of a dataclass for JSON, which has no infinity."""
+    if numbers is None:
+        return None
+    told = asdict(numbers)
+    return {k: finite(v) if isinstance(v, float) else v for k, v in told.items()}
+
+
 def _plant(part: Bounded) -> dict[str, Any]:
     return {
         "robots": list(part.robots),
         "fmu": part.plant,
         "lambda_d": finite(part.lambda_d),
-        "bounds": asdict(part.bounds) if part.bounds else None,
-        "constants": asdict(part.constants) if part.constants else None,
-        "gains": asdict(part.drive),
+        "bounds": _finite(part.bounds),
+        "constants": _finite(part.constants),
+        "gains": _finite(part.drive),
         "why_not": part.why,
     }

@@ -84,7 +84,7 @@ def why_unknown(algorithm: Algorithm, topologies: Topologies, periods: Periods) 
         return "the algorithm does not jump linearly"
     if topologies.turning and periods.alike is None and not for_any_periods(algorithm):
         return "of digraphs in turn at times that are not periodic it is not computed"
-    return "of so large digraphs in turn it is not found"
+    return "it is not found: of so large digraphs in turn, or numbers out of all proportion"
 
 
 def merged(spectra: Sequence[Spectra]) -> Spectra:

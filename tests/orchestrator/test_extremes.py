@@ -1,0 +1,82 @@
+"""Any number of a scenario may be out of all proportion: it is refused, or theory goes on."""
+
+import copy
+import json
+import tomllib
+import warnings
+
+import pytest
+import tomlkit
+
+from bus.errors import InputError
+from orchestrator.promises.checking import check
+from orchestrator.promises.promising import bounds, promises
+from orchestrator.scenario.file import parse_scenario
+from tests.orchestrator.conftest import SCENARIOS
+
+TEXT = """
+[run]
+duration = 2.0
+sampling_period = 0.1
+[algorithm]
+name = "{algorithm}"
+alpha = 0.9
+beta = 0.8
+[controller]
+kp = 200.0
+kd = 300.0
+[network]
+edge_list = [[0, 1, 1.0], [1, 2, 1.0], [2, 1, 0.5]]
+[target]
+axes = [
+  {{ offset = 1.0, rate = 2.0, sines = [{{ amplitude = 1.0, frequency = 1.0, phase = 0.1 }}] }},
+  {{ cosines = [{{ amplitude = -1.0, frequency = 2.0 }}] }},
+]
+[plant]
+fmu = "two_link_arm"
+parameters = {{ m1 = 1.0, r1 = 1.0, g = 9.8 }}
+[disturbance]
+axes = [{{ sines = [{{ amplitude = 2.0, frequency = 1.0 }}] }}, {{ offset = 0.5 }}]
+[initial]
+position = {{ uniform = [-1.0, 1.0] }}
+"""
+EXTREMES = (1e155, -1e155, 1e300, -1e300, 1e308, 1e-300, -1e-300, 5e-324, -0.0)
+
+
+def places(tree, at=()):
+    """Yield where the numbers of nested tables and lists are."""
+    if isinstance(tree, dict | list):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from places(value, (*at, key))
+    elif isinstance(tree, float):
+        yield at
+
+
+@pytest.mark.parametrize("algorithm", ["dcea1", "dcea2", "impulsive", "sliding"])
+def test_a_number_out_of_all_proportion_is_refused_or_theory_goes_on(algorithm):
+    tables = tomllib.loads(TEXT.format(algorithm=algorithm))
+    found, passed = [], 0
+    for at in places(tables):
+        for extreme in EXTREMES:
+            changed = copy.deepcopy(tables)
+            inner = changed
+            for key in at[:-1]:
+                inner = inner[key]
+            inner[at[-1]] = extreme
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error")
+                    text = tomlkit.dumps(changed)
+                    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml").scenario
+                    checked = check(scenario)
+                    promised = promises(scenario, checked.growth)
+                    bounds(promised)
+                    checked.warnings()
+                    json.dumps([checked.as_json(), promised.as_json()], allow_nan=False)
+                    passed += 1
+            except InputError:
+                continue
+            except Exception as error:
+                found.append((at, extreme, repr(error)))
+    assert not found, "\n".join(map(str, found))
+    assert passed > 50
