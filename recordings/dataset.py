@@ -5,8 +5,6 @@ sample_position, sample_velocity  (sampling_time, robot, joint)    left limits a
 target_position, target_velocity  (sampling_time, joint)           the target's
 """
 
-import json
-
 import numpy as np
 import xarray
 from numpy.typing import NDArray
@@ -37,7 +35,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
     Units are attributes where all robots are bundled models of one kind: those of an FMU from
     elsewhere are not in a recording. Raises `UnreadableError` as `rows` does.
     """
-    run = about(reader)
+    run = about(reader).run
     n, m = robots(reader), joints(reader)
     parts: dict[str, list[NDArray[np.void]]] = {SAMPLES.name: [], STATES.name: []}
     for table, part in rows(reader, [SAMPLES, STATES]):
@@ -54,7 +52,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
 
     grid, states = spread(STATES)
     at, samples = spread(SAMPLES)
-    plants = {plant["name"] for plant in json.loads(run["plants"])}
+    plants = {group.name for group in run.plants}
     known = [_UNITS.get(plant, {}) for plant in plants]
     units = known[0] if all(other is known[0] for other in known) else {}
 
@@ -81,9 +79,9 @@ def dataset(reader: Reader) -> xarray.Dataset:
             "joint": ("joint", np.arange(1, m + 1)),
         },
         {
-            "name": run["name"],
+            "name": run.name,
             "status": reader.status,
             **({"digest": reader.digest} if reader.digest else {}),
-            "seed": int(run["seed"]),
+            "seed": run.seed,
         },
     )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bus.errors import InputError
 from recordings.errors import UncreatableError
 from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, STATES, Put, Table, joints, rows
+from recordings.tables import FAULTS, SAMPLES, STATES, Put, Table, expect_joints, joints, rows
 
 Format = Literal["csv", "parquet"]
 Opener = Callable[[Path, Table, int], AbstractContextManager[Put]]
@@ -32,6 +32,7 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     cannot be written, `UnreadableError` as `rows`; then no table is replaced.
     """
     reader.expect_ticks("export")
+    expect_joints(reader)
     opened = _csv if form == "csv" else _parquet()
     faulty = any(channel.schema_name == FAULTS.kind.name for channel in reader.channels)
     tables = [SAMPLES, STATES, FAULTS] if faulty else [SAMPLES, STATES]

@@ -13,7 +13,7 @@ from itertools import chain
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Self, cast
+from typing import Self
 
 import numpy as np
 from mcap import records as mcap
@@ -24,6 +24,7 @@ from recordings.chunk import opened
 from recordings.columns import Columns, columns
 from recordings.container import (
     BEGIN,
+    END,
     MAGIC,
     PART,
     PROFILE,
@@ -40,6 +41,7 @@ from recordings.digest import Digest
 from recordings.errors import UnreadableError
 from recordings.gathering import order, ranks
 from recordings.layout import RecordFile, Span, find, parsed
+from recordings.metadata import About, End, parse, read_about
 
 _UNFINISHED = "never closed: its writer was killed, or is still at work"
 
@@ -65,8 +67,12 @@ class Reader:
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, tuple[str, bytes]]
     """Name to media type and content."""
+    about: About | None
+    """What is said of the run; None in a file that holds none."""
     end: dict[str, str]
     """All that was said at the end, with the `extra` of `Writer.finish`; empty when unfinished."""
+    ending: End | None
+    """The same, read; None when unfinished."""
     status: Status
     reason: str
     digest_here: str
@@ -155,9 +161,9 @@ class Reader:
     @property
     def digest(self) -> str | None:
         """That of the run; None where messages of it are missing, or may be."""
-        counted = self.end.get("messages"), self.end.get("digest")
-        whole = counted == (str(self.message_count), self.digest_here) and PART not in self.end
-        return self.digest_here if whole else None
+        end = self.ending
+        whole = end and (end.messages, end.digest) == (self.message_count, self.digest_here)
+        return self.digest_here if whole and PART not in self.end else None
 
     def expect_ticks(self, purpose: str) -> None:
         """Raise `UnreadableError` for a recording in which no tick is left."""
@@ -255,6 +261,8 @@ class Reader:
                 self.attachments[attachment.name] = (attachment.media_type, attachment.data)
         self.schemas, self.channels = tuple(schemas.values()), tuple(channels.values())
         self.topics = {number: channel.topic for number, channel in channels.items()}
+        counted = [channel.topic for channel in self.channels if channel.counted]
+        self.about = read_about(self.path, self.metadata, self.attachments, counted)
 
     def _read_rest(self, after_head: int, verify: bool) -> None:
         """Read the end, and judge the chunks unless the checksums vouch for them."""
@@ -262,24 +270,30 @@ class Reader:
         self.damage += layout.damage
         self._chunks = layout.chunks
         self.end = self._read_end(layout.end) if layout.end else {}
-        if layout.intact and self.end and not verify:
-            self.message_count, self.ticks = int(self.end["messages"]), int(self.end["ticks"])
-            computed = self.end["digest"]
+        self.ending = parse(self.path, END, End, self.end) if self.end else None
+        if layout.intact and self.ending and not verify:
+            self.message_count, self.ticks = self.ending.messages, self.ending.ticks
+            if self.message_count < len(self._chunks):
+                raise UnreadableError(
+                    f"{self.path}: {END}: messages: is {self.message_count}, but there are "
+                    f"{len(self._chunks)} chunks, each of one at least"
+                )
+            computed = self.ending.digest
         else:
             computed, gaps = self._judge()
             self.damage += [] if layout.intact else gaps
         self.digest_here = computed
-        self.status = cast(Status, self.end.get("status", "unfinished"))
-        self.reason = self.end.get("reason", _UNFINISHED)
-        if not self.end:
+        self.status, self.reason = "unfinished", _UNFINISHED
+        if not (ending := self.ending):
             return
-        if self.message_count != int(self.end["messages"]):
+        self.status, self.reason = ending.status, ending.reason
+        if self.message_count != ending.messages:
             self.damage.append(
-                f"{self.message_count} of {self.end['messages']} messages are here; whole, the "
-                f"recording has the digest {self.end['digest']}"
+                f"{self.message_count} of {ending.messages} messages are here; whole, the "
+                f"recording has the digest {ending.digest}"
             )
-        elif computed != self.end["digest"]:
-            self.damage.append(f"the messages had the digest {self.end['digest']} when written")
+        elif computed != ending.digest:
+            self.damage.append(f"the messages had the digest {ending.digest} when written")
         elif not layout.intact:
             self.damage.append("a checksum differs or is missing, yet every message is as written")
 
@@ -328,7 +342,7 @@ class Reader:
             self.ticks += int(np.count_nonzero(here))
             last = end
             self._chunks.append(Span(span.offset, span.length, begin[0], end[0]))
-        gaps += _gap(k, int(self.end.get("ticks", k)))
+        gaps += _gap(k, self.ending.ticks if self.ending else k)
         return digest.hexdigest(), gaps
 
     def _passed(self, span: Span) -> None:

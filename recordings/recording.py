@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from recordings.container import Status
 from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, SCENARIO, STATES, Table, joints, robots, rows
+from recordings.tables import FAULTS, SAMPLES, STATES, Table, about, joints, robots, rows
 
 if TYPE_CHECKING:
     import xarray
@@ -45,7 +45,7 @@ class Recording:
     @property
     def scenario(self) -> str:
         """The text of the scenario."""
-        return self._reader.attachments[SCENARIO][1].decode()
+        return about(self._reader).scenario
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:

@@ -18,16 +18,11 @@ from bus.messages import FAULT, SAMPLE, STATE, Codec, MessageType
 from recordings.columns import Columns
 from recordings.container import DamageError
 from recordings.errors import UnreadableError
+from recordings.metadata import RUN, About
 from recordings.reading import Reader
 
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
-
-RUN = "nrs.run"
-"""The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
-
-SCENARIO = "scenario.toml"
-"""The attachment that holds the scenario's text."""
 
 SPENT, REFUSED = "spent", "refused"
 """What is said at the end: where wall time went, and what was not believed, as JSON."""
@@ -70,21 +65,34 @@ STATES = Table("states", STATE, state_key, 1, ("t", "robot"))
 FAULTS = Table("faults", FAULT, fault_key, 1, ("k", "t", "robot", *FAULT.further))
 
 
-def about(reader: Reader) -> dict[str, str]:
+def about(reader: Reader) -> About:
     """Return what a recording says of its run; `UnreadableError` when it says nothing of one."""
-    if RUN not in reader.metadata:
+    if reader.about is None:
         raise UnreadableError(f"{reader.path}: holds no run; give a recording of `nrs run`")
-    return reader.metadata[RUN]
+    return reader.about
 
 
 def joints(reader: Reader) -> int:
     """Return m, the numbers in each vector of the run's messages."""
-    return int(about(reader)["joints"])
+    return about(reader).run.joints
+
+
+def expect_joints(reader: Reader) -> None:
+    """Raise `UnreadableError` where messages are not of as many joints as the run is said to have.
+
+    It reads the first message, before anything is made of that many.
+    """
+    m = joints(reader)
+    first = next(reader.columns([state_key(1)]), None)
+    if first is not None and (size := int(first.stop[0] - first.start[0])) != Codec(STATE, m).size:
+        raise UnreadableError(
+            f"{reader.path}: {RUN}: joints: is {m}, but a state of robot 1 has {size} bytes"
+        )
 
 
 def robots(reader: Reader) -> int:
     """Return n."""
-    return int(about(reader)["robots"])
+    return about(reader).run.robots
 
 
 def rows(

@@ -174,11 +174,12 @@ def recover(
     from orchestrator.commands import showing
     from orchestrator.commands.places import make_folder
     from orchestrator.commands.progress import reading
-    from orchestrator.runs.summary import describe, lines, measure
+    from orchestrator.runs.summary import describe, lines, measure, scenario_of
     from recordings.reading import Reader
     from recordings.recovering import recover as whole
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        scenario_of(reader)  # or nothing could be done with what is recovered
         make_folder(output)
         whole(reader, output)
         for damage in reader.damage:

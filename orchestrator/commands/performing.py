@@ -1,6 +1,5 @@
 """A run, with everything that a person sees of it: who takes part, how far it is, how it ended."""
 
-import json
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -32,7 +31,7 @@ from orchestrator.scenario.setting import clock_of
 from orchestrator.terminal import err, out, say
 from recordings.container import Compression, Message
 from recordings.reading import Reader
-from recordings.tables import RUN
+from recordings.tables import about
 
 KEPT = 0.95
 """Of the pace that was asked for: what is slower did not keep it."""
@@ -175,7 +174,7 @@ def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
     file = scenario_of(reader)
-    find = find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)
+    find = find_recorded(about(reader).plants, file.folder)
     group_by_archive(file.scenario, file.folder, find=find)
     return file
 

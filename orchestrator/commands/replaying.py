@@ -42,7 +42,10 @@ def draw(found: Comparison, picture: Path) -> None:
 
 
 def verify_again(recording: Path, *, plants: bool) -> None:
-    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=True, watch=follow(recording)) as reader,
+    ):
         for damage in reader.damage:
             say("yellow", "damage", damage)
         verdict = verify(reader, scenario_of(reader), plants=plants)

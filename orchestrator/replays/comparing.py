@@ -19,7 +19,7 @@ from bus.messages import STATE, Codec
 from bus.wire import Records
 from orchestrator.replays.verifying import ABSENT, Difference, difference_in
 from orchestrator.runs.running import past_of
-from orchestrator.runs.summary import scenario_text
+from orchestrator.runs.summary import scenario_of
 from orchestrator.scenario.clock import NS_PER_S
 from recordings.container import Message
 from recordings.reading import Reader
@@ -79,7 +79,8 @@ def compare(a: Reader, b: Reader) -> Comparison:
     """Compare two recordings."""
     for reader in (a, b):
         reader.expect_ticks("compare")
-    fields = dict(_fields(tomllib.loads(scenario_text(a)), tomllib.loads(scenario_text(b))))
+    was, now = (tomllib.loads(scenario_of(reader).text) for reader in (a, b))
+    fields = dict(_fields(was, now))
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
     alike = joints(a) == joints(b)
@@ -88,8 +89,8 @@ def compare(a: Reader, b: Reader) -> Comparison:
     both = 0
     for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):
         if first is None and tick_a != tick_b:
-            was, now = next((was, now) for was, now in zip_longest(tick_a, tick_b) if was != now)
-            first = difference_in(joints(a), joints(b), was, now)
+            pair = next((one, two) for one, two in zip_longest(tick_a, tick_b) if one != two)
+            first = difference_in(joints(a), joints(b), *pair)
         both += bool(tick_a and tick_b)
         if alike and tick_a and tick_b:
             for robot, *part in _apart(_states(codec, tick_a), _states(codec, tick_b)):

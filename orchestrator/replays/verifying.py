@@ -6,7 +6,6 @@ tick is compared with what was recorded, message by message in total order. With
 agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -35,7 +34,7 @@ from recordings.columns import Columns
 from recordings.container import Message as Recorded
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels
-from recordings.tables import RUN
+from recordings.tables import about
 
 HERE = "here"
 ABSENT, PRESENT = "absent", "present"
@@ -215,7 +214,7 @@ def _missing(reader: Reader) -> int | None:
 
 
 def _finder(reader: Reader, file: ScenarioFile) -> Find:
-    return find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder)
+    return find_recorded(about(reader).plants, file.folder)
 
 
 def states_of(reader: Reader, m: int) -> Iterator[Records]:

@@ -6,7 +6,6 @@ changed, the agents start again from the recorded estimates, hear the recorded t
 follows.
 """
 
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
@@ -20,13 +19,13 @@ from orchestrator.runs.host import Watch
 from orchestrator.runs.lockstep import Hosts, Manning
 from orchestrator.runs.plants import Find, find_recorded
 from orchestrator.runs.robots import Robots
-from orchestrator.runs.summary import PARENT
 from orchestrator.scenario.changes import Change
 from orchestrator.scenario.clock import Clock
 from orchestrator.scenario.file import ScenarioFile
 from plant_fmu.fleet import Fleet
+from recordings.metadata import PARENT
 from recordings.reading import Reader
-from recordings.tables import RUN
+from recordings.tables import about
 
 
 def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Manning:
@@ -50,7 +49,7 @@ def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Mann
 
 def finder(reader: Reader, file: ScenarioFile) -> Find:
     """Return what finds the FMUs of a changed scenario: the recorded ones, and those it brings."""
-    return find_recorded(json.loads(reader.metadata[RUN]["plants"]), file.folder, others=True)
+    return find_recorded(about(reader).plants, file.folder, others=True)
 
 
 def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str]]:
@@ -62,7 +61,7 @@ def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str
 def _told_of(reader: Reader, robots: Sequence[int]) -> list[dict[str, Any]]:
     """Return what a recording tells of some robots' plants, by group."""
     told = []
-    for group in json.loads(reader.metadata[RUN]["plants"]):
+    for group in about(reader).plants:
         mine = [robot for robot in group["robots"] if robot in set(robots)]
         if mine:
             told.append({**group, "robots": mine})

@@ -23,13 +23,15 @@ from orchestrator.runs.host import Spent, Watch, needed
 from orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
 from orchestrator.runs.pace import NO_PACE, Pace
 from orchestrator.runs.restart import AT_ONCE
+from orchestrator.runs.summary import told_of
 from orchestrator.scenario.clock import Clock, seconds
 from orchestrator.scenario.file import ScenarioFile
 from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
 from recordings.container import MOST_CHANNELS, Closing, Compression, Message
+from recordings.metadata import RUN, SCENARIO, VERSIONS
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
-from recordings.tables import REFUSED, RUN, SCENARIO, SPENT
+from recordings.tables import REFUSED, SPENT
 from recordings.writing import Writer
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
@@ -115,7 +117,7 @@ def run(
                 schemas=schemas(topics),
                 metadata={
                     RUN: _about_run(file, clock, hosts.told()),
-                    "nrs.versions": _versions(),
+                    VERSIONS: _versions(),
                     **(metadata or {}),
                 },
                 attachments={SCENARIO: ("application/toml", file.text.encode())},
@@ -203,21 +205,9 @@ def _about_run(
     return {
         "name": file.name,
         "folder": str(file.folder.absolute()),
-        "seed": str(file.scenario.run.seed),
-        "robots": str(file.scenario.n),
-        "joints": str(file.scenario.m),
-        "ticks": str(clock.ticks),
-        **_about_times(clock),
+        **{key: str(number) for key, number in told_of(file, clock).items()},
         "plants": json.dumps(plants),
     }
-
-
-def _about_times(clock: Clock) -> dict[str, str]:
-    """Return what is the same for every tick; of aperiodic ones each message has its time."""
-    if clock.period is None:
-        return {"outputs_per_interval": str(clock.parts)}
-    step = clock.period // clock.parts
-    return {"sampling_period_ns": str(clock.period), "output_step_ns": str(step)}
 
 
 def _versions() -> dict[str, str]:

@@ -1,64 +1,67 @@
 """What a recording says of its run, in few words and as JSON."""
 
-import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bus.text import storable
-from orchestrator.scenario.clock import NS_PER_S
+from orchestrator.scenario.clock import NS_PER_S, Clock
 from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from orchestrator.scenario.setting import target_of
+from orchestrator.scenario.setting import clock_of, target_of
+from orchestrator.scenario.tables.targets import FmuTarget
+from recordings.container import END
+from recordings.errors import UnreadableError
 from recordings.measuring import Array, SteadyState, steady_state
+from recordings.metadata import RUN, SCENARIO
 from recordings.reading import Reader
-from recordings.tables import REFUSED, SCENARIO, SPENT
 from recordings.tables import about as about_run
+from recordings.tables import expect_joints
 
 _PARTIAL = "none of the run: messages of it are missing here"
-PARENT = "nrs.parent"
-"""The metadata record of a recording that came from another by a change."""
 
 
 def describe(reader: Reader) -> dict[str, Any]:
     """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
-    about, scenario = about_run(reader), scenario_text(reader)
+    about = about_run(reader)
+    run, ending = about.run, reader.ending
     return {
         "file": storable(str(reader.path)),
-        "name": about["name"],
+        "name": run.name,
         "status": reader.status,
         "reason": reader.reason,
         "digest": reader.digest,
         "digest_here": reader.digest_here,
         "ticks": reader.ticks,
-        "ticks_planned": int(about["ticks"]),
-        "robots": int(about["robots"]),
-        "joints": int(about["joints"]),
+        "ticks_planned": run.ticks,
+        "robots": run.robots,
+        "joints": run.joints,
         "messages": reader.message_count,
-        "duration": _duration(reader, about.get("sampling_period_ns")),
-        "seed": int(about["seed"]),
-        "plants": json.loads(about["plants"]),
-        "target": _target(scenario),
-        "versions": reader.metadata["nrs.versions"],
+        "duration": _duration(reader, run.sampling_period_ns),
+        "seed": run.seed,
+        "plants": about.plants,
+        "target": _target(reader),
+        "versions": dict(about.versions),
         "damage": reader.damage,
-        "parent": reader.metadata.get(PARENT),
-        "spent": json.loads(reader.end.get(SPENT, "null")),
-        "refused": json.loads(reader.end.get(REFUSED, "{}")),
-        "scenario": scenario,
+        "parent": about.parent.model_dump() if about.parent else None,
+        "spent": ending.spent if ending else None,
+        "refused": (ending and ending.refused) or {},
+        "scenario": about.scenario,
     }
 
 
-def _target(scenario: str) -> dict[str, str] | None:
+def _target(reader: Reader) -> dict[str, str] | None:
     """Return which FMU was the target, where one was."""
-    if "sha256" not in scenario:
+    if "sha256" not in scenario_text(reader):
         return None
-    told = tomllib.loads(scenario)["target"]
-    return {name: told[name] for name in ("fmu", "sha256")} if told.get("kind") == "fmu" else None
+    target = scenario_of(reader).scenario.target
+    if not isinstance(target, FmuTarget):
+        return None
+    return {"fmu": target.fmu, "sha256": target.sha256 or ""}
 
 
-def _duration(reader: Reader, period_ns: str | None) -> float:
+def _duration(reader: Reader, period_ns: int | None) -> float:
     """Return the simulated time of all ticks, s; of aperiodic ones, when the last one was."""
-    return (reader.ticks * int(period_ns) if period_ns else reader.end_ns or 0) / NS_PER_S
+    return (reader.ticks * period_ns if period_ns else reader.end_ns or 0) / NS_PER_S
 
 
 def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
@@ -111,13 +114,38 @@ def _driven(plants: Sequence[Mapping[str, Any]]) -> str:
 
 def scenario_text(reader: Reader) -> str:
     """Return the text of the scenario that a recording came from."""
-    return reader.attachments[SCENARIO][1].decode()
+    return about_run(reader).scenario
 
 
 def scenario_of(reader: Reader) -> ScenarioFile:
     """Return the scenario that a recording came from; its paths are relative to where it was."""
     about = about_run(reader)
-    return parse_scenario(scenario_text(reader), about["name"], Path(about["folder"]), SCENARIO)
+    run = about.run
+    origin = f"{reader.path}: {SCENARIO}"
+    file = parse_scenario(about.scenario, run.name, Path(run.folder), origin)
+    clock = clock_of(file.scenario)
+    for key, number in told_of(file, clock).items():
+        if getattr(run, key) != number:
+            raise UnreadableError(
+                f"{origin}: has {key} = {number}, but {RUN} says {getattr(run, key)}"
+            )
+    expect_joints(reader)
+    if reader.digest and reader.end_ns not in {clock.t(reader.ticks), None}:
+        raise UnreadableError(
+            f"{reader.path}: {END}: ticks: is {reader.ticks}, but the last message is of "
+            f"t = {reader.end_ns} ns"
+        )
+    return file
+
+
+def told_of(file: ScenarioFile, clock: Clock) -> dict[str, int]:
+    """Return the numbers of a scenario that its recording tells, times in ns."""
+    told = {"seed": file.scenario.run.seed, "robots": file.scenario.n, "joints": file.scenario.m}
+    told["ticks"] = clock.ticks
+    if clock.period is None:  # each message has its time
+        return told | {"outputs_per_interval": clock.parts}
+    step = clock.period // clock.parts
+    return told | {"sampling_period_ns": clock.period, "output_step_ns": step}
 
 
 def measure(reader: Reader) -> SteadyState:

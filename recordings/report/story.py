@@ -17,7 +17,7 @@ from recordings.container import END_FIELDS, Status
 from recordings.measuring import SteadyState, steady_state
 from recordings.reading import Reader
 from recordings.report.subject import Subject
-from recordings.tables import RUN, joints, robots
+from recordings.tables import about, joints, robots
 
 Array = NDArray[np.float64]
 MOST_DRAWN = 24
@@ -91,7 +91,7 @@ VECTORS = ("q", "qd", "position", "velocity")
 
 def read_story(reader: Reader, subject: Subject) -> Story:
     """Read all that a report draws of a recording."""
-    about = reader.metadata[RUN]
+    said = about(reader)
     n, m = robots(reader), joints(reader)
     end = -1 if reader.end_ns is None else reader.end_ns
     drawn = np.unique(np.linspace(1, n, min(n, MOST_DRAWN)).astype(np.intp))
@@ -144,17 +144,17 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     position, velocity = subject.target_at(t)
     return Story(
         subject=subject,
-        name=about["name"],
+        name=said.run.name,
         status=reader.status,
         reason=reader.reason,
         digest=reader.digest,
         damage=tuple(reader.damage),
         ticks=reader.ticks,
-        planned=int(about["ticks"]),
+        planned=said.run.ticks,
         n=n,
         m=m,
-        seed=int(about["seed"]),
-        versions=reader.metadata["nrs.versions"],
+        seed=said.run.seed,
+        versions=dict(said.versions),
         ending={name: said for name, said in reader.end.items() if name not in END_FIELDS},
         counts=dict(counts),
         drawn=drawn,

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from orchestrator.runs.running import run
+from recordings.metadata import RUN
 from recordings.reading import Reader
-from recordings.tables import RUN
 from tests.hosts.running import Host, Run, alone
 from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story, turning
 from tests.orchestrator.conftest import SCENARIOS

@@ -10,12 +10,42 @@ import numpy as np
 from bus.keys import fault_key, sample_key, state_key
 from bus.messages import FAULT, SAMPLE, STATE, Codec
 from recordings.container import Channel, Message
+from recordings.metadata import RUN
 from recordings.recorder import channels, schemas
-from recordings.tables import RUN
 from recordings.writing import Writer
 
 H = 100_000_000  # ns
-SCENARIO = (Path(__file__).parents[2] / "scenarios/paper_first_order.toml").read_text("utf-8")
+
+
+def scenario(n: int, m: int, ticks: int) -> str:
+    """The scenario of a run of n robots with m joints: a chain that hears a target at rest."""
+    chain = ", ".join(f"[{robot - 1}, {robot}]" for robot in range(1, n + 1))
+    return f"""
+[run]
+duration = {ticks * H / 1e9}
+sampling_period = {H / 1e9}
+output_step = {H / 2e9}
+seed = 1
+
+[algorithm]
+name = "dcea1"
+alpha = 0.9
+beta = 1.1
+
+[controller]
+kp = 200.0
+kd = 300.0
+
+[network]
+edge_list = [{chain}]
+
+[target]
+kind = "harmonic"
+axes = [{", ".join(["{ offset = 1.0 }"] * m)}]
+
+[plant]
+fmu = "two_link_arm"
+"""
 
 
 def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
@@ -63,7 +93,7 @@ def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
 def create(path: Path, n: int, m: int, ticks: int, faulty: Sequence[int], **options: Any) -> Writer:
     """A writer of such a run."""
     used: list[Channel] = channels(n, faulty, False)
-    attachments = {"scenario.toml": ("application/toml", SCENARIO.encode())}
+    attachments = {"scenario.toml": ("application/toml", scenario(n, m, ticks).encode())}
     head = {"channels": used, "schemas": schemas(used), "metadata": about(n, m, ticks)}
     return Writer(path, version="1.2", attachments=attachments, **head, **options)
 

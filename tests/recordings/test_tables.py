@@ -18,7 +18,7 @@ from recordings.export import export
 from recordings.reading import Reader
 from recordings.tables import FAULTS, SAMPLES, STATES
 from recordings.writing import Writer
-from tests.recordings.runs import SCENARIO, about, create, recorded, tick
+from tests.recordings.runs import about, create, recorded, scenario, tick
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
 KINDS = {"sample": SAMPLE, "state": STATE, "fault": FAULT}
@@ -87,7 +87,7 @@ def test_only_the_chunks_of_a_range_are_read(run, monkeypatch: pytest.MonkeyPatc
 
 def test_a_recording_says_what_it_is(run) -> None:
     with Recording(run[0]) as recording, Reader(run[0]) as reader:
-        assert recording.scenario == SCENARIO
+        assert recording.scenario == scenario(N, M, TICKS)
         assert recording.metadata == about(N, M, TICKS)
         assert (recording.status, recording.reason, recording.damage) == ("completed", "", [])
         assert (recording.digest, recording.ticks) == (reader.digest, TICKS)

@@ -1,0 +1,180 @@
+"""What a recording says of its run is read once, and is what it should be or is refused by name.
+
+The seals of a file say that it is as its writer left it, not that the writer was a run: anybody can
+make them. So each record is a model, and what can be compared is: the robots of `nrs.run` with the
+topics that there are, and its plants with its robots.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    Json,
+    ValidationError,
+)
+
+from bus.keys import sample_key, state_key
+from bus.numerals import whole
+from recordings.container import Closing
+from recordings.errors import UnreadableError
+
+RUN = "nrs.run"
+"""The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
+VERSIONS = "nrs.versions"
+PARENT = "nrs.parent"
+"""The metadata record of a recording that came from another by a change."""
+SCENARIO = "scenario.toml"
+"""The attachment that holds the scenario's text."""
+
+MOST_JOINTS = 2**20
+"""More than any robot has; a message of so many is 40 MiB."""
+_SHOWN = 60
+"""Characters of a wrong value."""
+
+_Model = TypeVar("_Model", bound=BaseModel)
+Whole = Annotated[int, BeforeValidator(lambda text: whole(text) if isinstance(text, str) else text)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Words = Annotated[str, Field(pattern=r"^[^\x00]*$")]
+
+
+class _Record(BaseModel):
+    """A record; keys that are not known are a later version's."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+
+class Plants(_Record):
+    """Robots whose plants are of one FMU, and driven alike."""
+
+    fmu: Words
+    name: str
+    fmi_version: str
+    kind: str
+    drive: str
+    why: str
+    sha256: Sha256
+    robots: Annotated[tuple[int, ...], Field(min_length=1)]
+
+
+class Run(_Record):
+    """`nrs.run`."""
+
+    name: str
+    folder: Words
+    seed: Annotated[Whole, Field(ge=0)]
+    robots: Annotated[Whole, Field(ge=1)]
+    joints: Annotated[Whole, Field(ge=1, le=MOST_JOINTS)]
+    ticks: Annotated[Whole, Field(ge=0)]
+    sampling_period_ns: Annotated[Whole, Field(ge=1)] | None = None
+    """None of a run whose sampling times are not periodic."""
+    output_step_ns: Annotated[Whole, Field(ge=1)] | None = None
+    outputs_per_interval: Annotated[Whole, Field(ge=1)] | None = None
+    plants: Annotated[Json[tuple[Plants, ...]], Field(min_length=1)]
+
+
+class Parent(_Record):
+    """`nrs.parent`."""
+
+    digest: Sha256
+    change: str
+
+
+class End(_Record):
+    """`nrs.end`."""
+
+    status: Closing
+    reason: str
+    digest: Sha256
+    ticks: Annotated[Whole, Field(ge=0)]
+    messages: Annotated[Whole, Field(ge=0)]
+    spent: Json[dict[str, dict[str, FiniteFloat]]] | None = None
+    part_of: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] | None = None
+    """Of what was recovered: the digest of all of the run, empty if unknown."""
+    refused: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """All that a recording says of its run before the first message."""
+
+    run: Run
+    versions: Mapping[str, str]
+    parent: Parent | None
+    scenario: str
+    """The text of the scenario."""
+
+    @property
+    def plants(self) -> list[dict[str, Any]]:
+        """What is told of the plants, by group, for JSON."""
+        return [group.model_dump(mode="json") for group in self.run.plants]
+
+
+def read_about(
+    path: object,
+    metadata: Mapping[str, Mapping[str, str]],
+    attachments: Mapping[str, tuple[str, bytes]],
+    topics: Collection[str],
+) -> About | None:
+    """Return what records say of a run, None if there is none; `UnreadableError` names a field.
+
+    `topics` are those whose messages enter the digest.
+    """
+    if RUN not in metadata:
+        return None
+    run = parse(path, RUN, Run, metadata[RUN])
+    n = run.robots
+    expected = {sample_key(0)}
+    if len(topics) == 2 * n + 1:
+        expected |= {key(robot) for robot in range(1, n + 1) for key in (sample_key, state_key)}
+    if expected != {*topics}:
+        raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
+    of_plants = sorted(robot for group in run.plants for robot in group.robots)
+    if of_plants != list(range(1, n + 1)):
+        raise _wrong(path, f"{RUN}: plants", f"each of the {n} robots once, got {of_plants}")
+    if (run.sampling_period_ns is None) != (run.output_step_ns is None) or (
+        run.sampling_period_ns is None
+    ) != (run.outputs_per_interval is not None):
+        times = "sampling_period_ns and output_step_ns, or outputs_per_interval"
+        raise _wrong(path, RUN, f"{times}, got {', '.join(metadata[RUN])}")
+    if VERSIONS not in metadata:
+        raise _wrong(path, VERSIONS, "this record, got none")
+    if SCENARIO not in attachments:
+        raise _wrong(path, SCENARIO, "this attachment, got none")
+    try:
+        scenario = attachments[SCENARIO][1].decode()
+    except UnicodeDecodeError as error:
+        raise _wrong(path, SCENARIO, f"text in UTF-8, got none: {error}") from None
+    parent = parse(path, PARENT, Parent, metadata[PARENT]) if PARENT in metadata else None
+    return About(run, metadata[VERSIONS], parent, scenario)
+
+
+def parse(path: object, name: str, model: type[_Model], fields: Mapping[str, str]) -> _Model:
+    """Return a record by its model; `UnreadableError` names the first field that is wrong."""
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_context=False)[0]
+        if fault["type"] == "missing":
+            field = ".".join(map(str, fault["loc"]))
+            raise _wrong(path, f"{name}: {field}", "this field, got none") from None
+        field, *inner = map(str, fault["loc"])
+        what = fault["msg"][0].lower() + fault["msg"][1:]
+        got = repr(fault["input"])
+        shown = got if len(got) <= _SHOWN else f"{got[:_SHOWN]}…"
+        raise UnreadableError(
+            f"{path}: {name}: {'.'.join([field, *inner])}: {what}, got {shown}{_ADVICE}"
+        ) from None
+
+
+_ADVICE = "; it is not as a run wrote it: use another copy, or run the scenario again"
+
+
+def _wrong(path: object, field: str, expected: str) -> UnreadableError:
+    shown = expected if len(expected) <= 2 * _SHOWN else f"{expected[: 2 * _SHOWN]}…"
+    return UnreadableError(f"{path}: {field}: expected {shown}{_ADVICE}")
