@@ -12,9 +12,29 @@ CosimError
 └── RunError              a run that had started could not go on                    (exit 1)
     ├── BusError            a message that is missing, or that had to be refused
     ├── DivergedError       orchestrator: an estimate or a state beyond all bounds
+    ├── HostError           orchestrator: a host that did not come, or is gone for good
     ├── StepError           plant_fmu: a plant that could not be stepped
     └── UnwritableError     recordings: the disk refused
 """
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal[
+    "diverged", "plant", "algorithm", "host", "deadline", "bus", "disk", "interrupted", "other"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """What ended a run before its last tick, for programs; None is what is not known."""
+
+    kind: Kind
+    tick: int | None = None
+    """The one that did not close; of a run that the user stopped, the last that did."""
+    time_ns: int | None = None
+    robot: int | None = None
+    quantity: str | None = None
 
 
 class CosimError(Exception):
@@ -28,6 +48,14 @@ class InputError(CosimError):
 class RunError(CosimError):
     """A run failed after it had started; the text names who, when and why."""
 
+    kind: Kind = "other"
+
+    def __init__(self, text: str, cause: Cause | None = None) -> None:
+        super().__init__(text)
+        self.cause = cause or Cause(self.kind)
+
 
 class BusError(RunError):
     """A message did not arrive, or arrived where, when or as it must not."""
+
+    kind = "bus"

@@ -5,3 +5,5 @@ from bus.errors import InputError, RunError
 
 class AlgorithmError(InputError, RunError):
     """An algorithm of another package does not work: bad input, or the end of a run that began."""
+
+    kind = "algorithm"

@@ -10,6 +10,14 @@ class ScenarioError(InputError):
 class DivergedError(RunError):
     """An estimate or a robot's state went beyond the scenario's divergence limit."""
 
+    kind = "diverged"
+
+
+class HostError(RunError):
+    """A host did not come, or is gone and is not started again."""
+
+    kind = "host"
+
 
 class Interrupted(CosimError):  # noqa: N818, it is no error of the run's
     """The user asked a run to end."""

@@ -13,3 +13,5 @@ class UnstableStepError(FmuError):
 
 class StepError(RunError):
     """An FMU failed while it was stepped."""
+
+    kind = "plant"

@@ -21,6 +21,8 @@ class UncreatableError(RecordingError, InputError):
 class UnwritableError(RecordingError, RunError):
     """The disk refused the recording, or it was closed already."""
 
+    kind = "disk"
+
 
 class MissingExtraError(RecordingError, InputError):
     """What draws is not installed; the text names the extra that brings it."""

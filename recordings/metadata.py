@@ -19,6 +19,7 @@ from pydantic import (
     ValidationError,
 )
 
+from bus.errors import Cause
 from bus.keys import sample_key, state_key
 from bus.numerals import whole
 from recordings.container import Closing
@@ -93,6 +94,8 @@ class End(_Record):
     digest: Sha256
     ticks: Annotated[Whole, Field(ge=0)]
     messages: Annotated[Whole, Field(ge=0)]
+    cause: Json[Cause] | None = None
+    """What ended it before its last tick."""
     spent: Json[dict[str, dict[str, FiniteFloat]]] | None = None
     part_of: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] | None = None
     """Of what was recovered: the digest of all of the run, empty if unknown."""

@@ -24,8 +24,9 @@ from recordings.reading import Reader
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
 
-SPENT, REFUSED = "spent", "refused"
-"""What is said at the end: where wall time went, and what was not believed, as JSON."""
+SPENT, REFUSED, CAUSE = "spent", "refused", "cause"
+"""What is said at the end, as JSON: where wall time went, what was not believed, and what ended the
+run early."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ from bus.seal import Seal
 from bus.text import storable
 from bus.transport import Cut, Item, Message, Presence, Question, Rejected, Screen
 from bus.wire import Wire
+from orchestrator.errors import HostError
 from orchestrator.hosts.homes import Home, Homes, NotLetInError
 from orchestrator.hosts.local import STARTING, LocalHost
 from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Welcome
@@ -217,20 +218,20 @@ class Crew:
         homeless = dict(self._homes.homeless()) | dict.fromkeys(self._homes.free, self._began)
         if homeless and monotonic() - min(homeless.values()) >= self._terms.wait:
             who = named(sorted(homeless))
-            raise RunError(
+            raise HostError(
                 f"{who} had no host for {self._terms.wait:g} s: no `nrs host` came for them; "
                 "--wait gives them longer"
             )
         for name, home in self._homes.items():
             if home.process and home.incarnation is None and home.seconds >= STARTING:
-                raise RunError(
+                raise HostError(
                     f"host {name} ({named(home.robots)}), a process of this machine, did not ask "
                     f"to join within {STARTING:g} s of its start{home.process.last_words()}"
                 )
             # One that waits for the others to be gathered is ready too.
             is_there = home.is_ready or home.begin
             if home.process and not is_there and home.seconds >= self._terms.wait:
-                raise RunError(
+                raise HostError(
                     f"host {name} ({named(home.robots)}) was not ready within "
                     f"{self._terms.wait:g} s of its start; --wait gives it longer"
                 )
@@ -439,7 +440,7 @@ class Crew:
             name in failed or came not in missing.get(name, ()) for name in self._homes
         ):
             first = min(failed.values(), key=lambda report: (report.tick, report.place))
-            raise RunError(first.failed)
+            raise RunError(str(first.failed), first.cause)
 
     def _lose(self, name: str, home: Home) -> None:
         """Do without a host that is gone, or start it again."""
@@ -453,12 +454,12 @@ class Crew:
         home.deaths = home.deaths + 1 if home.died_at == closed else 1
         home.died_at = closed
         if home.process and home.deaths > _MOST_DEATHS:
-            raise RunError(f"host {told}, for the {home.deaths}th time in a row")
+            raise HostError(f"host {told}, for the {home.deaths}th time in a row")
         if self._recorder is None:
             if not home.reserved:
                 del self._homes[name]
         elif not self._terms.restart:
-            raise RunError(f"host {told}")
+            raise HostError(f"host {told}")
         else:
             self.restarts += 1
         if home.process and self._terms.start:

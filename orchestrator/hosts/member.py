@@ -213,7 +213,8 @@ def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Wel
     except (AbandonedError, EndedError):
         raise
     except RunError as error:
-        report(Report(tick=host.now, failed=str(error), place=host.place))
+        cause = replace(error.cause, tick=host.now)
+        report(Report(tick=host.now, failed=str(error), place=host.place, cause=cause))
     else:
         spent = host.spent
         report(Report(tick=k, plants=spent.plants, bus=spent.bus, waiting=spent.waiting))

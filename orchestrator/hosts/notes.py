@@ -14,7 +14,7 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bus.errors import BusError
+from bus.errors import BusError, Cause
 from bus.parts import joined, parted
 
 END = b"end"
@@ -129,6 +129,7 @@ class Report(Note):
 
     tick: int
     failed: str | None = None
+    cause: Cause | None = None
     place: tuple[int, int, int] = (0, 0, 0)
     """Where in the tick; see `orchestrator.runs.host.Host`."""
     plants: float = 0.0

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bus.errors import Cause
 from bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
 from bus.messages import CHECKPOINT, Blob
 from bus.parts import joined, parted
@@ -274,7 +275,8 @@ class Host:
                 self.place = t, done, int(self.agents.robots[row])
                 raise DivergedError(
                     f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s {name} "
-                    f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}"
+                    f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}",
+                    Cause(DivergedError.kind, self.now, t, self.place[2], name),
                 )
         finite = np.isfinite(self.plants.tau).all(axis=1)
         if not finite.all():
@@ -282,5 +284,6 @@ class Host:
             self.place = t, len(told) + 1, int(self.agents.robots[row])
             raise DivergedError(
                 f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s tau is "
-                f"{self.plants.tau[row].tolist()}"
+                f"{self.plants.tau[row].tolist()}",
+                Cause(DivergedError.kind, self.now, t, self.place[2], "tau"),
             )

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bus.errors import BusError
+from bus.errors import BusError, Cause
 from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from bus.transport import Bus, Inbox, Item, Message
 from bus.wire import Wire
@@ -175,7 +175,7 @@ class Lockstep:
                 taken, since = recorder.taken, monotonic()
             elif monotonic() - since >= self._deadline:
                 self._hosts.look_after(k, at_last=True)
-                raise BusError(self._silence(k))
+                raise BusError(self._silence(k), Cause("deadline", k))
         self.spent.waiting += waited
         self.spent.bus += perf_counter() - began - waited
 

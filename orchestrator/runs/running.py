@@ -5,7 +5,7 @@ import platform
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bus.errors import RunError
+from bus.errors import Cause, RunError
 from bus.keys import ORCHESTRATOR
 from bus.topology import Topology
 from orchestrator.errors import Interrupted, ScenarioError
@@ -31,7 +31,7 @@ from recordings.container import MOST_CHANNELS, Closing, Compression, Message
 from recordings.metadata import RUN, SCENARIO, VERSIONS
 from recordings.reading import Reader
 from recordings.recorder import Recorder, channels, schemas
-from recordings.tables import REFUSED, SPENT
+from recordings.tables import CAUSE, REFUSED, SPENT
 from recordings.writing import Writer
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
@@ -138,7 +138,7 @@ def run(
             pace,
         )
         status: Closing = "completed"
-        reason = ""
+        reason, cause = "", None
         copied = 0
         started = perf_counter()
         try:
@@ -150,10 +150,12 @@ def run(
             for _ in lockstep.run():
                 pass
         except Interrupted:
-            at = seconds(clock.t(max(recorder.closed, 0)))
+            last = max(recorder.closed, 0)
+            at = seconds(clock.t(last))
             status, reason = "interrupted", f"stopped by the user after t = {at:g} s"
+            cause = Cause("interrupted", last, clock.t(last))
         except RunError as error:
-            status, reason = "failed", str(error)
+            status, reason, cause = "failed", str(error), _placed(error.cause, clock, recorder)
         wall_seconds = perf_counter() - started
         hosts.end()
         recorder.end()
@@ -161,6 +163,8 @@ def run(
         in_one_thread = isinstance(hosts, Alone)
         profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, in_one_thread)
         told = {SPENT: json.dumps(profile.told()), REFUSED: json.dumps(refused)}
+        if cause:
+            told[CAUSE] = json.dumps(asdict(cause))
         writer.finish(status, reason, told)
     done = max(recorder.closed, 0)
     return Outcome(
@@ -176,6 +180,13 @@ def run(
         recorder.repeated,
         copied,
     )
+
+
+def _placed(cause: Cause, clock: Clock, recorder: Recorder) -> Cause:
+    """Return a cause with the tick that did not close and its time, where it does not say so."""
+    tick = recorder.closed + 1 if cause.tick is None else cause.tick
+    time_ns = clock.t(min(tick, clock.ticks)) if cause.time_ns is None else cause.time_ns
+    return replace(cause, tick=tick, time_ns=time_ns)
 
 
 def past_of(reader: Reader) -> Iterator[list[Message]]:

@@ -1,6 +1,7 @@
 """What a recording says of its run, in few words and as JSON."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ def describe(reader: Reader) -> dict[str, Any]:
         "name": run.name,
         "status": reader.status,
         "reason": reader.reason,
+        "cause": asdict(ending.cause) if ending and ending.cause else None,
         "digest": reader.digest,
         "digest_here": reader.digest_here,
         "ticks": reader.ticks,

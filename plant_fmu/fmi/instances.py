@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bus.errors import Cause
 from plant_fmu.archives.naming import Spec
 from plant_fmu.archives.quantities import TYPES, Quantity, View
 from plant_fmu.archives.starts import start_parameters
@@ -154,7 +155,11 @@ class Instances:
     def failure(self, row: int, seconds: float, cause: str) -> StepError:
         """Return the error that names a row's robot, the FMU, the time and the cause."""
         fmu = self.library.archive.label
-        return StepError(f"{called(self.robots[row])} ({fmu}) at t = {seconds:g} s: {cause}")
+        robot = self.robots[row]
+        return StepError(
+            f"{called(robot)} ({fmu}) at t = {seconds:g} s: {cause}",
+            Cause(StepError.kind, time_ns=round(seconds * 1e9), robot=robot),
+        )
 
     def _transfer(self, view: View, what: str, *, setting: bool) -> Transfer:
         exchange = self.rounds.exchange(view, setting=setting)

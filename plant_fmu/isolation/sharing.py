@@ -26,6 +26,9 @@ SAVE, RESTORE = b"c", b"r"
 DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
 """An answer; the last two with the text of an `FmuError` or a `StepError`."""
 
+ROBOT = Struct("<I")
+"""What stands before such a text: the robot that it is of, 0 for none."""
+
 
 def frame(kind: bytes, payload: bytes = b"") -> bytes:
     """Return a frame."""

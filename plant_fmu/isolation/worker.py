@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from bus.errors import CosimError
+from bus.errors import CosimError, RunError
 from plant_fmu.archives.archive import Archive
 from plant_fmu.drives.opening import open_plants
 from plant_fmu.errors import FmuError
@@ -32,6 +32,7 @@ from plant_fmu.isolation.sharing import (
     DONE,
     HEAD,
     RESTORE,
+    ROBOT,
     SAVE,
     Memory,
     Task,
@@ -127,7 +128,8 @@ def serve(task: Task, requests: BinaryIO, replies: BinaryIO) -> None:
                 send(replies, frame(DONE, answer))
         except CosimError as error:
             kind = BAD_FMU if isinstance(error, FmuError) else BAD_STEP
-            send(replies, frame(kind, str(error).encode()))
+            robot = (error.cause.robot if isinstance(error, RunError) else None) or 0
+            send(replies, frame(kind, ROBOT.pack(robot) + str(error).encode()))
             os._exit(1)
 
 

@@ -17,16 +17,16 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
+from bus.errors import Cause
 from plant_fmu.archives.archive import Archive
 from plant_fmu.errors import FmuError, StepError
 from plant_fmu.isolation.progress import Progress
-from plant_fmu.isolation.sharing import BAD_FMU, BAD_STEP, DONE, HEAD, send
+from plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
 from plant_fmu.plants import called
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
 _PRINTED = 2000
-_ERRORS = {BAD_FMU: FmuError, BAD_STEP: StepError}
 
 
 class Worker:
@@ -99,7 +99,10 @@ class Worker:
         kind, payload = HEAD.unpack_from(got)[0], bytes(got[HEAD.size :])
         if kind != DONE:
             self._end()
-            raise _ERRORS[kind](payload.decode())
+            (robot,), text = ROBOT.unpack_from(payload), payload[ROBOT.size :].decode()
+            if kind == BAD_FMU:
+                raise FmuError(text)
+            raise StepError(text, _cause(robot or None, seconds))
         return payload
 
     def __enter__(self) -> Self:
@@ -173,7 +176,14 @@ class Worker:
         if seconds is None:
             needs = self._needs if progress.calls else ""
             return FmuError(f"{self._label}: {who}: {cause}{needs}")
-        return StepError(f"{who} ({self._label}) at t = {seconds:g} s: {cause}")
+        only = self._robots[0] if len(self._robots) == 1 else None
+        text = f"{who} ({self._label}) at t = {seconds:g} s: {cause}"
+        return StepError(text, _cause(only, seconds))
+
+
+def _cause(robot: int | None, seconds: float | None) -> Cause:
+    time_ns = None if seconds is None else round(seconds * 1e9)
+    return Cause(StepError.kind, time_ns=time_ns, robot=robot)
 
 
 def _ending(status: int) -> str:

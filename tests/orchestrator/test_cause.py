@@ -1,0 +1,72 @@
+"""Why a run ended early is told to programs as fields, and is the same wherever its robots ran."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from orchestrator.errors import Interrupted
+from orchestrator.runs.running import run
+from recordings.reading import Reader
+from tests.command import nrs
+from tests.plant_fmu.conftest import built
+from tests.plant_fmu.test_isolation import scenario
+
+DIVERGING = (("alpha = 0.9", "alpha = 1.5"), ("seed = 1", "seed = 1\ndivergence_limit = 1000"))
+QUANTITIES = {"estimated position", "estimated velocity", "q", "qd", "tau"}
+
+
+def cause_of(path):
+    """Return what `nrs info --json` tells of it."""
+    done = nrs("info", path, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    return told["cause"], told
+
+
+def test_a_completed_run_has_none(paper, tmp_path):
+    run(paper(("duration = 30.0", "duration = 1.0")), tmp_path / "run.mcap")
+    assert cause_of(tmp_path / "run.mcap")[0] is None
+
+
+@pytest.mark.parametrize("hosts", [1, 2])
+def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_path, hosts):
+    file = paper(*DIVERGING)
+    (tmp_path / "s.toml").write_text(file.text, "utf-8")
+    path = tmp_path / "run.mcap"
+    done = nrs("run", tmp_path / "s.toml", "-o", path, "--hosts", hosts)
+    assert done.returncode == 1
+    cause, told = cause_of(path)
+    assert cause["kind"] == "diverged"
+    assert cause["tick"] == told["ticks"] + 1
+    assert (cause["tick"] - 1) * 10**8 < cause["time_ns"] <= cause["tick"] * 10**8
+    assert cause["quantity"] in QUANTITIES
+    said = f"diverged at t = {cause['time_ns'] / 1e9:g} s: robot {cause['robot']}'s "
+    assert told["reason"].startswith(said + cause["quantity"])
+
+
+@pytest.mark.parametrize("isolate", ["true", "false"])
+def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
+    shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
+    text = scenario("error", plant=f"isolate = {isolate}")
+    (tmp_path / "s.toml").write_text(text, "utf-8")
+    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "run.mcap")
+    assert done.returncode == 1, done.stderr
+    cause, told = cause_of(tmp_path / "run.mcap")
+    at = re.search(r"at t = ([\d.]+) s", told["reason"])
+    assert (cause["kind"], cause["robot"], cause["quantity"]) == ("plant", 2, None)
+    assert cause["time_ns"] == round(float(at[1]) * 1e9)
+    assert cause["tick"] == told["ticks"] + 1
+
+
+def test_a_run_that_the_user_stopped_has_the_last_tick(paper, tmp_path):
+    def watch(time_ns):
+        if time_ns >= 5 * 10**8:
+            raise Interrupted
+
+    outcome = run(paper(), tmp_path / "run.mcap", watch=watch)
+    with Reader(outcome.path) as reader:
+        ticks = reader.ticks
+    expected = {"tick": ticks, "time_ns": ticks * 10**8, "robot": None, "quantity": None}
+    assert cause_of(outcome.path)[0] == {"kind": "interrupted", **expected}
