@@ -139,7 +139,7 @@ class Reader:
                 found = self._columns(span)
             except (DamageError, OSError) as error:
                 raise UnreadableError(
-                    f"{self.path}: chunk at byte {span.offset}: since it was opened, {error}"
+                    f"{self.path}: chunk at byte {span.offset}: {error}"
                 ) from error
             if asked is not None:
                 found = found.on(wanted)
@@ -234,9 +234,10 @@ class Reader:
         demand(kind == Opcode.HEADER, "there is no header")
         header = parsed(mcap.Header.read, record)
         if header.profile != PROFILE:
+            profile = f"profile {header.profile!r}" if header.profile else "no profile"
             raise UnreadableError(
-                f"{self.path}: is an MCAP file of profile {header.profile!r}, written by "
-                f"{header.library!r}; give a recording of a run, which has profile {PROFILE!r}"
+                f"{self.path}: is an MCAP file of {profile}, written by {header.library!r}; give a "
+                f"recording of a run, which has profile {PROFILE!r}"
             )
         self.library = header.library
 
@@ -287,6 +288,10 @@ class Reader:
         if not (ending := self.ending):
             return
         self.status, self.reason = ending.status, ending.reason
+        if layout.intact and self.ticks != ending.ticks:
+            raise UnreadableError(
+                f"{self.path}: {END}: ticks: is {ending.ticks}, but there are {self.ticks}"
+            )
         if self.message_count != ending.messages:
             self.damage.append(
                 f"{self.message_count} of {ending.messages} messages are here; whole, the "

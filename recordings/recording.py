@@ -9,6 +9,7 @@ of the file that overlap with its time range. Times are in s of simulated time, 
 """
 
 from collections.abc import Collection, Iterator, Sequence
+from math import inf, isfinite
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -79,12 +80,13 @@ class Recording:
 
     def samples(
         self,
-        robots: Collection[int] | None = None,
+        robots: int | Collection[int] | None = None,
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
         """Return rows of k, time_ns, t, robot, position, velocity: left limits at t_k.
 
+        They are of start <= t < end, and of robots, as in `states`.
         Position and velocity are (rows, m), a robot's estimates of the target, or, of robot 0, the
         target's own.
         """
@@ -92,11 +94,14 @@ class Recording:
 
     def states(
         self,
-        robots: Collection[int] | None = None,
+        robots: int | Collection[int] | None = None,
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
         """Return rows of k, time_ns, t, robot, q, qd, tau, position, velocity: the output grid.
+
+        They are of start <= t < end, s: the end is excluded. `robots` is one or several, all unless
+        given; `ValueError` for one that there is not, and for a time that is none.
 
         The vectors are (rows, m); k is the tick that closes t. At t_k they are left limits.
         """
@@ -104,12 +109,13 @@ class Recording:
 
     def faults(
         self,
-        robots: Collection[int] | None = None,
+        robots: int | Collection[int] | None = None,
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
         """Return rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity.
 
+        They are of start <= t < end, and of robots, as in `states`.
         A row is what befell the sample of t_k from `source` to `robot`, which may not have arrived:
         then position and velocity are 0. A robot that is its own source was in an outage.
         """
@@ -126,7 +132,7 @@ class Recording:
 
         So a recording of any size is read in little memory.
         """
-        return rows(self._reader, tables, robots, _ns(start), _ns(end))
+        return rows(self._reader, tables, robots, _ns("start", start), _ns("end", end))
 
     def dataset(self) -> "xarray.Dataset":
         """Return samples and states as an xarray Dataset; needs the extra `analysis`.
@@ -156,13 +162,35 @@ class Recording:
     def _array(
         self,
         table: Table,
-        robots: Collection[int] | None,
+        robots: int | Collection[int] | None,
         start: float | None,
         end: float | None,
     ) -> NDArray[np.void]:
-        found = [part for _, part in self.chunks([table], robots, start, end)]
+        of = self._asked(robots)
+        found = [part for _, part in self.chunks([table], of, start, end)]
         return np.concatenate([np.empty(0, table.dtype(self.joints)), *found])
 
+    def _asked(self, robots: int | Collection[int] | None) -> Collection[int] | None:
+        """Return robots that are asked for; `ValueError` for one that there is not."""
+        if robots is None:
+            return None
+        asked = [robots] if isinstance(robots, int) else [*robots]
+        for robot in asked:
+            if robot not in range(self.robots + 1):
+                raise ValueError(f"robots: expected 0, the target, to {self.robots}, got {robot!r}")
+        return asked
 
-def _ns(seconds: float | None) -> int | None:
-    return None if seconds is None else round(seconds * 1e9)
+    def __repr__(self) -> str:
+        return (
+            f"<Recording {str(self._reader.path)!r}: {self.status}, {self.robots} robots with "
+            f"{self.joints} joints, {self.ticks} ticks{', damaged' * bool(self.damage)}>"
+        )
+
+
+def _ns(name: str, seconds: float | None) -> int | None:
+    """Return a time in ns; infinity, where there is nothing beyond, is no limit."""
+    if seconds is None or seconds == (-inf if name == "start" else inf):
+        return None
+    if not isfinite(seconds):
+        raise ValueError(f"{name}: expected a time in s, got {seconds}")
+    return round(seconds * 1e9)

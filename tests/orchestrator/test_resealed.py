@@ -102,9 +102,10 @@ def tables(path, folder):
 
 def expect_refused(done, path):
     assert done.returncode == 2, (done.args, done.stdout, done.stderr)
-    (line,) = done.stderr.strip().splitlines()
-    assert line.startswith(f"error: {path}: ")
-    assert len(line) < 600
+    first, *faults = done.stderr.strip().splitlines()
+    assert first.startswith(f"error: {path}: ")
+    assert all(line.startswith(f"{path}: {SCENARIO}: ") for line in faults)
+    assert len(first) < 600
 
 
 def all_commands(path, folder, other):

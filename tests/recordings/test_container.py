@@ -489,7 +489,7 @@ def test_a_file_that_changes_while_it_is_open_is_not_believed(tmp_path: Path) ->
     path = written(tmp_path / "a.mcap", [[(H, TOPICS[0], 1, victim)]], compression="none")
     with Reader(path) as reader:
         path.write_bytes(path.read_bytes().replace(victim, victim[::-1]))
-        with pytest.raises(UnreadableError, match="since it was opened"):
+        with pytest.raises(UnreadableError, match="chunk at byte"):
             [*reader.messages()]
 
 

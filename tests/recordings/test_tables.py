@@ -214,3 +214,21 @@ def test_parquet_without_its_extra_says_what_to_do(
         pytest.raises(InputError, match=r"--format parquet: pyarrow is missing; pip install"),
     ):
         export(reader, tmp_path, "parquet")
+
+
+def test_a_recording_shows_what_it_is_and_gives_a_robot_by_its_number(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, n=3, m=2, ticks=4)
+    with Recording(path) as recording:
+        assert repr(recording) == (
+            f"<Recording {str(path)!r}: completed, 3 robots with 2 joints, 4 ticks>"
+        )
+        assert (recording.states(robots=3) == recording.states(robots=[3])).all()
+        times = recording.states(start=0.1, end=0.3)["t"]
+        assert (times.min(), times.max()) == (0.1, 0.25)
+        assert len(recording.states(start=float("-inf"), end=float("inf"))) == 3 * 9
+        with pytest.raises(ValueError, match=r"robots: expected 0, the target, to 3, got 9"):
+            recording.states(robots=[9])
+        with pytest.raises(ValueError, match=r"start: expected a time in s, got nan"):
+            recording.states(start=float("nan"))
+        assert len(recording.samples(robots=0)) == 4
