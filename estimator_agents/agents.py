@@ -8,8 +8,8 @@ t_k alone.
 
 Where links have faults, an agent goes by what its links deliver, if they do. It sums over the
 in-neighbours of whom it has a sample, with their weights divided by what these add up to; with
-none it does not jump. A robot in an outage hears nothing, and jumps by what it heard last if it
-holds.
+none it jumps as if all agreed. A robot in an outage hears nothing, and jumps by what it heard last
+if it holds.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,8 @@ from bus.links.links import Links
 from bus.messages import FAULT, Codec
 from bus.topologies import Topologies, edges_among
 from bus.topology import Topology
-from estimator_agents.algorithm import Algorithm
+from estimator_agents.algorithm import Algorithm, name_of
+from estimator_agents.errors import AlgorithmError
 from estimator_agents.estimate import Disagreement, Estimate
 from estimator_agents.hearing import Hearing, Missing
 
@@ -177,6 +178,17 @@ class Agents:
                 _summed(velocities, apart, velocity - left.velocity[velocities.row]),
             ),
         )
+        self._expect_finite(k)
+
+    def _expect_finite(self, k: int) -> None:
+        """Raise `AlgorithmError` for a jump that is no number: a plant would be blamed for it."""
+        for values in (self.estimate.position, self.estimate.velocity):
+            if not np.isfinite(values).all():
+                row, joint = np.argwhere(~np.isfinite(values))[0]
+                raise AlgorithmError(
+                    f"algorithm {name_of(self._algorithm)}: jump returned {values[row, joint]} "
+                    f"for robot {self.robots[row]} at tick {k}"
+                )
 
     def _shares(self, edges: Edges) -> Shares:
         """Return the weights (E, 1) of what is there, else 0, and what each row's is divided by.

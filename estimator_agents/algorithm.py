@@ -26,6 +26,11 @@ Spectra = tuple[Spectrum, ...]
 """Of D; of the positions' and of the velocities' D where these are two."""
 
 
+def name_of(algorithm: "Algorithm") -> str:
+    """Return what an algorithm is called in errors."""
+    return str(getattr(algorithm, "name", type(algorithm).__name__))
+
+
 class Algorithm(Protocol):
     """A distributed estimator, built as `Algorithm(alpha, beta)`."""
 

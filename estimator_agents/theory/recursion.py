@@ -18,7 +18,8 @@ from scipy import sparse
 
 from bus.topologies import Exchange
 from bus.topology import Topology
-from estimator_agents.algorithm import Algorithm
+from estimator_agents.algorithm import Algorithm, name_of
+from estimator_agents.errors import AlgorithmError
 from estimator_agents.estimate import Disagreement, Estimate
 
 Array = NDArray[np.float64]
@@ -102,6 +103,11 @@ def recursion_of(algorithm: Algorithm, over: Topology | Exchange, h: float) -> R
 def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:
     """Return K and G, each (2, 2), of an algorithm that jumps linearly; else None."""
     matrix = _jump(algorithm, np.eye(4))
+    if not np.isfinite(matrix).all():
+        raise AlgorithmError(
+            f"algorithm {name_of(algorithm)}: jump returned "
+            f"{matrix[~np.isfinite(matrix)][0]} where it was given zeros and ones"
+        )
     tried = np.random.Generator(np.random.Philox(4)).normal(size=(4, 32))
     if not np.allclose(_jump(algorithm, tried), matrix @ tried, rtol=1e-12, atol=1e-12):
         return None

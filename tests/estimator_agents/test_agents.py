@@ -10,7 +10,9 @@ from estimator_agents.agents import Agents
 from estimator_agents.algorithm import algorithm_names, load_algorithm
 from estimator_agents.dcea1 import FirstOrder
 from estimator_agents.dcea2 import SecondOrder
+from estimator_agents.errors import AlgorithmError
 from estimator_agents.estimate import Estimate
+from estimator_agents.theory.recursion import linear_jump
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.paper import first_order, recursion, second_order, target
 
@@ -131,6 +133,30 @@ def test_second_order_positions_are_continuous():
     agents.jump(1, left)
     assert agents.estimate.position is left.position
     assert not np.array_equal(agents.estimate.velocity, left.velocity)
+
+
+class Endless(FirstOrder):
+    """Its jumps are infinite, but for the first robot's."""
+
+    def jump(self, estimate, heard):
+        after = super().jump(estimate, heard)
+        after.velocity[1:] = np.inf
+        return after
+
+
+def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
+    agents = Agents(
+        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), Endless(0.9, 1.1), initial(1)
+    )
+    with pytest.raises(
+        AlgorithmError, match=r"^algorithm Endless: jump returned inf for robot 2 at"
+    ):
+        estimates(agents, 0.1, 1)
+
+
+def test_a_check_of_a_jump_that_is_no_number_says_so():
+    with pytest.raises(AlgorithmError, match=r"^algorithm Endless: jump returned inf where it was"):
+        linear_jump(Endless(0.9, 1.1))
 
 
 def test_algorithms_are_found_by_name():
