@@ -141,7 +141,16 @@ def any_order(recursions: Sequence[Recursion]) -> JointRadius | None:
     _, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
     if matrices[0].shape[0] > DENSE or np.bincount(label).max() > LARGEST:
         return None
-    return joint_spectral_radius([A.toarray() for A in matrices])
+    dense = [A.toarray() for A in matrices]
+    found = joint_spectral_radius(dense)
+    if found is None or not found.lower < 1 <= found.upper:
+        return found
+    # What is asked is on which side of 1 it lies: a search that ends near enough to tell.
+    nearer = joint_spectral_radius(dense, (1 - found.lower) / 4)
+    if nearer is None:
+        return found
+    best = max(found, nearer, key=lambda one: one.lower)
+    return JointRadius(best.lower, min(found.upper, nearer.upper), best.order)
 
 
 def contracts_in_any_order(recursion: Recursion) -> bool:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from orchestrator.promises.promising import Promises
     from orchestrator.promises.turns import AnyOrder
 
+ROUNDING = 1e-12
+"""Of an eigenvalue, that is not shown."""
 TURNS = 12
 """Of digraphs, that are shown."""
 FAULTLESS = ", of links without faults"
@@ -209,5 +211,6 @@ def _parts_of(number: complex) -> tuple[float, float]:
 
 
 def _complex(number: complex) -> str:
-    imaginary = f"{number.imag:+.6g}j" if number.imag else ""
-    return f"{number.real:.6g}{imaginary}"
+    lost = ROUNDING * max(abs(number), 1)
+    real, imag = (part if abs(part) > lost else 0.0 for part in (number.real, number.imag))
+    return f"{real:.6g}{f'{imag:+.6g}j' if imag else ''}"

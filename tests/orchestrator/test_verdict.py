@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from orchestrator.commands import showing
-from orchestrator.commands.verdict import verdict
+from orchestrator.commands.verdict import _complex, verdict
 from orchestrator.promises.checking import check
 from orchestrator.promises.promising import bounds, promises
 from orchestrator.reports.reporting import subject_of
@@ -97,6 +97,46 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
         told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
     )
     assert told["any order"].startswith("0.996294 to below 1 at worst: the estimates settle in any")
+
+
+def test_digits_that_are_rounding_are_not_shown_of_an_eigenvalue():
+    assert _complex(2.77556e-17 - 0.840896j) == "0-0.840896j"
+    assert _complex(0.5 + 1e-17j) == "0.5"
+
+
+UNDECIDED = """
+[[network.switching]]
+from = 1
+adjacency = [[0, 6.537718247713378, 2.0870878045586156], [0, 0, 0.21751134499774766], [0, 0, 0]]
+pinning = [0, 0, 0.4635780459912557]
+[[network.switching]]
+from = 3
+adjacency = [[0, 0.10072298714206508, 0], [0, 0, 3.724074243181288], [0, 0, 0]]
+pinning = [0, 1.0785707615413929, 0.20099230474081026]
+[[network.switching]]
+from = 4
+adjacency = [[0, 0.22661238721856536, 0], [5.439090048080515, 0, 2.279450304638899],
+  [0, 4.587390490030428, 0]]
+pinning = [0, 0.3743103727606542, 0]
+"""
+
+
+def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_near_enough():
+    text = text_of(PATH, 1)
+    head, _, tail = text.partition("[network]")
+    text = head + "[network]" + UNDECIDED + tail[tail.index("\n[") :]
+    scenario = parse_scenario(text, "near", SCENARIOS, "near.toml").scenario
+    scenario = scenario.model_copy(
+        update={
+            "algorithm": scenario.algorithm.model_copy(
+                update={"name": "impulsive", "alpha": 0.294, "beta": 0.349}
+            ),
+            "run": scenario.run.model_copy(update={"sampling_period": 0.05}),
+        }
+    )
+    found = check(scenario).any_order
+    assert found.verdict == "proven"
+    assert 0.999 < found.lower <= found.upper <= 0.9994
 
 
 def test_one_is_no_plural_and_nothing_is_said_twice():
