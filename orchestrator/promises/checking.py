@@ -280,6 +280,11 @@ def _gain_conditions(scenario: Scenario) -> list[Condition]:
 def _warning(condition: Condition) -> str:
     if condition.source == "positive definite":
         return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
+    if not condition.right > 0:
+        return (
+            f"no {condition.name} above 0 is within the bound of {condition.source}, "
+            f"{condition.right:.6g}; got {condition.left:g}"
+        )
     return (
         f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "
         f"the bound of {condition.source}"

@@ -99,6 +99,14 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
     assert told["any order"].startswith("0.996294 to below 1 at worst: the estimates settle in any")
 
 
+def test_of_a_bound_below_0_no_interval_is_told():
+    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
+    text = text.replace("beta = 0.9", "beta = 1.9")
+    warnings = check(parse_scenario(text, "beta", SCENARIOS, "beta.toml").scenario).warnings()
+    assert any(line.startswith("no sampling_period above 0 is within the") for line in warnings)
+    assert "(0, -" not in " ".join(warnings)
+
+
 def test_digits_that_are_rounding_are_not_shown_of_an_eigenvalue():
     assert _complex(2.77556e-17 - 0.840896j) == "0-0.840896j"
     assert _complex(0.5 + 1e-17j) == "0.5"
