@@ -297,7 +297,7 @@ def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, mis
 
 def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
     monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(("drop",))])
-    monkeypatch.setattr("orchestrator.scenario.file.algorithm_names", lambda: ("dcea1",))
+    monkeypatch.setattr("orchestrator.scenario.wrong_tables.algorithm_names", lambda: ("dcea1",))
     with pytest.raises(ScenarioError) as error:
         paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
     assert str(error.value) == (

@@ -101,13 +101,6 @@ def test_a_pdf_has_a_page_for_each_figure(paper, tmp_path):
     assert len(written) > 50_000
 
 
-def test_a_recording_without_a_tick_has_a_sheet(empty, tmp_path):
-    out = tmp_path / "figures.png"
-    result = nrs.invoke(app, ["report", str(empty), "-o", str(out), "--format", "png"])
-    assert result.exit_code == 0, result.output
-    assert inked(out)[0] > 0
-
-
 def test_the_documents_figure_is_drawn_by_the_same_code(paper, tmp_path):
     draw(paper, tmp_path / "figure.png")
     assert inked(tmp_path / "figure.png")[0] > 0.02
