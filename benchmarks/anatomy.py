@@ -25,39 +25,45 @@ from typing import Any
 from benchmarks.floor import floor
 from benchmarks.table import keep, machine, told
 from benchmarks.work import scenario
-from orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.running import run
 
 PARTS: Mapping[str, Sequence[str]] = {
-    "FMUs: references set": ["plant_fmu.fleet:Fleet.hold"],
-    "FMUs: stepped and read": ["plant_fmu.drives.stepped:Stepped.step"],
-    "FMUs: states gathered": ["plant_fmu.fleet:Fleet.advance"],
+    "FMUs: references set": ["nrs_cosim.plant_fmu.fleet:Fleet.hold"],
+    "FMUs: stepped and read": ["nrs_cosim.plant_fmu.drives.stepped:Stepped.step"],
+    "FMUs: states gathered": ["nrs_cosim.plant_fmu.fleet:Fleet.advance"],
     "agents: hear and jump": [
-        "estimator_agents.agents:Agents.hear",
-        "estimator_agents.agents:Agents.jump",
+        "nrs_cosim.estimator_agents.agents:Agents.hear",
+        "nrs_cosim.estimator_agents.agents:Agents.jump",
     ],
-    "host: bounds looked at": ["orchestrator.runs.host:Host._expect_bounded"],
-    "host: states as records": ["orchestrator.runs.host:Host._states"],
-    "host: samples as records": ["orchestrator.runs.host:Host.publish_samples"],
-    "host: what it needs": ["orchestrator.runs.host:Host.hear"],
-    "wire: batches packed": ["bus.wire:Wire.pack_samples", "bus.wire:Wire.pack_tick"],
-    "wire: sealed and opened": ["bus.seal:Seal.closed", "bus.seal:Seal.opened"],
-    "wire: batches vetted": ["bus.wire:Wire.unpack_samples", "bus.wire:Wire.unpack_tick"],
-    "Zenoh: put": ["bus.network.zenoh_bus:ZenohBus.publisher()"],
-    "Zenoh: taken": ["bus.network.zenoh_bus:ZenohInbox.take"],
-    "recorder: batches taken": ["recordings.recorder:Recorder.take"],
-    "recorder: tick closed": ["recordings.recorder:Recorder.close"],
-    "writer: tick taken": ["recordings.writing:Writer.put"],
-    "writer: order": ["recordings.writing:joined", "recordings.writing:order"],
-    "writer: digest": ["recordings.digest:Digest.update"],
-    "writer: records": ["recordings.writing:packed"],
-    "writer: compression": ["recordings.chunk:_COMPRESS[zstd]"],
-    "writer: CRCs": ["recordings.chunk:zlib.crc32"],
-    "writer: message indexes": ["recordings.writing:closed"],
-    "writer: file": ["recordings.writing:Writer._emit"],
-    "writer: end of the file": ["recordings.writing:Writer.finish"],
+    "host: bounds looked at": ["nrs_cosim.orchestrator.runs.host:Host._expect_bounded"],
+    "host: states as records": ["nrs_cosim.orchestrator.runs.host:Host._states"],
+    "host: samples as records": ["nrs_cosim.orchestrator.runs.host:Host.publish_samples"],
+    "host: what it needs": ["nrs_cosim.orchestrator.runs.host:Host.hear"],
+    "wire: batches packed": [
+        "nrs_cosim.bus.wire:Wire.pack_samples",
+        "nrs_cosim.bus.wire:Wire.pack_tick",
+    ],
+    "wire: sealed and opened": ["nrs_cosim.bus.seal:Seal.closed", "nrs_cosim.bus.seal:Seal.opened"],
+    "wire: batches vetted": [
+        "nrs_cosim.bus.wire:Wire.unpack_samples",
+        "nrs_cosim.bus.wire:Wire.unpack_tick",
+    ],
+    "Zenoh: put": ["nrs_cosim.bus.network.zenoh_bus:ZenohBus.publisher()"],
+    "Zenoh: taken": ["nrs_cosim.bus.network.zenoh_bus:ZenohInbox.take"],
+    "recorder: batches taken": ["nrs_cosim.recordings.recorder:Recorder.take"],
+    "recorder: tick closed": ["nrs_cosim.recordings.recorder:Recorder.close"],
+    "writer: tick taken": ["nrs_cosim.recordings.writing:Writer.put"],
+    "writer: order": ["nrs_cosim.recordings.writing:joined", "nrs_cosim.recordings.writing:order"],
+    "writer: digest": ["nrs_cosim.recordings.digest:Digest.update"],
+    "writer: records": ["nrs_cosim.recordings.writing:packed"],
+    "writer: compression": ["nrs_cosim.recordings.chunk:_COMPRESS[zstd]"],
+    "writer: CRCs": ["nrs_cosim.recordings.chunk:zlib.crc32"],
+    "writer: message indexes": ["nrs_cosim.recordings.writing:closed"],
+    "writer: file": ["nrs_cosim.recordings.writing:Writer._emit"],
+    "writer: end of the file": ["nrs_cosim.recordings.writing:Writer.finish"],
 }
 """The functions of each part, as module:name; [key] is an item of a dict, () what it returns."""
-LAST = "recordings.writing:Writer.finish"
+LAST = "nrs_cosim.recordings.writing:Writer.finish"
 REST, BESIDE, ALL = "the rest", "of all, in the writer's thread", "all"
 
 Function = Callable[..., Any]

@@ -18,7 +18,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from benchmarks.memory import now
 from benchmarks.work import AMPLITUDE, FREQUENCY, KD, KP, H, Motion
-from plant_fmu.archives.archive import find_archive, unpacked
+from nrs_cosim.plant_fmu.archives.archive import find_archive, unpacked
 
 INPUTS, OUTPUTS = ("position_ref", "velocity_ref"), ("q", "qd", "tau_applied")
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.table import keep
-from plant_fmu.archives.archive import find_archive
-from plant_fmu.drives.driving import Driving
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.isolation.isolated import IsolatedPlants
-from plant_fmu.plants import Body, Disturbance, Plants
+from nrs_cosim.plant_fmu.archives.archive import find_archive
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
+from nrs_cosim.plant_fmu.plants import Body, Disturbance, Plants
 
 H = 0.1
 ROUNDS = 9

@@ -19,13 +19,13 @@ from benchmarks.bare import timed
 from benchmarks.memory import hosts, peak
 from benchmarks.work import scenario
 from benchmarks.writers import as_columns, ours_of_columns, ticks_of
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
-from orchestrator.hosts.manning import Handling, here
-from orchestrator.runs.pace import AtOnce
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import ScenarioFile
-from recordings.reading import Reader
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.runs.pace import AtOnce
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.recordings.reading import Reader
 
 Found = dict[str, float]
 HANDLING = Handling(restart=False, wait=60.0, show=lambda _text: None)

@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.memory import now
 from benchmarks.work import scenario
-from orchestrator.runs.alone import alone
-from orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.running import run
 
 MOST = 2.0
 """KiB a run. One publisher that is left on its session is 13."""

@@ -27,18 +27,18 @@ from benchmarks.memory import peak
 from benchmarks.mischief import Mischief, blows
 from benchmarks.table import keep
 from benchmarks.work import scenario
-from bus.network.endpoints import Endpoints
-from bus.transport import Bus
-from orchestrator.hosts.crew import Crew
-from orchestrator.hosts.manning import Handling, elsewhere, here
-from orchestrator.runs.alone import alone
-from orchestrator.runs.host import Watch
-from orchestrator.runs.lockstep import Hosts, Manning
-from orchestrator.runs.running import Outcome, run
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import clock_of
-from recordings.reading import Reader
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.transport import Bus
+from nrs_cosim.orchestrator.hosts.crew import Crew
+from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere, here
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.host import Watch
+from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.running import Outcome, run
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.recordings.reading import Reader
 
 PAGE = Path(__file__).parents[1] / "docs" / "soak.md"
 KILLS, STOP, SEED = 4, 15.0, 1

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_agents.estimate import Estimate
-from orchestrator.runs.robots import agents_of
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from orchestrator.scenario.setting import initial_estimates
-from recordings.recording import Recording
-from recordings.tables import SAMPLES
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.runs.robots import agents_of
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.setting import initial_estimates
+from nrs_cosim.recordings.recording import Recording
+from nrs_cosim.recordings.tables import SAMPLES
 
 H = 0.1
 KP, KD = 200.0, 300.0

@@ -8,14 +8,14 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from bus.keys import sample_key, state_key
-from bus.messages import SAMPLE, STATE, Codec
-from recordings.columns import Columns
-from recordings.container import Message
-from recordings.gathering import columns_of
-from recordings.recorder import channels, schemas
-from recordings.tables import RUN
-from recordings.writing import CHUNK_BYTES, Writer
+from nrs_cosim.bus.keys import sample_key, state_key
+from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import Message
+from nrs_cosim.recordings.gathering import columns_of
+from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.tables import RUN
+from nrs_cosim.recordings.writing import CHUNK_BYTES, Writer
 
 H = 100_000_000
 """ns"""

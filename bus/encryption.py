@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
-from bus.errors import BusError
+from nrs_cosim.bus.errors import BusError
 
 PUBLIC_SIZE = 32
 """Bytes of a public key."""

@@ -3,7 +3,7 @@
 from collections import deque
 from fnmatch import fnmatchcase
 
-from bus.transport import Item, Message, Put
+from nrs_cosim.bus.transport import Item, Message, Put
 
 
 class MemoryInbox:

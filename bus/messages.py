@@ -19,7 +19,7 @@ from google.protobuf.descriptor_pb2 import (
 )
 from numpy.typing import NDArray
 
-from bus.errors import BusError
+from nrs_cosim.bus.errors import BusError
 
 HEADER = Struct("<xIxIxQ")
 """Robot, k and time_ns, at the start of each message."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.topology import Topology
+from nrs_cosim.bus.topology import Topology
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,11 +17,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import BusError
-from bus.keys import RECORDS, SAMPLES, wire_key
-from bus.messages import FAULT, HEADER, SAMPLE, STATE, Codec
-from bus.parts import joined, parted
-from bus.seal import Seal
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.messages import FAULT, HEADER, SAMPLE, STATE, Codec
+from nrs_cosim.bus.parts import joined, parted
+from nrs_cosim.bus.seal import Seal
 
 Records = NDArray[np.void]
 Nodes = NDArray[np.integer]

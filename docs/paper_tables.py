@@ -12,16 +12,16 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from orchestrator.promises.checking import Check, check
-from orchestrator.promises.judging import Judgement, judge
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import measure
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.setting import target_of
-from recordings.measuring import SteadyState
-from recordings.reading import Reader
-from recordings.report.printing import STYLE
-from recordings.tables import states
+from nrs_cosim.orchestrator.promises.checking import Check, check
+from nrs_cosim.orchestrator.promises.judging import Judgement, judge
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.setting import target_of
+from nrs_cosim.recordings.measuring import SteadyState
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report.printing import STYLE
+from nrs_cosim.recordings.tables import states
 
 mpl.use("agg")
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -17,15 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from bus.links.links import Links
-from bus.messages import FAULT, Codec
-from bus.topologies import Topologies, edges_among
-from bus.topology import Topology
-from estimator_agents.algorithm import Algorithm, name_of
-from estimator_agents.errors import AlgorithmError
-from estimator_agents.estimate import Disagreement, Estimate
-from estimator_agents.hearing import Hearing, Missing
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.links.links import Links
+from nrs_cosim.bus.messages import FAULT, Codec
+from nrs_cosim.bus.topologies import Topologies, edges_among
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.hearing import Hearing, Missing
 
 Array = NDArray[np.float64]
 Shares = tuple[Array, Array | None]

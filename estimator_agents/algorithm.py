@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from estimator_agents.condition import Condition
-from estimator_agents.estimate import Disagreement, Estimate
-from estimator_agents.foreign import Foreign, loaded
-from estimator_agents.hearing import POLICIES, Missing
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.foreign import Foreign, loaded
+from nrs_cosim.estimator_agents.hearing import POLICIES, Missing
 
 GROUP = "nrs.algorithms"
 
@@ -140,7 +140,7 @@ def _installed(name: str) -> Any:
 
 
 def _is_ours(entry: EntryPoint) -> bool:
-    return entry.module.partition(".")[0] == __package__
+    return entry.module.rpartition(".")[0] == __package__
 
 
 def _entry(name: str) -> EntryPoint:

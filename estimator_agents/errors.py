@@ -1,6 +1,6 @@
 """What can be wrong with an algorithm; the whole tree is drawn in `bus.errors`."""
 
-from bus.errors import InputError, RunError
+from nrs_cosim.bus.errors import InputError, RunError
 
 
 class AlgorithmError(InputError, RunError):

@@ -14,10 +14,10 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import CosimError
-from estimator_agents.condition import Condition
-from estimator_agents.errors import AlgorithmError
-from estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 
 T = TypeVar("T")
 Spectrum = NDArray[np.complex128]

@@ -13,10 +13,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from bus.links.faults import told
-from bus.links.links import Links
-from bus.messages import FAULT, Codec
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.links.faults import told
+from nrs_cosim.bus.links.links import Links
+from nrs_cosim.bus.messages import FAULT, Codec
 
 Missing = Literal["hold", "drop"]
 """What an agent does without a sample of an in-neighbour."""

@@ -19,13 +19,13 @@ and sufficient. In the terms of their article, with μ for the eigenvalues of D,
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bus.errors import InputError
-from estimator_agents.algorithm import Spectrum
-from estimator_agents.condition import Condition
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Disagreement, Estimate
-from estimator_agents.hearing import POLICIES, Missing
-from estimator_agents.theory.spectrum import largest_period
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.hearing import POLICIES, Missing
+from nrs_cosim.estimator_agents.theory.spectrum import largest_period
 
 
 @dataclass(frozen=True, slots=True)

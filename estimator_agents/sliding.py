@@ -25,10 +25,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimator_agents.algorithm import Spectrum
-from estimator_agents.condition import Condition
-from estimator_agents.estimate import Disagreement, Estimate
-from estimator_agents.hearing import POLICIES, Missing
+from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.hearing import POLICIES, Missing
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.estimate import Estimate
 
 
 class Target(Protocol):

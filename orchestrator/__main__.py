@@ -16,7 +16,7 @@ def main() -> None:
     _print_anything()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        from orchestrator.commands.cli import main as run  # noqa: PLC0415
+        from nrs_cosim.orchestrator.commands.cli import main as run  # noqa: PLC0415
 
         run()
     except KeyboardInterrupt:

@@ -1,6 +1,6 @@
 """What the orchestrator itself finds wrong; the whole tree is drawn in `bus.errors`."""
 
-from bus.errors import CosimError, InputError, RunError
+from nrs_cosim.bus.errors import CosimError, InputError, RunError
 
 
 class ScenarioError(InputError):

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError
 
 _DIGEST = ".sha256"
 _ADVICE = "set NRS_CACHE to another folder"

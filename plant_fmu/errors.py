@@ -1,6 +1,6 @@
 """What can go wrong with a plant; the whole tree is drawn in `bus.errors`."""
 
-from bus.errors import InputError, RunError
+from nrs_cosim.bus.errors import InputError, RunError
 
 
 class FmuError(InputError):

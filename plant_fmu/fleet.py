@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.drives.checkpoint import time_of
-from plant_fmu.plants import Array, DrivenPlants
+from nrs_cosim.plant_fmu.drives.checkpoint import time_of
+from nrs_cosim.plant_fmu.plants import Array, DrivenPlants
 
 
 class Fleet:

@@ -3,7 +3,7 @@
 `Recording` is the way in for users of Python; its `chunks` wants some of the three tables.
 """
 
-from recordings.recording import Recording
-from recordings.tables import FAULTS, SAMPLES, STATES
+from nrs_cosim.recordings.recording import Recording
+from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES
 
 __all__ = ["FAULTS", "SAMPLES", "STATES", "Recording"]

@@ -20,8 +20,8 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.columns import HEAD, Columns, put_rows, windows
-from recordings.container import LIMIT, RECORD, Compression, DamageError, demand, encoded
+from nrs_cosim.recordings.columns import HEAD, Columns, put_rows, windows
+from nrs_cosim.recordings.container import LIMIT, RECORD, Compression, DamageError, demand, encoded
 
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
 _INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.container import MOST_CHANNELS, Message, demand
+from nrs_cosim.recordings.container import MOST_CHANNELS, Message, demand
 
 _LENGTH = Struct("<Q")
 HEAD = np.dtype(

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 
-from recordings.container import END_FIELDS, PART, Channel, Closing, Schema
-from recordings.errors import UncreatableError
-from recordings.reading import Reader
-from recordings.writing import Writer
+from nrs_cosim.recordings.container import END_FIELDS, PART, Channel, Closing, Schema
+from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.writing import Writer
 
 
 def copy_of(

@@ -9,8 +9,8 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from recordings.reading import Reader
-from recordings.tables import SAMPLES, STATES, Table, about, joints, robots, rows
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import SAMPLES, STATES, Table, about, joints, robots, rows
 
 _ANGULAR = {"q": "rad", "qd": "rad/s", "tau": "N m", "position": "rad", "velocity": "rad/s"}
 _LINEAR = {"q": "m", "qd": "m/s", "tau": "N", "position": "m", "velocity": "m/s"}

@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 
-from recordings.columns import MANY, Columns, put_rows, windows
+from nrs_cosim.recordings.columns import MANY, Columns, put_rows, windows
 
 _PREFIX = Struct("<I")
 _FIXED = np.dtype([("time", "<u8"), ("sequence", "<u4"), ("length", "<u4")])

@@ -3,7 +3,7 @@
 Each message names the file, what was found, and what to do.
 """
 
-from bus.errors import CosimError, InputError, RunError
+from nrs_cosim.bus.errors import CosimError, InputError, RunError
 
 
 class RecordingError(CosimError):

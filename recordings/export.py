@@ -15,10 +15,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from recordings.errors import UncreatableError
-from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, STATES, Put, Table, expect_joints, joints, rows
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import (
+    FAULTS,
+    SAMPLES,
+    STATES,
+    Put,
+    Table,
+    expect_joints,
+    joints,
+    rows,
+)
 
 Format = Literal["csv", "parquet"]
 Opener = Callable[[Path, Table, int], AbstractContextManager[Put]]
@@ -72,7 +81,7 @@ def _csv(path: Path, table: Table, m: int) -> Iterator[Put]:
 
 def _parquet() -> Opener:
     try:
-        from recordings.parquet import opened  # noqa: PLC0415 (an extra)
+        from nrs_cosim.recordings.parquet import opened  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise InputError(
             "--format parquet: pyarrow is missing; pip install '.[analysis]' in nrs-cosim's sources"

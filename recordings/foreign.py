@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from bus.numerals import decimal
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.numerals import decimal
 
 Columns = dict[str, NDArray[np.float64]]
 

@@ -10,8 +10,8 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.columns import Columns
-from recordings.container import Message
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import Message
 
 Rank = NDArray[np.int32]
 

@@ -14,7 +14,16 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 
-from recordings.container import CRC, END, FOOTER, LIMIT, MAGIC, RECORD, DamageError, demand
+from nrs_cosim.recordings.container import (
+    CRC,
+    END,
+    FOOTER,
+    LIMIT,
+    MAGIC,
+    RECORD,
+    DamageError,
+    demand,
+)
 
 _CHUNK_INDEX = struct.Struct("<BQQQQQ")  # opcode, length, start, end (ns), offset, length of chunk
 _DATA_END = struct.Struct("<BQI")

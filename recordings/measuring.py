@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.reading import Reader
-from recordings.tables import SAMPLES, STATES, robots, rows
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import SAMPLES, STATES, robots, rows
 
 Array = NDArray[np.float64]
 TargetAt = Callable[[Array], tuple[Array, Array]]

@@ -19,11 +19,11 @@ from pydantic import (
     ValidationError,
 )
 
-from bus.errors import Cause
-from bus.keys import sample_key, state_key
-from bus.numerals import whole
-from recordings.container import Closing
-from recordings.errors import UnreadableError
+from nrs_cosim.bus.errors import Cause
+from nrs_cosim.bus.keys import sample_key, state_key
+from nrs_cosim.bus.numerals import whole
+from nrs_cosim.recordings.container import Closing
+from nrs_cosim.recordings.errors import UnreadableError
 
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""

@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from recordings.tables import Put, Table
+from nrs_cosim.recordings.tables import Put, Table
 
 GROUP = 4 * 2**20
 

@@ -20,9 +20,9 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from recordings.chunk import opened
-from recordings.columns import Columns, columns
-from recordings.container import (
+from nrs_cosim.recordings.chunk import opened
+from nrs_cosim.recordings.columns import Columns, columns
+from nrs_cosim.recordings.container import (
     BEGIN,
     END,
     MAGIC,
@@ -37,11 +37,11 @@ from recordings.container import (
     demand,
     end_record,
 )
-from recordings.digest import Digest
-from recordings.errors import UnreadableError
-from recordings.gathering import order, ranks
-from recordings.layout import RecordFile, Span, find, parsed
-from recordings.metadata import About, End, parse, read_about
+from nrs_cosim.recordings.digest import Digest
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.gathering import order, ranks
+from nrs_cosim.recordings.layout import RecordFile, Span, find, parsed
+from nrs_cosim.recordings.metadata import About, End, parse, read_about
 
 _UNFINISHED = "never closed: its writer was killed, or is still at work"
 

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import BusError
-from bus.keys import (
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import (
     EVERYONE,
     RECORDS,
     SAMPLES,
@@ -26,14 +26,14 @@ from bus.keys import (
     sample_key,
     state_key,
 )
-from bus.messages import CHECKPOINT, FAULT, HEADER, SAMPLE, STATE
-from bus.transport import Message
-from bus.wire import Records, RefusedError, Tick, Wire
-from recordings.columns import Columns
-from recordings.container import Channel, Schema
-from recordings.container import Message as Recorded
-from recordings.gathering import columns_of
-from recordings.reading import Reader
+from nrs_cosim.bus.messages import CHECKPOINT, FAULT, HEADER, SAMPLE, STATE
+from nrs_cosim.bus.transport import Message
+from nrs_cosim.bus.wire import Records, RefusedError, Tick, Wire
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import Channel, Schema
+from nrs_cosim.recordings.container import Message as Recorded
+from nrs_cosim.recordings.gathering import columns_of
+from nrs_cosim.recordings.reading import Reader
 
 
 def channels(n: int, faulty: Collection[int], checkpoints: bool) -> list[Channel]:

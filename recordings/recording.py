@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.container import Status
-from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, STATES, Table, about, joints, robots, rows
+from nrs_cosim.recordings.container import Status
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES, Table, about, joints, robots, rows
 
 if TYPE_CHECKING:
     import xarray
@@ -140,7 +140,7 @@ class Recording:
         Dimensions are `time` (the output grid, s), `sampling_time` (t_k, s), `robot` and `joint`,
         from 1. What was not recorded is NaN.
         """
-        from recordings.dataset import dataset  # noqa: PLC0415 (an extra)
+        from nrs_cosim.recordings.dataset import dataset  # noqa: PLC0415 (an extra)
 
         return dataset(self._reader)
 

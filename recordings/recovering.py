@@ -8,8 +8,8 @@ are the same bytes, so the digest is that of the reader.
 import json
 from os import PathLike
 
-from recordings.copying import copy_of, ending
-from recordings.reading import Reader
+from nrs_cosim.recordings.copying import copy_of, ending
+from nrs_cosim.recordings.reading import Reader
 
 RECOVERED = "nrs.recovered"
 """The metadata record of a recovered recording: file, status, reason, and damage, a JSON list."""

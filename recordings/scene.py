@@ -30,10 +30,10 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from recordings.container import Channel, Message, Schema
-from recordings.copying import copy_of, ending
-from recordings.reading import Reader
-from recordings.tables import SAMPLES, STATES, rows
+from nrs_cosim.recordings.container import Channel, Message, Schema
+from nrs_cosim.recordings.copying import copy_of, ending
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import SAMPLES, STATES, rows
 
 SCENE, TF, WORLD = "/scene", "/tf", "world"
 _NS_PER_S = 10**9

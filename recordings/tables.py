@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import BusError
-from bus.keys import fault_key, sample_key, state_key
-from bus.messages import FAULT, SAMPLE, STATE, Codec, MessageType
-from recordings.columns import Columns
-from recordings.container import DamageError
-from recordings.errors import UnreadableError
-from recordings.metadata import RUN, About
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import fault_key, sample_key, state_key
+from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec, MessageType
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import DamageError
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.metadata import RUN, About
+from nrs_cosim.recordings.reading import Reader
 
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""

@@ -25,10 +25,10 @@ import numpy as np
 from mcap import records as mcap
 from numpy.typing import NDArray
 
-from bus.text import storable
-from recordings.chunk import closed, packed
-from recordings.columns import HEAD, MANY, Columns
-from recordings.container import (
+from nrs_cosim.bus.text import storable
+from nrs_cosim.recordings.chunk import closed, packed
+from nrs_cosim.recordings.columns import HEAD, MANY, Columns
+from nrs_cosim.recordings.container import (
     END_FIELDS,
     LIMIT,
     Channel,
@@ -39,9 +39,9 @@ from recordings.container import (
     head,
     tail,
 )
-from recordings.digest import Digest
-from recordings.errors import UncreatableError, UnwritableError
-from recordings.gathering import columns_of, joined, order, ranks
+from nrs_cosim.recordings.digest import Digest
+from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
+from nrs_cosim.recordings.gathering import columns_of, joined, order, ranks
 
 CHUNK_BYTES = 64 * 1024
 CHUNK_BYTES_PER_CHANNEL = 1024  # an index record per channel and chunk must stay small beside it

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
-from bus.messages import CHECKPOINT, Blob
-from bus.seal import Seal
-from bus.transport import Message
-from bus.wire import Tick, Wire
-from orchestrator.scenario.clock import Clock
-from recordings.recorder import Recorder, channels
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, Blob
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Message
+from nrs_cosim.bus.wire import Tick, Wire
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.recordings.recorder import Recorder, channels
 
 M, H = 2, 100_000_000
 ROBOTS = {"left": 1, "right": 2}

@@ -12,7 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from orchestrator.__main__ import main
+from nrs_cosim.orchestrator.__main__ import main
 
 
 def nrs(*arguments, cwd: Path | None = None) -> CompletedProcess[str]:

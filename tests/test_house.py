@@ -29,10 +29,13 @@ def test_tools_have_no_complaint(command):
 @pytest.mark.parametrize(
     ("module", "unneeded"),
     [
-        ("orchestrator.commands.cli", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
-        ("orchestrator.promises.judging", {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"}),
-        ("orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
-        ("orchestrator.hosts.process", {"mcap", "rich", "scipy", "tomlkit", "typer"}),
+        ("nrs_cosim.orchestrator.commands.cli", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
+        (
+            "nrs_cosim.orchestrator.promises.judging",
+            {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"},
+        ),
+        ("nrs_cosim.orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
+        ("nrs_cosim.orchestrator.hosts.process", {"mcap", "rich", "scipy", "tomlkit", "typer"}),
     ],
 )
 def test_a_process_starts_without_what_it_need_not_wait_for(module, unneeded):

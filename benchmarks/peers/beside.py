@@ -30,9 +30,9 @@ from benchmarks.measured import apart, recorded_file
 from benchmarks.peers.fmpy_loop import run as looped
 from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Work, start
 from benchmarks.table import compared, keep, machine, told
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from plant_fmu.bundled.building import build
-from recordings.recording import Recording
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.recordings.recording import Recording
 
 PEERS: Mapping[str, Sequence[str]] = {
     "fmpy_loop": ["fmpy"],

@@ -6,8 +6,8 @@ It follows from the samples of t_k alone, with no memory of earlier ones: whoeve
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.links.links import Fate, Links
-from bus.messages import Codec
+from nrs_cosim.bus.links.links import Fate, Links
+from nrs_cosim.bus.messages import Codec
 
 
 def told(

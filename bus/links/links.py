@@ -17,8 +17,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.links.outages import Outages, Spans
-from bus.topologies import Topologies, edges_among
+from nrs_cosim.bus.links.outages import Outages, Spans
+from nrs_cosim.bus.topologies import Topologies, edges_among
 
 BLOCK = 64
 """Draws are made for so many sampling times of a link at once, and only these are kept."""

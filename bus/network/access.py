@@ -16,7 +16,7 @@ Zenoh allows a key expression where a rule includes it whole.
 from collections.abc import Collection
 from typing import Any
 
-from bus.errors import InputError
+from nrs_cosim.bus.errors import InputError
 
 RESERVED = frozenset({"target", "orchestrator"})
 _ALL = (

@@ -8,7 +8,7 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from bus.errors import InputError
+from nrs_cosim.bus.errors import InputError
 
 OPTIONS = {"ca": "--tls-ca", "certificate": "--tls-certificate", "key": "--tls-key"}
 _MARKS = {

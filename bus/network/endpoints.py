@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bus.errors import InputError
-from bus.network.access import access_control
-from bus.network.certificates import Tls, context
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.access import access_control
+from nrs_cosim.bus.network.certificates import Tls, context
 
 NETWORK_LEASE, LOCAL_LEASE = 0.8, 3600.0
 """s; a lost link is noticed within 1 s, and a local process that is stopped is waited for."""

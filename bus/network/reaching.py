@@ -9,8 +9,8 @@ import ssl
 from contextlib import suppress
 from dataclasses import dataclass
 
-from bus.network.certificates import Tls, context, reason
-from bus.network.endpoints import Address
+from nrs_cosim.bus.network.certificates import Tls, context, reason
+from nrs_cosim.bus.network.endpoints import Address
 
 _DEADLINE = 2.0
 BRIEFLY, LONG = 0.3, 5.0

@@ -8,7 +8,7 @@ import os
 from contextlib import ExitStack
 from threading import Event, Thread
 
-from bus.errors import BusError
+from nrs_cosim.bus.errors import BusError
 
 DESCRIPTORS, THREADS, ADDRESSES = 16, 16, 512 * 2**20
 """How many a session on a network may take; threads reserve addresses for stacks and heaps."""

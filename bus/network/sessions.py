@@ -5,10 +5,10 @@ import re
 
 import zenoh
 
-from bus.errors import BusError, InputError
-from bus.network.endpoints import Address, Endpoints, zenoh_settings
-from bus.network.reaching import BRIEFLY, LONG, Finding, probe
-from bus.network.room import expect_room
+from nrs_cosim.bus.errors import BusError, InputError
+from nrs_cosim.bus.network.endpoints import Address, Endpoints, zenoh_settings
+from nrs_cosim.bus.network.reaching import BRIEFLY, LONG, Finding, probe
+from nrs_cosim.bus.network.room import expect_room
 
 
 def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Session:

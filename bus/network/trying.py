@@ -5,9 +5,9 @@ import socket
 
 import zenoh
 
-from bus.errors import BusError
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
 
 _PATIENCE = 10.0
 _KEY = "nrs/doctor/samples/one"

@@ -10,9 +10,9 @@ from typing import Literal
 
 from cryptography import x509
 
-from bus.errors import InputError
-from bus.network.access import RESERVED, expect_host_name
-from bus.network.certificates import Tls, context
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.access import RESERVED, expect_host_name
+from nrs_cosim.bus.network.certificates import Tls, context
 
 SOON = timedelta(days=30)
 Verdict = Literal["ok", "warning", "fails"]

@@ -13,9 +13,19 @@ from typing import Any, Protocol
 import zenoh
 from zenoh.handlers import Callback
 
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
-from bus.transport import Answer, Cut, Item, Message, Presence, Put, Question, Rejected, Screen
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.bus.transport import (
+    Answer,
+    Cut,
+    Item,
+    Message,
+    Presence,
+    Put,
+    Question,
+    Rejected,
+    Screen,
+)
 
 ROOT = "nrs"
 NO_SOCKET = Endpoints()

@@ -21,9 +21,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_agents.algorithm import Algorithm, Spectrum
-from estimator_agents.theory.recursion import linear_jump
-from estimator_agents.theory.varying import joint_spectral_radius
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.estimator_agents.theory.varying import joint_spectral_radius
 
 Complex = NDArray[np.complex128]
 Verdict = Literal["proven", "refuted", "not decided"]

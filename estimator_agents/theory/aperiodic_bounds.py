@@ -25,9 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from estimator_agents.theory.estimates import REST, Pair, always, largest, modulus, slip, worst
-from estimator_agents.theory.recursion import Recursion
-from estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.theory.estimates import (
+    REST,
+    Pair,
+    always,
+    largest,
+    modulus,
+    slip,
+    worst,
+)
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]
 

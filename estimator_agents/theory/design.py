@@ -23,8 +23,8 @@ from math import sqrt
 
 import numpy as np
 
-from estimator_agents.theory.estimates import Pair
-from estimator_agents.theory.tracking import Constants, Drive, proven, proven_under
+from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, proven, proven_under
 
 SHORTEST, LONGEST, HALVINGS = 1e-9, 1e3, 24
 """s, s; and how often the logarithm of h is halved between them."""

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from estimator_agents.target import Harmonic
-from estimator_agents.theory.norms import SmallValueNorm, small_value_norm
-from estimator_agents.theory.recursion import Recursion
-from estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_norm
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]
 Reals = NDArray[np.floating[Any]]

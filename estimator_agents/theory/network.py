@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bus.topology import Topology
+from nrs_cosim.bus.topology import Topology
 
 
 @dataclass(frozen=True, slots=True)

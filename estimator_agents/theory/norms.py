@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.theory.solving import solve
 
 Complex = NDArray[np.complex128]
 Family = Literal["weights", "schur", "ellipsoid"]

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bus.topologies import Exchange
-from bus.topology import Topology
-from estimator_agents.algorithm import Algorithm, name_of
-from estimator_agents.errors import AlgorithmError
-from estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.bus.topologies import Exchange
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 
 Array = NDArray[np.float64]
 

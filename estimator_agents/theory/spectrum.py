@@ -6,8 +6,8 @@ from scipy.linalg import eigvals_banded
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
-from bus.topology import Topology
-from estimator_agents.algorithm import Spectrum
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import Spectrum
 
 DENSE, BAND, EXTREMES = 1000, 32, 6
 """Robots of a component up to which it is solved densely; the widest band that is solved; and how

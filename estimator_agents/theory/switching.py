@@ -18,8 +18,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
-from estimator_agents.theory.recursion import Array, Recursion
-from estimator_agents.theory.varying import LARGEST, JointRadius, joint_spectral_radius
+from nrs_cosim.estimator_agents.theory.recursion import Array, Recursion
+from nrs_cosim.estimator_agents.theory.varying import LARGEST, JointRadius, joint_spectral_radius
 
 DENSE = 1000
 """The order of a block up to which the product of a period is made."""

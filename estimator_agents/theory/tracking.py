@@ -18,8 +18,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator_agents.condition import Condition
-from estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.estimates import Pair
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ Where A ≥ 0 the norm is max A^k 1, a vector's; of few robots A^k is made by sq
 import numpy as np
 from scipy import sparse
 
-from estimator_agents.theory.recursion import Array, Recursion
+from nrs_cosim.estimator_agents.theory.recursion import Array, Recursion
 
 DENSE = 500
 """The order of A up to which its powers are made."""

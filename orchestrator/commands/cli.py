@@ -18,10 +18,10 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperArgument, TyperGroup
 
-from bus.errors import CosimError, InputError
-from orchestrator.commands import replay_cli, run_cli
-from orchestrator.commands.fmu_cli import fmu
-from orchestrator.commands.options import (
+from nrs_cosim.bus.errors import CosimError, InputError
+from nrs_cosim.orchestrator.commands import replay_cli, run_cli
+from nrs_cosim.orchestrator.commands.fmu_cli import fmu
+from nrs_cosim.orchestrator.commands.options import (
     Listen,
     NewRecording,
     RecordingPath,
@@ -31,8 +31,8 @@ from orchestrator.commands.options import (
     TlsKey,
     number,
 )
-from orchestrator.commands.report_cli import report
-from orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
+from nrs_cosim.orchestrator.commands.report_cli import report
+from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -119,11 +119,11 @@ app.command()(report)
 @app.command()
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
-    from orchestrator.commands import showing
-    from orchestrator.commands.progress import reading
-    from orchestrator.promises.judging import judge
-    from orchestrator.runs.summary import describe, lines, measure, scenario_of
-    from recordings.reading import Reader
+    from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.promises.judging import judge
+    from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+    from nrs_cosim.recordings.reading import Reader
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         told, measured = describe(reader), measure(reader)
@@ -149,11 +149,11 @@ def export(
     ] = "csv",
 ) -> None:
     """Write a recording's samples, states and faults as tables."""
-    from orchestrator.commands.formats import expect_folder_name
-    from orchestrator.commands.places import expect_folder
-    from orchestrator.commands.progress import reading
-    from recordings.export import export as tables
-    from recordings.reading import Reader
+    from nrs_cosim.orchestrator.commands.formats import expect_folder_name
+    from nrs_cosim.orchestrator.commands.places import expect_folder
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.recordings.export import export as tables
+    from nrs_cosim.recordings.reading import Reader
 
     expect_folder_name("-o", output)
     expect_folder(output)
@@ -171,12 +171,12 @@ def recover(
     output: NewRecording,
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
-    from orchestrator.commands import showing
-    from orchestrator.commands.places import make_folder
-    from orchestrator.commands.progress import reading
-    from orchestrator.runs.summary import describe, lines, measure, scenario_of
-    from recordings.reading import Reader
-    from recordings.recovering import recover as whole
+    from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.commands.places import make_folder
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+    from nrs_cosim.recordings.reading import Reader
+    from nrs_cosim.recordings.recovering import recover as whole
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         scenario_of(reader)  # or nothing could be done with what is recovered
@@ -195,13 +195,13 @@ def scene(
     output: NewRecording,
 ) -> None:
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
-    from orchestrator.commands.places import make_folder
-    from orchestrator.commands.progress import reading
-    from orchestrator.runs.summary import scenario_of
-    from recordings.reading import Reader
+    from nrs_cosim.orchestrator.commands.places import make_folder
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.runs.summary import scenario_of
+    from nrs_cosim.recordings.reading import Reader
 
     try:
-        from orchestrator.reports.shapes import shapes_of, write_scene
+        from nrs_cosim.orchestrator.reports.shapes import shapes_of, write_scene
     except ImportError as error:
         raise InputError(
             "scene: foxglove-schemas-protobuf is missing; "
@@ -245,15 +245,15 @@ def check(
         raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
-    from estimator_agents.theory.estimates import Pair
-    from orchestrator.commands import showing
-    from orchestrator.promises.checking import check as theory_of
-    from orchestrator.promises.probing import Sampling
-    from orchestrator.promises.promising import bounds, designed, promises
-    from orchestrator.runs.plants import group_by_archive, named, open_fleet
-    from orchestrator.runs.units import mixed_units
-    from orchestrator.scenario.file import read_scenario
-    from orchestrator.scenario.setting import bodies
+    from nrs_cosim.estimator_agents.theory.estimates import Pair
+    from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.promises.checking import check as theory_of
+    from nrs_cosim.orchestrator.promises.probing import Sampling
+    from nrs_cosim.orchestrator.promises.promising import bounds, designed, promises
+    from nrs_cosim.orchestrator.runs.plants import group_by_archive, named, open_fleet
+    from nrs_cosim.orchestrator.runs.units import mixed_units
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.orchestrator.scenario.setting import bodies
 
     file = read_scenario(scenario)
     with named(str(scenario)), ExitStack() as stack:
@@ -284,9 +284,9 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Try all that a run needs of this machine, and say what to do where something fails."""
-    from orchestrator.commands import showing
-    from orchestrator.commands.doctor import diagnose
-    from orchestrator.commands.tls import tls_of
+    from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.commands.doctor import diagnose
+    from nrs_cosim.orchestrator.commands.tls import tls_of
 
     made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
     if as_json:
@@ -299,7 +299,7 @@ def doctor(
 @app.command()
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    from orchestrator.scenario.tables.scenario import json_schema
+    from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
     print_json(json_schema())
 

@@ -10,18 +10,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CosimError
-from bus.network.certificates import Tls
-from bus.network.endpoints import Address
-from bus.network.trying import try_loopback
-from bus.network.vetting import Verdict, vet
-from plant_fmu.archives.archive import find_archive
-from plant_fmu.bundled.building import try_compiler
-from plant_fmu.checking.apart import check
-from plant_fmu.checking.findings import Task
-from recordings.reading import Reader
-from recordings.recorder import channels, schemas
-from recordings.writing import Writer
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.network.certificates import Tls
+from nrs_cosim.bus.network.endpoints import Address
+from nrs_cosim.bus.network.trying import try_loopback
+from nrs_cosim.bus.network.vetting import Verdict, vet
+from nrs_cosim.plant_fmu.archives.archive import find_archive
+from nrs_cosim.plant_fmu.bundled.building import try_compiler
+from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.writing import Writer
 
 MODEL = "two_link_arm"
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bus.errors import InputError
-from bus.numerals import decimal
-from orchestrator.terminal import AsJson, err, out, print_json, say
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.numerals import decimal
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
-    from orchestrator.scenario.tables.scenario import Scenario
-    from plant_fmu.archives.archive import Archive
-    from plant_fmu.checking.findings import Task
+    from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+    from nrs_cosim.plant_fmu.archives.archive import Archive
+    from nrs_cosim.plant_fmu.checking.findings import Task
 
 _STIFF_TOO = {"alone", "resumed"}
 """What a robot fails as well that is only costly to step: with links of grams, and damping."""
@@ -24,7 +24,7 @@ fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 @fmu.command("list")
 def fmu_list() -> None:
     """List the bundled models."""
-    from plant_fmu.bundled.declaration import bundled_models, declaration
+    from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 
     for name in bundled_models():
         out.print(f"{name:<16}{declaration(name).description}", markup=False)
@@ -36,8 +36,8 @@ def fmu_info(
     as_json: AsJson = False,
 ) -> None:
     """Say what an FMU offers."""
-    from orchestrator.commands import fmu_description
-    from plant_fmu.archives.archive import look_up
+    from nrs_cosim.orchestrator.commands import fmu_description
+    from nrs_cosim.plant_fmu.archives.archive import look_up
 
     told = look_up(name, Path()).told()
     if as_json:
@@ -56,12 +56,12 @@ def fmu_check(
     as_json: AsJson = False,
 ) -> None:
     """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
-    from orchestrator.commands import showing
-    from orchestrator.commands.progress import stages
-    from orchestrator.scenario.file import read_scenario
-    from plant_fmu.archives.archive import find_archive
-    from plant_fmu.checking.apart import check
-    from plant_fmu.checking.findings import Task
+    from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.commands.progress import stages
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.plant_fmu.archives.archive import find_archive
+    from nrs_cosim.plant_fmu.checking.apart import check
+    from nrs_cosim.plant_fmu.checking.findings import Task
 
     archive = find_archive(name, Path())
     task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario).scenario)
@@ -83,8 +83,8 @@ def fmu_build(
     fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
-    from orchestrator.commands.places import expect_replaceable
-    from plant_fmu.bundled.building import write
+    from nrs_cosim.orchestrator.commands.places import expect_replaceable
+    from nrs_cosim.plant_fmu.bundled.building import write
 
     expect_replaceable(output, "FMU", b"PK")
     write(name, fmi, output)
@@ -107,14 +107,14 @@ def fmu_from_urdf(
     ] = None,
 ) -> None:
     """Write the rigid-body dynamics of a URDF's joints as an FMU, once it is checked."""
-    from orchestrator.commands.places import expect_replaceable
-    from orchestrator.commands.progress import stages
-    from plant_fmu.archives.archive import open_archive
-    from plant_fmu.bundled.building import copy_out
-    from plant_fmu.bundled.urdf import read_urdf
-    from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
-    from plant_fmu.checking.built import check_built
-    from plant_fmu.checking.findings import Task
+    from nrs_cosim.orchestrator.commands.places import expect_replaceable
+    from nrs_cosim.orchestrator.commands.progress import stages
+    from nrs_cosim.plant_fmu.archives.archive import open_archive
+    from nrs_cosim.plant_fmu.bundled.building import copy_out
+    from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+    from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+    from nrs_cosim.plant_fmu.checking.built import check_built
+    from nrs_cosim.plant_fmu.checking.findings import Task
 
     pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
     expect_replaceable(output, "FMU", b"PK")
@@ -154,10 +154,10 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
 
 def _task(archive: "Archive", scenario: "Scenario") -> "Task":
     """Return the check of an FMU in the place of robot 1's."""
-    from orchestrator.runs.plants import Group
-    from orchestrator.scenario.own import own_plants
-    from orchestrator.scenario.setting import bodies
-    from plant_fmu.checking.findings import Task
+    from nrs_cosim.orchestrator.runs.plants import Group
+    from nrs_cosim.orchestrator.scenario.own import own_plants
+    from nrs_cosim.orchestrator.scenario.setting import bodies
+    from nrs_cosim.plant_fmu.checking.findings import Task
 
     group = Group("plant", own_plants(scenario).get(1, scenario.plant), archive, [0])
     return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from orchestrator.commands.showing import summary
+from nrs_cosim.orchestrator.commands.showing import summary
 
 LONGEST = 40
 """A longer name, or start, moves the rest of its line alone."""

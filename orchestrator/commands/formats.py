@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from bus.errors import InputError
+from nrs_cosim.bus.errors import InputError
 
 _KINDS = {
     ".csv": "a table",

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bus.errors import InputError
-from orchestrator.terminal import say
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.terminal import say
 
 LOCKS = Path("/proc/locks")
 """Where Linux says who holds which."""

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from bus.errors import InputError
-from bus.numerals import decimal, whole
-from orchestrator.commands.formats import expect_ending
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.numerals import decimal, whole
+from nrs_cosim.orchestrator.commands.formats import expect_ending
 
 LONGEST = 2**63 / 1e9
 """s; what the clock can count in ns."""

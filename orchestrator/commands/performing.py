@@ -9,29 +9,29 @@ from types import FrameType
 
 import typer
 
-from bus.errors import InputError
-from bus.network.endpoints import Endpoints
-from orchestrator.commands import progress, showing
-from orchestrator.commands.locks import expect_unlocked
-from orchestrator.commands.places import place_for
-from orchestrator.errors import Interrupted
-from orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
-from orchestrator.promises.judging import judge
-from orchestrator.runs.alone import alone
-from orchestrator.runs.lockstep import Manning
-from orchestrator.runs.pace import NO_PACE, Pace, RealTime
-from orchestrator.runs.plants import find_recorded, group_by_archive
-from orchestrator.runs.running import Outcome
-from orchestrator.runs.running import run as run_scenario
-from orchestrator.runs.summary import describe, lines, measure, scenario_of
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.numbers import parse_robots
-from orchestrator.scenario.setting import clock_of
-from orchestrator.terminal import err, out, say
-from recordings.container import Compression, Message
-from recordings.reading import Reader
-from recordings.tables import about
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.orchestrator.commands import progress, showing
+from nrs_cosim.orchestrator.commands.locks import expect_unlocked
+from nrs_cosim.orchestrator.commands.places import place_for
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.lockstep import Manning
+from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace, RealTime
+from nrs_cosim.orchestrator.runs.plants import find_recorded, group_by_archive
+from nrs_cosim.orchestrator.runs.running import Outcome
+from nrs_cosim.orchestrator.runs.running import run as run_scenario
+from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.terminal import err, out, say
+from nrs_cosim.recordings.container import Compression, Message
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import about
 
 KEPT = 0.95
 """Of the pace that was asked for: what is slower did not keep it."""

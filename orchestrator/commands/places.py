@@ -8,9 +8,9 @@ from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 
-from bus.errors import InputError
-from orchestrator.commands.locks import expect_unlocked, locked
-from recordings.container import MAGIC
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands.locks import expect_unlocked, locked
+from nrs_cosim.recordings.container import MAGIC
 
 DATA = Path("recordings/data")
 PART = ".part"

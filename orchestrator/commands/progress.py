@@ -25,8 +25,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from orchestrator.scenario.clock import Clock, seconds
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.recordings.reading import Reader
 
 PATIENCE = 2.0
 """s"""

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from bus.errors import InputError
-from orchestrator.commands.options import (
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands.options import (
     Connect,
     Force,
     InsecureTcp,
@@ -16,7 +16,7 @@ from orchestrator.commands.options import (
     moment,
     number,
 )
-from orchestrator.terminal import AsJson, err, out, print_json, say
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 FAILED = 1
 SLOWEST = 1e-6
@@ -89,9 +89,9 @@ def replay(
     force: Force = False,
 ) -> None:
     """Run a recording again: to verify it, to hear it, or to ask what if."""
-    from bus.network.endpoints import Endpoints
-    from orchestrator.commands import replaying
-    from orchestrator.commands.progress import opened
+    from nrs_cosim.bus.network.endpoints import Endpoints
+    from nrs_cosim.orchestrator.commands import replaying
+    from nrs_cosim.orchestrator.commands.progress import opened
 
     asked = [verifying, publishing, bool(plant or algorithm)]
     if sum(asked) != 1:
@@ -126,12 +126,12 @@ def diff(
     ] = None,
 ) -> None:
     """Say what is not the same in two recordings; exit status 1 when anything is not."""
-    from orchestrator.commands import replaying, showing
-    from orchestrator.commands.formats import expect_ending
-    from orchestrator.commands.places import expect_replaceable, make_folder
-    from orchestrator.commands.progress import reading
-    from orchestrator.replays.comparing import compare
-    from recordings.reading import Reader
+    from nrs_cosim.orchestrator.commands import replaying, showing
+    from nrs_cosim.orchestrator.commands.formats import expect_ending
+    from nrs_cosim.orchestrator.commands.places import expect_replaceable, make_folder
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.replays.comparing import compare
+    from nrs_cosim.recordings.reading import Reader
 
     if picture:
         expect_ending("--picture", picture, ".png")

@@ -6,30 +6,30 @@ from queue import Empty, Queue
 
 import typer
 
-from bus.errors import InputError
-from bus.network.endpoints import Endpoints
-from bus.network.zenoh_bus import ZenohBus
-from orchestrator.commands.performing import perform
-from orchestrator.commands.places import expect_another
-from orchestrator.commands.progress import reading
-from orchestrator.replays.comparing import QUANTITIES, Comparison
-from orchestrator.replays.publishing import publish
-from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import finder, parent, run_again
-from orchestrator.runs.plants import group_by_archive
-from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.changes import Change, changed
-from orchestrator.scenario.clock import NS_PER_S
-from orchestrator.terminal import err, out, say
-from recordings.errors import MissingExtraError, UncreatableError
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.orchestrator.commands.performing import perform
+from nrs_cosim.orchestrator.commands.places import expect_another
+from nrs_cosim.orchestrator.commands.progress import reading
+from nrs_cosim.orchestrator.replays.comparing import QUANTITIES, Comparison
+from nrs_cosim.orchestrator.replays.publishing import publish
+from nrs_cosim.orchestrator.replays.verifying import verify
+from nrs_cosim.orchestrator.replays.what_if import finder, parent, run_again
+from nrs_cosim.orchestrator.runs.plants import group_by_archive
+from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
+from nrs_cosim.orchestrator.terminal import err, out, say
+from nrs_cosim.recordings.errors import MissingExtraError, UncreatableError
+from nrs_cosim.recordings.reading import Reader
 
 FAILED = 1
 
 
 def draw(found: Comparison, picture: Path) -> None:
     try:
-        from recordings.report.apart import write_distances  # noqa: PLC0415, needs an extra
+        from nrs_cosim.recordings.report.apart import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
         raise MissingExtraError(
             "--picture: needs matplotlib, which is not installed: "

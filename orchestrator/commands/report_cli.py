@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from orchestrator.terminal import err, out, say
+from nrs_cosim.orchestrator.terminal import err, out, say
 
 if TYPE_CHECKING:
-    from recordings.report.story import Story
+    from nrs_cosim.recordings.report.story import Story
 
 Format = Literal["html", "png", "pdf", "svg"]
 _BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -35,13 +35,13 @@ def report(
     ] = None,
 ) -> None:
     """Draw recordings: a page with everything that moves, or figures for print."""
-    from orchestrator.commands.formats import format_of
-    from orchestrator.commands.places import expect_replaceable
-    from orchestrator.commands.progress import reading
-    from orchestrator.reports.reporting import story_of
-    from recordings.errors import UncreatableError
-    from recordings.reading import Reader
-    from recordings.report.page import page
+    from nrs_cosim.orchestrator.commands.formats import format_of
+    from nrs_cosim.orchestrator.commands.places import expect_replaceable
+    from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.reports.reporting import story_of
+    from nrs_cosim.recordings.errors import UncreatableError
+    from nrs_cosim.recordings.reading import Reader
+    from nrs_cosim.recordings.report.page import page
 
     kind = format_of(output, form, tuple(_BEGINS))
     with ExitStack() as stack:
@@ -67,10 +67,10 @@ def report(
 
 
 def _print(stories: "list[Story]", path: Path, kind: str) -> None:
-    from recordings.errors import MissingExtraError
+    from nrs_cosim.recordings.errors import MissingExtraError
 
     try:
-        from recordings.report.printing import write_figures
+        from nrs_cosim.recordings.report.printing import write_figures
     except ImportError:
         raise MissingExtraError(
             f"{kind}: figures need matplotlib, which is not installed: "

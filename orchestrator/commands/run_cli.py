@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.commands.options import (
+from nrs_cosim.orchestrator.commands.options import (
     WAIT,
     Compressed,
     Connect,
@@ -32,7 +32,7 @@ from orchestrator.commands.options import (
     Wait,
     expect_of,
 )
-from orchestrator.terminal import err, say
+from nrs_cosim.orchestrator.terminal import err, say
 
 
 def run(
@@ -58,13 +58,13 @@ def run(
     stay: Stay = False,
 ) -> None:
     """Run a scenario and record all that was said."""
-    from bus.network.endpoints import Endpoints
-    from orchestrator.commands import performing
-    from orchestrator.commands.tls import tls_of
-    from orchestrator.promises.checking import check
-    from orchestrator.runs.plants import named
-    from orchestrator.runs.units import mixed_units
-    from orchestrator.scenario.file import read_scenario
+    from nrs_cosim.bus.network.endpoints import Endpoints
+    from nrs_cosim.orchestrator.commands import performing
+    from nrs_cosim.orchestrator.commands.tls import tls_of
+    from nrs_cosim.orchestrator.promises.checking import check
+    from nrs_cosim.orchestrator.runs.plants import named
+    from nrs_cosim.orchestrator.runs.units import mixed_units
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
 
     pace = performing.pace_of(realtime)
     expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
@@ -96,7 +96,7 @@ def run(
         if not live:
             start()
         else:
-            from orchestrator.reports.live import Live
+            from nrs_cosim.orchestrator.reports.live import Live
 
             with Live(port or 0, stay) as page:
                 start(begin=page.begin)
@@ -121,11 +121,11 @@ def resume(
     insecure_tcp: InsecureTcp = False,
 ) -> None:
     """Continue a run that did not come to its end, in a new recording that holds all of it."""
-    from bus.network.endpoints import Endpoints
-    from orchestrator.commands import performing
-    from orchestrator.commands.progress import opened
-    from orchestrator.commands.tls import tls_of
-    from orchestrator.runs.running import past_of
+    from nrs_cosim.bus.network.endpoints import Endpoints
+    from nrs_cosim.orchestrator.commands import performing
+    from nrs_cosim.orchestrator.commands.progress import opened
+    from nrs_cosim.orchestrator.commands.tls import tls_of
+    from nrs_cosim.orchestrator.runs.running import past_of
 
     _expect_of_hosts(hosts, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
@@ -174,12 +174,12 @@ def host(
     insecure_tcp: InsecureTcp = False,
 ) -> None:
     """Run some robots of a run that an orchestrator elsewhere listens for."""
-    from bus.network.endpoints import Endpoints
-    from bus.network.vetting import common_name
-    from orchestrator.commands.performing import show
-    from orchestrator.commands.tls import tls_of
-    from orchestrator.hosts.member import Membership, serve
-    from orchestrator.scenario.numbers import parse_robots
+    from nrs_cosim.bus.network.endpoints import Endpoints
+    from nrs_cosim.bus.network.vetting import common_name
+    from nrs_cosim.orchestrator.commands.performing import show
+    from nrs_cosim.orchestrator.commands.tls import tls_of
+    from nrs_cosim.orchestrator.hosts.member import Membership, serve
+    from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
     wait = WAIT if wait is None else wait
     tls = tls_of(tls_ca, tls_certificate, tls_key)

@@ -10,20 +10,20 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.commands.verdict import grounds, verdict
-from orchestrator.scenario.numbers import decimals
-from orchestrator.terminal import prose
+from nrs_cosim.orchestrator.commands.verdict import grounds, verdict
+from nrs_cosim.orchestrator.scenario.numbers import decimals
+from nrs_cosim.orchestrator.terminal import prose
 
 if TYPE_CHECKING:
-    from estimator_agents.theory.design import Design, Gains
-    from estimator_agents.theory.estimates import Pair
-    from orchestrator.commands.doctor import Diagnosis
-    from orchestrator.promises.checking import Check
-    from orchestrator.promises.judging import Judged, Judgement
-    from orchestrator.promises.promising import Bound, Promises
-    from orchestrator.replays.comparing import Comparison
-    from orchestrator.runs.running import Profile
-    from plant_fmu.checking.findings import FmuCheck
+    from nrs_cosim.estimator_agents.theory.design import Design, Gains
+    from nrs_cosim.estimator_agents.theory.estimates import Pair
+    from nrs_cosim.orchestrator.commands.doctor import Diagnosis
+    from nrs_cosim.orchestrator.promises.checking import Check
+    from nrs_cosim.orchestrator.promises.judging import Judged, Judgement
+    from nrs_cosim.orchestrator.promises.promising import Bound, Promises
+    from nrs_cosim.orchestrator.replays.comparing import Comparison
+    from nrs_cosim.orchestrator.runs.running import Profile
+    from nrs_cosim.plant_fmu.checking.findings import FmuCheck
 
 _VERDICTS = {
     "holds": "[green]holds[/]",

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from bus.errors import InputError
-from bus.network.certificates import Tls
-from orchestrator.scenario.tables.scenario import TlsTable
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.certificates import Tls
+from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
 
 
 def tls_of(

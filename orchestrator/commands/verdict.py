@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from math import inf, isnan
 from typing import TYPE_CHECKING
 
-from orchestrator.scenario.numbers import multiple
+from nrs_cosim.orchestrator.scenario.numbers import multiple
 
 if TYPE_CHECKING:
-    from estimator_agents.algorithm import Spectrum
-    from estimator_agents.theory.aperiodic import Growth
-    from estimator_agents.theory.network import Network
-    from orchestrator.promises.bounding import Bounded
-    from orchestrator.promises.checking import Check
-    from orchestrator.promises.promising import Promises
-    from orchestrator.promises.turns import AnyOrder
+    from nrs_cosim.estimator_agents.algorithm import Spectrum
+    from nrs_cosim.estimator_agents.theory.aperiodic import Growth
+    from nrs_cosim.estimator_agents.theory.network import Network
+    from nrs_cosim.orchestrator.promises.bounding import Bounded
+    from nrs_cosim.orchestrator.promises.checking import Check
+    from nrs_cosim.orchestrator.promises.promising import Promises
+    from nrs_cosim.orchestrator.promises.turns import AnyOrder
 
 ROUNDING = 1e-12
 """Of an eigenvalue, that is not shown."""

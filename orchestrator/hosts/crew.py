@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
-from bus.errors import BusError, InputError, RunError
-from bus.keys import (
+from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.bus.keys import (
     ALIVE,
     FMU,
     HEARD,
@@ -26,24 +26,24 @@ from bus.keys import (
     START,
     wire_key,
 )
-from bus.network.access import expect_host_name
-from bus.network.zenoh_bus import ZenohBus, ZenohInbox
-from bus.parts import joined
-from bus.seal import Seal
-from bus.text import storable
-from bus.transport import Cut, Item, Message, Presence, Question, Rejected, Screen
-from bus.wire import Wire
-from orchestrator.errors import HostError
-from orchestrator.hosts.homes import Home, Homes, NotLetInError
-from orchestrator.hosts.local import STARTING, LocalHost
-from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Welcome
-from orchestrator.runs.host import Spent
-from orchestrator.runs.restart import AT_ONCE, point_of
-from orchestrator.runs.robots import wire_of
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.numbers import named
-from orchestrator.scenario.setting import clock_of
-from recordings.recorder import Recorder
+from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
+from nrs_cosim.bus.parts import joined
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.text import storable
+from nrs_cosim.bus.transport import Cut, Item, Message, Presence, Question, Rejected, Screen
+from nrs_cosim.bus.wire import Wire
+from nrs_cosim.orchestrator.errors import HostError
+from nrs_cosim.orchestrator.hosts.homes import Home, Homes, NotLetInError
+from nrs_cosim.orchestrator.hosts.local import STARTING, LocalHost
+from nrs_cosim.orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Welcome
+from nrs_cosim.orchestrator.runs.host import Spent
+from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
+from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.recordings.recorder import Recorder
 
 _MOST_DEATHS = 3
 _LONGEST_HELLO = 2**20
@@ -287,7 +287,7 @@ class Crew:
 
     def _join(self, name: str, question: Question) -> None:
         # A run without hosts has nothing to encrypt, and need not wait for what does it.
-        from bus.encryption import encrypt, expect_public_key  # noqa: PLC0415
+        from nrs_cosim.bus.encryption import encrypt, expect_public_key  # noqa: PLC0415
 
         try:
             expect_host_name(name, "--name")

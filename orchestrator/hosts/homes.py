@@ -6,10 +6,10 @@ from importlib.metadata import version
 from time import monotonic
 from typing import Any
 
-from bus.transport import Put
-from orchestrator.hosts.local import LocalHost
-from orchestrator.hosts.notes import Hello, Report
-from orchestrator.scenario.numbers import named
+from nrs_cosim.bus.transport import Put
+from nrs_cosim.orchestrator.hosts.local import LocalHost
+from nrs_cosim.orchestrator.hosts.notes import Hello, Report
+from nrs_cosim.orchestrator.scenario.numbers import named
 
 
 class NotLetInError(Exception):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bus.errors import RunError
+from nrs_cosim.bus.errors import RunError
 
 _PRINTED = 2000
 STARTING = 60.0
@@ -30,7 +30,7 @@ class LocalHost:
         try:
             with self._printed.open("wb") as printed:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "orchestrator.hosts.process", *command],
+                    [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.hosts.process", *command],
                     stdin=subprocess.DEVNULL,
                     stdout=printed,
                     stderr=printed,

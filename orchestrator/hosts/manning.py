@@ -9,21 +9,21 @@ from pathlib import Path
 from secrets import token_bytes
 from uuid import uuid4
 
-from bus.errors import InputError
-from bus.keys import RECORDS, REPORT, SAMPLES, wire_key
-from bus.network.endpoints import Address, Endpoints
-from bus.network.zenoh_bus import ZenohBus
-from bus.seal import Seal
-from bus.transport import Bus
-from orchestrator.hosts.crew import Crew, Fmu, Terms, screen_of
-from orchestrator.hosts.local import LocalHost
-from orchestrator.runs.host import Watch
-from orchestrator.runs.lockstep import Hosts, Manning
-from orchestrator.runs.plants import group_by_archive
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.file import ScenarioFile
-from plant_fmu.fmi.native.rounds import load_native
-from plant_fmu.folders import own_folder
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.keys import RECORDS, REPORT, SAMPLES, wire_key
+from nrs_cosim.bus.network.endpoints import Address, Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Bus
+from nrs_cosim.orchestrator.hosts.crew import Crew, Fmu, Terms, screen_of
+from nrs_cosim.orchestrator.hosts.local import LocalHost
+from nrs_cosim.orchestrator.runs.host import Watch
+from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.plants import group_by_archive
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
+from nrs_cosim.plant_fmu.folders import own_folder
 
 _ROBOTS_A_HOST = 50
 """From so many robots on, a process more is worth what it costs."""

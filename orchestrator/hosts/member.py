@@ -14,9 +14,9 @@ from pathlib import Path
 from threading import Thread
 from time import monotonic
 
-from bus.encryption import KeyPair
-from bus.errors import BusError, CosimError, InputError, RunError
-from bus.keys import (
+from nrs_cosim.bus.encryption import KeyPair
+from nrs_cosim.bus.errors import BusError, CosimError, InputError, RunError
+from nrs_cosim.bus.keys import (
     ALIVE,
     FMU,
     HEARD,
@@ -29,24 +29,34 @@ from bus.keys import (
     START,
     wire_key,
 )
-from bus.network.access import expect_host_name
-from bus.network.endpoints import Endpoints
-from bus.network.zenoh_bus import ZenohBus, ZenohInbox
-from bus.parts import parted
-from bus.seal import Seal
-from bus.transport import Answer, Cut, Item, Message, Presence
-from bus.wire import RefusedError, Wire
-from orchestrator.hosts.notes import END, TICK, Go, Hello, Ready, Refusal, Report, Told, Welcome
-from orchestrator.runs.host import Heard
-from orchestrator.runs.restart import AT_ONCE
-from orchestrator.runs.robots import Robots, wire_of
-from orchestrator.scenario.file import parse_scenario
-from orchestrator.scenario.numbers import named
-from orchestrator.scenario.setting import clock_of
-from plant_fmu.archives.archive import Archive, find_archive
-from plant_fmu.archives.store import keep, stored
-from plant_fmu.bundled.declaration import bundled_models
-from plant_fmu.errors import FmuError
+from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
+from nrs_cosim.bus.parts import parted
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Answer, Cut, Item, Message, Presence
+from nrs_cosim.bus.wire import RefusedError, Wire
+from nrs_cosim.orchestrator.hosts.notes import (
+    END,
+    TICK,
+    Go,
+    Hello,
+    Ready,
+    Refusal,
+    Report,
+    Told,
+    Welcome,
+)
+from nrs_cosim.orchestrator.runs.host import Heard
+from nrs_cosim.orchestrator.runs.restart import AT_ONCE
+from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
+from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.errors import FmuError
 
 _AGAIN = 0.5
 """s: how long to wait before a run is asked again."""

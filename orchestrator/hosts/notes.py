@@ -14,8 +14,8 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bus.errors import BusError, Cause
-from bus.parts import joined, parted
+from nrs_cosim.bus.errors import BusError, Cause
+from nrs_cosim.bus.parts import joined, parted
 
 END = b"end"
 """What ends a host."""

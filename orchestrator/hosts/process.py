@@ -8,11 +8,11 @@ from argparse import ArgumentParser
 
 import numpy as np
 
-from bus.errors import CosimError
-from bus.network.endpoints import Endpoints
-from orchestrator.hosts.member import Membership, serve
-from orchestrator.scenario.numbers import parse_robots
-from plant_fmu.isolation.worker import follow
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.orchestrator.hosts.member import Membership, serve
+from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.plant_fmu.isolation.worker import follow
 
 
 def main() -> None:

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from estimator_agents.condition import Condition
-from estimator_agents.theory.tracking import Constants, Drive, constants
-from orchestrator.scenario.own import controller_of, disturbance_of, plant_of
-from orchestrator.scenario.setting import gain, target_of
-from orchestrator.scenario.tables.fmus import Plant
-from orchestrator.scenario.tables.scenario import Robot, Scenario
-from orchestrator.scenario.tables.targets import Axis
-from plant_fmu.bundled.bounds import Bounds, bounds_of
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, constants
+from nrs_cosim.orchestrator.scenario.own import controller_of, disturbance_of, plant_of
+from nrs_cosim.orchestrator.scenario.setting import gain, target_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Robot, Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import Axis
+from nrs_cosim.plant_fmu.bundled.bounds import Bounds, bounds_of
 
 Find = Callable[[Plant, int], Bounds | str]
 """Returns P3 of a robot's plant that is not bundled, or why there is none."""

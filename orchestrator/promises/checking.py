@@ -6,16 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator_agents.algorithm import Spectrum, conditions, demands, load_algorithm
-from estimator_agents.condition import Condition
-from estimator_agents.theory.aperiodic import Growth, Periods
-from estimator_agents.theory.network import Network
-from estimator_agents.theory.recursion import Recursion
-from estimator_agents.theory.spectrum import smallest_theta
-from estimator_agents.theory.tracking import TRACKING
-from estimator_agents.theory.transient import ticks_until
-from orchestrator.promises.bounding import Find, tracking_conditions
-from orchestrator.promises.settling import (
+from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands, load_algorithm
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
+from nrs_cosim.estimator_agents.theory.network import Network
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
+from nrs_cosim.estimator_agents.theory.tracking import TRACKING
+from nrs_cosim.estimator_agents.theory.transient import ticks_until
+from nrs_cosim.orchestrator.promises.bounding import Find, tracking_conditions
+from nrs_cosim.orchestrator.promises.settling import (
     growth_of,
     merged,
     periods_of,
@@ -23,11 +23,11 @@ from orchestrator.promises.settling import (
     spectra_of,
     why_unknown,
 )
-from orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
-from orchestrator.scenario.numbers import multiple
-from orchestrator.scenario.own import controller_of
-from orchestrator.scenario.setting import gain, has_faults, target_of, topologies_of
-from orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
+from nrs_cosim.orchestrator.scenario.numbers import multiple
+from nrs_cosim.orchestrator.scenario.own import controller_of
+from nrs_cosim.orchestrator.scenario.setting import gain, has_faults, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""

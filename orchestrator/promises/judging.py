@@ -18,14 +18,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from orchestrator.promises.checking import finite
-from orchestrator.promises.promising import Bound, Promises, bounds, promises
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.setting import clock_of, target_of, topologies_of
-from orchestrator.scenario.tables.scenario import Scenario
-from recordings.measuring import SteadyState, errors_by_tick
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.promises.checking import finite
+from nrs_cosim.orchestrator.promises.promising import Bound, Promises, bounds, promises
+from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.recordings.measuring import SteadyState, errors_by_tick
+from nrs_cosim.recordings.reading import Reader
 
 Array = NDArray[np.float64]
 Verdict = Literal["within", "exceeds", "unknown"]

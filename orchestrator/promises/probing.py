@@ -1,14 +1,14 @@
 """P3 of FMUs that are not bundled is sampled, once for each, where their files are at hand."""
 
-from bus.errors import CosimError
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import bodies, names_of
-from orchestrator.scenario.tables.fmus import Plant
-from plant_fmu.archives.archive import find_archive
-from plant_fmu.bundled.bounds import Bounds
-from plant_fmu.checking.apart import p3_of
-from plant_fmu.checking.findings import Task
-from plant_fmu.drives.driving import Driving
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.setting import bodies, names_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.plant_fmu.archives.archive import find_archive
+from nrs_cosim.plant_fmu.bundled.bounds import Bounds
+from nrs_cosim.plant_fmu.checking.apart import p3_of
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.drives.driving import Driving
 
 MOST = 4
 """Different plants that are sampled, of a scenario with many."""

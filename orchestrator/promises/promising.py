@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator_agents.algorithm import Algorithm, load_algorithm, modes
-from estimator_agents.target import Harmonic
-from estimator_agents.theory.aperiodic import Growth, Periods
-from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
-from estimator_agents.theory.design import Design, design
-from estimator_agents.theory.estimates import (
+from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, modes
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
+from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
+from nrs_cosim.estimator_agents.theory.design import Design, design
+from nrs_cosim.estimator_agents.theory.estimates import (
     Pair,
     Promise,
     SteadyMotion,
@@ -20,12 +20,12 @@ from estimator_agents.theory.estimates import (
     sharp_always,
     steady_motion,
 )
-from estimator_agents.theory.recursion import Recursion
-from estimator_agents.theory.spectrum import spectral_radius
-from estimator_agents.theory.tracking import balls, proven, worst
-from orchestrator.promises.bounding import Bounded, Find, bounded
-from orchestrator.promises.checking import finite
-from orchestrator.promises.settling import (
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
+from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst
+from nrs_cosim.orchestrator.promises.bounding import Bounded, Find, bounded
+from nrs_cosim.orchestrator.promises.checking import finite
+from nrs_cosim.orchestrator.promises.settling import (
     growth_of,
     lasting,
     periods_of,
@@ -33,9 +33,9 @@ from orchestrator.promises.settling import (
     spectra_of,
     why_unknown,
 )
-from orchestrator.scenario.setting import has_faults, target_of, topologies_of
-from orchestrator.scenario.tables.scenario import Scenario
-from orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
+from nrs_cosim.orchestrator.scenario.setting import has_faults, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 
 
 @dataclass(frozen=True, slots=True)

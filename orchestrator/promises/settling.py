@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bus.topologies import Topologies
-from estimator_agents.algorithm import Algorithm, Spectra, modes
-from estimator_agents.theory.aperiodic import Growth, Periods, growth
-from estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
-from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
-from estimator_agents.theory.switching import period, period_factor
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.setting import clock_of
-from orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, modes
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, growth
+from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.switching import period, period_factor
+from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 UNKNOWN = Growth(float("nan"), float("nan"))
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from bus.topologies import Topologies
-from estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions
-from estimator_agents.condition import Condition
-from estimator_agents.theory.aperiodic import Growth, Periods, Verdict
-from estimator_agents.theory.network import Network, network_of
-from estimator_agents.theory.switching import any_order, contracts_in_any_order
-from orchestrator.promises.settling import for_any_periods, growth_alone, recursions_of
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, Verdict
+from nrs_cosim.estimator_agents.theory.network import Network, network_of
+from nrs_cosim.estimator_agents.theory.switching import any_order, contracts_in_any_order
+from nrs_cosim.orchestrator.promises.settling import for_any_periods, growth_alone, recursions_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

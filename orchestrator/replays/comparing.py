@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import STATE, Codec
-from bus.wire import Records
-from orchestrator.replays.verifying import ABSENT, Difference, difference_in
-from orchestrator.runs.running import past_of
-from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.clock import NS_PER_S
-from recordings.container import Message
-from recordings.reading import Reader
-from recordings.tables import joints
+from nrs_cosim.bus.messages import STATE, Codec
+from nrs_cosim.bus.wire import Records
+from nrs_cosim.orchestrator.replays.verifying import ABSENT, Difference, difference_in
+from nrs_cosim.orchestrator.runs.running import past_of
+from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
+from nrs_cosim.recordings.container import Message
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import joints
 
 QUANTITIES = STATE.vectors
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ blocking rather than dropping. Simulated time is paced by the wall clock, or not
 from collections.abc import Callable
 from time import monotonic
 
-from bus.network.endpoints import Endpoints
-from bus.network.zenoh_bus import ZenohBus
-from orchestrator.scenario.clock import NS_PER_S
-from recordings.reading import Reader
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
+from nrs_cosim.recordings.reading import Reader
 
 Wait = Callable[[float], None]
 """Waits for so many s."""

@@ -15,26 +15,26 @@ from typing import Any, Never
 
 import numpy as np
 
-from bus.keys import EVERYONE, RECORDS, SAMPLES, wire_key
-from bus.memory_bus import MemoryBus, MemoryInbox
-from bus.messages import FAULT, SAMPLE, STATE, Codec
-from bus.seal import Seal
-from bus.transport import Item, Message
-from bus.wire import Records
-from orchestrator.runs.host import Heard
-from orchestrator.runs.lockstep import TargetNode
-from orchestrator.runs.plants import Find, find_recorded
-from orchestrator.runs.robots import Robots, wire_of
-from orchestrator.runs.running import past_of
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import clock_of, target_of
-from plant_fmu.plants import Array
-from recordings.columns import Columns
-from recordings.container import Message as Recorded
-from recordings.reading import Reader
-from recordings.recorder import Recorder, channels
-from recordings.tables import about
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
+from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Item, Message
+from nrs_cosim.bus.wire import Records
+from nrs_cosim.orchestrator.runs.host import Heard
+from nrs_cosim.orchestrator.runs.lockstep import TargetNode
+from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
+from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.runs.running import past_of
+from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.plant_fmu.plants import Array
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import Message as Recorded
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.tables import about
 
 HERE = "here"
 ABSENT, PRESENT = "absent", "present"

@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from bus.transport import Bus
-from orchestrator.replays.verifying import RecordedPlants, states_of
-from orchestrator.runs.alone import on_a_session
-from orchestrator.runs.host import Watch
-from orchestrator.runs.lockstep import Hosts, Manning
-from orchestrator.runs.plants import Find, find_recorded
-from orchestrator.runs.robots import Robots
-from orchestrator.scenario.changes import Change
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.file import ScenarioFile
-from plant_fmu.fleet import Fleet
-from recordings.metadata import PARENT
-from recordings.reading import Reader
-from recordings.tables import about
+from nrs_cosim.bus.transport import Bus
+from nrs_cosim.orchestrator.replays.verifying import RecordedPlants, states_of
+from nrs_cosim.orchestrator.runs.alone import on_a_session
+from nrs_cosim.orchestrator.runs.host import Watch
+from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
+from nrs_cosim.orchestrator.runs.robots import Robots
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.plant_fmu.fleet import Fleet
+from nrs_cosim.recordings.metadata import PARENT
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import about
 
 
 def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Manning:

@@ -18,13 +18,13 @@ from typing import Self
 
 import typer
 
-from bus.errors import InputError
-from orchestrator.reports.reporting import story_of
-from orchestrator.terminal import say
-from recordings.errors import UnreadableError
-from recordings.reading import Reader
-from recordings.report.page import expect_plotly, told
-from recordings.report.serving import HOST, LiveServer
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.reports.reporting import story_of
+from nrs_cosim.orchestrator.terminal import say
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report.page import expect_plotly, told
+from nrs_cosim.recordings.report.serving import HOST, LiveServer
 
 _LINGER = 3.0
 """s: how long a page that is open may take to ask for the end of a run."""
@@ -50,7 +50,7 @@ class Live:
             listening.listen()
             told = [str(recording), str(listening.fileno()), _state(recording)]
             self._server = subprocess.Popen(
-                [sys.executable, "-P", "-m", "orchestrator.reports.live", *told],
+                [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.reports.live", *told],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 env={**os.environ, "PYTHONPATH": modules},

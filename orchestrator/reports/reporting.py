@@ -5,20 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from bus.topologies import Topologies
-from orchestrator.promises.checking import Check, check, finite
-from orchestrator.promises.promising import bounds, promises
-from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.own import own_plants
-from orchestrator.scenario.setting import clock_of, target_of, topologies_of
-from orchestrator.scenario.tables.fmus import Plant
-from orchestrator.scenario.tables.scenario import Scenario
-from plant_fmu.bundled.declaration import bundled_models, declaration
-from recordings.measuring import Array, SteadyState
-from recordings.reading import Reader
-from recordings.report.story import Story, read_story
-from recordings.report.subject import Arm, Subject, Verdict
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.orchestrator.promises.checking import Check, check, finite
+from nrs_cosim.orchestrator.promises.promising import bounds, promises
+from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.scenario.own import own_plants
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
+from nrs_cosim.recordings.measuring import Array, SteadyState
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report.story import Story, read_story
+from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict
 
 
 def story_of(reader: Reader) -> Story:

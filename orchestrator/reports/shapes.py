@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.own import own_plants
-from orchestrator.scenario.tables.fmus import Plant
-from plant_fmu.bundled.declaration import declaration
-from recordings.scene import Shape, write_scene
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.own import own_plants
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.plant_fmu.bundled.declaration import declaration
+from nrs_cosim.recordings.scene import Shape, write_scene
 
 __all__ = ["shapes_of", "write_scene"]
 

@@ -6,19 +6,19 @@ from contextlib import ExitStack
 from typing import Any, Never
 from uuid import uuid4
 
-from bus.errors import BusError
-from bus.keys import RECORDS, SAMPLES, wire_key
-from bus.network.zenoh_bus import ZenohBus
-from bus.seal import Seal
-from bus.transport import Bus, Item
-from bus.wire import Wire
-from orchestrator.runs.host import Heard, Host, Spent, Watch
-from orchestrator.runs.lockstep import Hosts, Manning
-from orchestrator.runs.restart import AT_ONCE, point_of
-from orchestrator.runs.robots import Robots, wire_of
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.file import ScenarioFile
-from recordings.recorder import Recorder
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Bus, Item
+from nrs_cosim.bus.wire import Wire
+from nrs_cosim.orchestrator.runs.host import Heard, Host, Spent, Watch
+from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
+from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.recordings.recorder import Recorder
 
 NAME = "here"
 

@@ -15,18 +15,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import Cause
-from bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
-from bus.messages import CHECKPOINT, Blob
-from bus.parts import joined, parted
-from bus.transport import Bus, Inbox, Item, Message
-from bus.wire import Nodes, Records, RefusedError, Tick, Wire
-from estimator_agents.agents import Agents
-from estimator_agents.estimate import Estimate
-from orchestrator.errors import DivergedError
-from orchestrator.scenario.clock import Clock, seconds
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Checkpointed, Plants
+from nrs_cosim.bus.errors import Cause
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, Blob
+from nrs_cosim.bus.parts import joined, parted
+from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
+from nrs_cosim.bus.wire import Nodes, Records, RefusedError, Tick, Wire
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.errors import DivergedError
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
 
 Watch = Callable[[int], None]
 """Is told each simulated time, ns, that a host has reached; may raise `Interrupted`."""

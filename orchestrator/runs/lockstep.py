@@ -15,16 +15,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bus.errors import BusError, Cause
-from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
-from bus.transport import Bus, Inbox, Item, Message
-from bus.wire import Wire
-from estimator_agents.target import Target
-from orchestrator.runs.host import Spent, Watch
-from orchestrator.runs.pace import NO_PACE, Pace
-from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.numbers import named
-from recordings.recorder import Recorder
+from nrs_cosim.bus.errors import BusError, Cause
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
+from nrs_cosim.bus.wire import Wire
+from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.orchestrator.runs.host import Spent, Watch
+from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.recordings.recorder import Recorder
 
 WINDOW_BYTES = 16 * 2**20
 MOST_WINDOW, LEAST_WINDOW = 64, 4

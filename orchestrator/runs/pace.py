@@ -7,7 +7,7 @@ from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Protocol
 
-from orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.clock import seconds
 
 _PATIENCE = 0.1
 """s: how long nobody asks whether the run is to end."""

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.scenario.own import plant_of
-from orchestrator.scenario.setting import clock_of, names_of
-from orchestrator.scenario.tables.fmus import Plant
-from orchestrator.scenario.tables.scenario import Scenario
-from plant_fmu.archives.archive import Archive, find_archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.driving import Driving
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.drives.probing import ROBOTS
-from plant_fmu.errors import FmuError
-from plant_fmu.fleet import Fleet
-from plant_fmu.isolation.isolated import IsolatedPlants
-from plant_fmu.plants import Body, DrivenPlants
+from nrs_cosim.orchestrator.scenario.own import plant_of
+from nrs_cosim.orchestrator.scenario.setting import clock_of, names_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.drives.probing import ROBOTS
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fleet import Fleet
+from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
+from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
 
 Find = Callable[[str], Archive]
 """Returns the FMU that a scenario names; `FmuError` where there is none."""

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from bus.keys import TARGET
-from bus.seal import Seal
-from bus.transport import Bus, Inbox
-from bus.wire import Nodes, Wire
-from estimator_agents.agents import Agents
-from orchestrator.runs.host import Host, HostPlants
-from orchestrator.runs.plants import group_by_archive, open_fleet
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import (
+from nrs_cosim.bus.keys import TARGET
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Bus, Inbox
+from nrs_cosim.bus.wire import Nodes, Wire
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.orchestrator.runs.host import Host, HostPlants
+from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.setting import (
     algorithm_of,
     bodies,
     clock_of,
@@ -26,8 +26,8 @@ from orchestrator.scenario.setting import (
     silent_of,
     topologies_of,
 )
-from orchestrator.scenario.tables.scenario import Scenario
-from plant_fmu.archives.archive import Archive
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.plant_fmu.archives.archive import Archive
 
 
 @dataclass(frozen=True, slots=True, eq=False)

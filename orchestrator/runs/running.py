@@ -14,25 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from bus.errors import Cause, RunError
-from bus.keys import ORCHESTRATOR
-from bus.topology import Topology
-from orchestrator.errors import Interrupted, ScenarioError
-from orchestrator.runs.alone import Alone, alone
-from orchestrator.runs.host import Spent, Watch, needed
-from orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
-from orchestrator.runs.pace import NO_PACE, Pace
-from orchestrator.runs.restart import AT_ONCE
-from orchestrator.runs.summary import told_of
-from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.file import ScenarioFile
-from orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
-from recordings.container import MOST_CHANNELS, Closing, Compression, Message
-from recordings.metadata import RUN, SCENARIO, VERSIONS
-from recordings.reading import Reader
-from recordings.recorder import Recorder, channels, schemas
-from recordings.tables import CAUSE, REFUSED, SPENT
-from recordings.writing import Writer
+from nrs_cosim.bus.errors import Cause, RunError
+from nrs_cosim.bus.keys import ORCHESTRATOR
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
+from nrs_cosim.orchestrator.runs.alone import Alone, alone
+from nrs_cosim.orchestrator.runs.host import Spent, Watch, needed
+from nrs_cosim.orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
+from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace
+from nrs_cosim.orchestrator.runs.restart import AT_ONCE
+from nrs_cosim.orchestrator.runs.summary import told_of
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
+from nrs_cosim.recordings.container import MOST_CHANNELS, Closing, Compression, Message
+from nrs_cosim.recordings.metadata import RUN, SCENARIO, VERSIONS
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recorder import Recorder, channels, schemas
+from nrs_cosim.recordings.tables import CAUSE, REFUSED, SPENT
+from nrs_cosim.recordings.writing import Writer
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 

@@ -5,18 +5,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bus.text import storable
-from orchestrator.scenario.clock import NS_PER_S, Clock
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from orchestrator.scenario.setting import clock_of, target_of
-from orchestrator.scenario.tables.targets import FmuTarget
-from recordings.container import END
-from recordings.errors import UnreadableError
-from recordings.measuring import Array, SteadyState, steady_state
-from recordings.metadata import RUN, SCENARIO
-from recordings.reading import Reader
-from recordings.tables import about as about_run
-from recordings.tables import expect_joints
+from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, Clock
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
+from nrs_cosim.recordings.container import END
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.measuring import Array, SteadyState, steady_state
+from nrs_cosim.recordings.metadata import RUN, SCENARIO
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import about as about_run
+from nrs_cosim.recordings.tables import expect_joints
 
 _PARTIAL = "none of the run: messages of it are missing here"
 

@@ -2,10 +2,10 @@
 
 from collections import defaultdict
 
-from orchestrator.runs.plants import group_by_archive, named
-from orchestrator.scenario import numbers
-from orchestrator.scenario.file import ScenarioFile
-from plant_fmu.archives.variables import find_quantity, units_of
+from nrs_cosim.orchestrator.runs.plants import group_by_archive, named
+from nrs_cosim.orchestrator.scenario import numbers
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.plant_fmu.archives.variables import find_quantity, units_of
 
 
 def mixed_units(file: ScenarioFile) -> str:

@@ -18,10 +18,10 @@ from typing import Any
 
 import tomlkit
 
-from bus.errors import InputError
-from bus.text import storable
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
-from orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
 _NEXT = re.compile(rf",(?=\s*{_WORD}(?:\s*\.\s*{_WORD})*\s*=)")

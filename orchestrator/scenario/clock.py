@@ -15,7 +15,7 @@ from decimal import Decimal
 from functools import lru_cache
 from itertools import pairwise
 
-from orchestrator.scenario.chance import chance
+from nrs_cosim.orchestrator.scenario.chance import chance
 
 NS_PER_S = 1_000_000_000
 BLOCK = 64

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bus.numerals import decimal, whole
-from orchestrator.errors import ScenarioError
+from nrs_cosim.bus.numerals import decimal, whole
+from nrs_cosim.orchestrator.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.links.links import LinkFault
-from bus.links.outages import Spans
-from bus.topology import Topology
-from orchestrator.scenario.clock import nanoseconds
-from orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
-from orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.bus.links.links import LinkFault
+from nrs_cosim.bus.links.outages import Spans
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.scenario.clock import nanoseconds
+from nrs_cosim.orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 
 def link_faults(scenario: Scenario, topology: Topology) -> dict[tuple[int, int], LinkFault]:

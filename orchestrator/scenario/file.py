@@ -8,17 +8,17 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from bus.text import storable
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.graphs import with_edges
-from orchestrator.scenario.inlining import inline_target
-from orchestrator.scenario.moving import with_motion
-from orchestrator.scenario.spelling import close, nearest
-from orchestrator.scenario.tables.scenario import Run, Scenario
-from orchestrator.scenario.tables.targets import TARGETS
-from orchestrator.scenario.tables.values import FORMS
-from orchestrator.scenario.targets import wrong_target
-from orchestrator.scenario.wrong_tables import wrong_tables
+from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.graphs import with_edges
+from nrs_cosim.orchestrator.scenario.inlining import inline_target
+from nrs_cosim.orchestrator.scenario.moving import with_motion
+from nrs_cosim.orchestrator.scenario.spelling import close, nearest
+from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS
+from nrs_cosim.orchestrator.scenario.tables.values import FORMS
+from nrs_cosim.orchestrator.scenario.targets import wrong_target
+from nrs_cosim.orchestrator.scenario.wrong_tables import wrong_tables
 
 RECORDING = b"\x89MCAP"
 """How a recording begins; what knows the rest of it takes time to load."""
@@ -35,23 +35,32 @@ class ScenarioFile:
 
 
 def read_scenario(path: Path) -> ScenarioFile:
-    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong.
+    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong."""
+    return resolve_scenario(read_text(path), storable(path.stem), path.parent, str(path))
 
-    What it names for its target's samples or its network's edges is read too, and takes the name's
+
+def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
+    """Parse a scenario's text with what it names, relative to a folder; errors as of its origin.
+
+    What it names for its target's samples or its network's edges is read, and takes the name's
     place in the text; an FMU that is its target is run, and its samples stand there too.
     """
+    text = inline_target(text, folder, origin)
+    text = with_edges(text, folder, origin)
+    text = with_motion(text, folder, origin)
+    return parse_scenario(text, name, folder, origin)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a scenario file; `ScenarioError` when there is none."""
     try:
-        text = _text_of(path)
+        return _text_of(path)
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: cannot be read: it is no text in UTF-8") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
-    text = inline_target(text, path.parent, str(path))
-    text = with_edges(text, path.parent, str(path))
-    text = with_motion(text, path.parent, str(path))
-    return parse_scenario(text, storable(path.stem), path.parent, str(path))
 
 
 def _text_of(path: Path) -> str:

@@ -16,8 +16,8 @@ from bisect import insort
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.scenario.chance import chance
-from orchestrator.scenario.tables.networks import Generator
+from nrs_cosim.orchestrator.scenario.chance import chance
+from nrs_cosim.orchestrator.scenario.tables.networks import Generator
 
 Nodes = NDArray[np.intp]
 REWIRE = 0.1

@@ -15,8 +15,8 @@ from typing import Any
 
 from lxml import etree
 
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.edges import Arrow, node_number, positive
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.edges import Arrow, node_number, positive
 
 NAMESPACE = "{http://graphml.graphdrawing.org/xmlns}"
 _ATTRIBUTES = {

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.edges import Arrow, expect_distinct, node_number, positive
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.edges import Arrow, expect_distinct, node_number, positive
 
 _HOLE = "edges {} that take the place of a file's name"
 _FORMS = ("edges", "graphml")
@@ -74,7 +74,7 @@ def _edges_of(path: Path, form: str, where: str) -> list[Arrow]:
         why = getattr(error, "strerror", None) or error
         raise ScenarioError(f"{where}: cannot be read: {why}") from None
     if form == "graphml":
-        from orchestrator.scenario.graphml import arrows_of  # noqa: PLC0415, it loads lxml
+        from nrs_cosim.orchestrator.scenario.graphml import arrows_of  # noqa: PLC0415, it loads lxml
 
         edges = arrows_of(data, where)
     else:

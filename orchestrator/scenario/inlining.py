@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.errors import InputError
-from estimator_agents.target import Sampled
-from orchestrator.errors import ScenarioError
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.estimator_agents.target import Sampled
+from nrs_cosim.orchestrator.errors import ScenarioError
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def written(rows: list[Any]) -> str:
 
 def _samples(path: Path) -> tuple[Array, Array]:
     """Return times (s,) and positions (s, m) of a file, whose velocities agree with them."""
-    from recordings.foreign import read_columns  # noqa: PLC0415, as above
+    from nrs_cosim.recordings.foreign import read_columns  # noqa: PLC0415, as above
 
     found = read_columns(path)
     for name in ("t", "position_1"):

@@ -10,18 +10,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bus.errors import CosimError
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.clock import Clock, seconds
-from orchestrator.scenario.inlining import Array, written
-from orchestrator.scenario.setting import clock_of, names_of
-from orchestrator.scenario.smoothness import expect_smooth
-from orchestrator.scenario.tables.scenario import Scenario
-from orchestrator.scenario.tables.targets import FmuTarget
-from orchestrator.scenario.targets import wrong_variables
-from orchestrator.scenario.times import wrong_times
-from plant_fmu.drives.grid import parts
-from plant_fmu.errors import FmuError
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.scenario.inlining import Array, written
+from nrs_cosim.orchestrator.scenario.setting import clock_of, names_of
+from nrs_cosim.orchestrator.scenario.smoothness import expect_smooth
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
+from nrs_cosim.orchestrator.scenario.targets import wrong_variables
+from nrs_cosim.orchestrator.scenario.times import wrong_times
+from nrs_cosim.plant_fmu.drives.grid import parts
+from nrs_cosim.plant_fmu.errors import FmuError
 
 PARTS = 4
 """Of a sampling period, at least, unless the scenario says otherwise."""
@@ -55,8 +55,8 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
         )
     import tomlkit  # noqa: PLC0415, as in `inlining`
 
-    from plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it loads FMPy
-    from plant_fmu.motion import motion_of  # noqa: PLC0415, as above
+    from nrs_cosim.plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it loads FMPy
+    from nrs_cosim.plant_fmu.motion import motion_of  # noqa: PLC0415, as above
 
     names = names_of(target.variables)
     try:

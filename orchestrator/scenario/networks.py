@@ -9,12 +9,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from bus.topologies import Exchange, Topologies
-from bus.topology import Topology
-from orchestrator.scenario.generators import generated
-from orchestrator.scenario.tables.networks import Digraph, Edge, Network
-from orchestrator.scenario.tables.networks import Exchange as ExchangeTable
-from orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.scenario.generators import generated
+from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Network
+from nrs_cosim.orchestrator.scenario.tables.networks import Exchange as ExchangeTable
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 
 def topologies_of(scenario: Scenario) -> Topologies:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bus.errors import InputError
+from nrs_cosim.bus.errors import InputError
 
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
-from orchestrator.scenario.tables.fmus import Plant
-from orchestrator.scenario.tables.scenario import Controller, Disturbance, Robot, Scenario
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Disturbance, Robot, Scenario
 
 Shared = TypeVar("Shared", bound=BaseModel)
 

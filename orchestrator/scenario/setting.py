@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.links.links import LinkFault, Links
-from bus.links.outages import Outages
-from bus.topologies import Topologies
-from estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
-from estimator_agents.estimate import Estimate
-from estimator_agents.hearing import Missing
-from estimator_agents.target import Harmonic, Sampled, Target
-from orchestrator.scenario import networks, times
-from orchestrator.scenario.chance import chance
-from orchestrator.scenario.clock import Clock
-from orchestrator.scenario.faults import link_faults, silences
-from orchestrator.scenario.own import controller_of, disturbance_of, plant_of
-from orchestrator.scenario.tables.fmus import Name, Pattern
-from orchestrator.scenario.tables.scenario import Robot, Scenario
-from orchestrator.scenario.tables.targets import Axis, FmuTarget, SampledTarget
-from orchestrator.scenario.tables.values import Uniform
-from plant_fmu.archives import naming
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.bus.links.links import LinkFault, Links
+from nrs_cosim.bus.links.outages import Outages
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.hearing import Missing
+from nrs_cosim.estimator_agents.target import Harmonic, Sampled, Target
+from nrs_cosim.orchestrator.scenario import networks, times
+from nrs_cosim.orchestrator.scenario.chance import chance
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
+from nrs_cosim.orchestrator.scenario.own import controller_of, disturbance_of, plant_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Name, Pattern
+from nrs_cosim.orchestrator.scenario.tables.scenario import Robot, Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import Axis, FmuTarget, SampledTarget
+from nrs_cosim.orchestrator.scenario.tables.values import Uniform
+from nrs_cosim.plant_fmu.archives import naming
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bus.errors import CosimError
-from orchestrator.scenario.inlining import Array, Disagreement, disagreement
-from plant_fmu.errors import FmuError
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.orchestrator.scenario.inlining import Array, Disagreement, disagreement
+from nrs_cosim.plant_fmu.errors import FmuError
 
 FINER, ROUNDS = 4, 4
 """By how much samples come nearer in one round, and how often they do: 256 times in all."""

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator_agents.target import Sampled
-from orchestrator.scenario.clock import seconds
-from orchestrator.scenario.setting import clock_of, target_of
-from orchestrator.scenario.tables.scenario import Scenario
-from orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
-from orchestrator.scenario.times import wrong_times
-from plant_fmu.archives.quantities import MOTION
+from nrs_cosim.estimator_agents.target import Sampled
+from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
+from nrs_cosim.orchestrator.scenario.times import wrong_times
+from nrs_cosim.plant_fmu.archives.quantities import MOTION
 
 
 def wrong_target(scenario: Scenario) -> Iterator[str]:

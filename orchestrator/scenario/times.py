@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from decimal import Decimal
 from itertools import pairwise
 
-from orchestrator.scenario.clock import NS_PER_S, Clock, Jitter, nanoseconds, seconds
-from orchestrator.scenario.tables.scenario import Run
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, Clock, Jitter, nanoseconds, seconds
+from nrs_cosim.orchestrator.scenario.tables.scenario import Run
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 TRIES = 10_000

@@ -8,11 +8,11 @@ from math import isfinite
 
 import numpy as np
 
-from bus.topology import Topology
-from orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
-from orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
-from orchestrator.scenario.tables.scenario import Scenario
-from orchestrator.scenario.times import clock
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
+from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
+from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.times import clock
 
 MOST_EDGES = 10_000_000
 SHOWN = 8

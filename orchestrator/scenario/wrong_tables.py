@@ -3,21 +3,21 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bus.errors import InputError
-from bus.network.access import expect_host_name
-from estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
-from orchestrator.scenario.faults import wrong_faults
-from orchestrator.scenario.networks import hetero_at, topologies_of
-from orchestrator.scenario.numbers import parse_robots
-from orchestrator.scenario.spelling import nearest
-from orchestrator.scenario.tables.faults import Faults
-from orchestrator.scenario.tables.fmus import Plant
-from orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
-from orchestrator.scenario.tables.values import Uniform
-from orchestrator.scenario.targets import unsampled_times
-from orchestrator.scenario.times import wrong_times
-from orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
-from plant_fmu.archives.quantities import MOTION, UNITS
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
+from nrs_cosim.orchestrator.scenario.faults import wrong_faults
+from nrs_cosim.orchestrator.scenario.networks import hetero_at, topologies_of
+from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.orchestrator.scenario.spelling import nearest
+from nrs_cosim.orchestrator.scenario.tables.faults import Faults
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
+from nrs_cosim.orchestrator.scenario.tables.values import Uniform
+from nrs_cosim.orchestrator.scenario.targets import unsampled_times
+from nrs_cosim.orchestrator.scenario.times import wrong_times
+from nrs_cosim.orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
+from nrs_cosim.plant_fmu.archives.quantities import MOTION, UNITS
 
 SHORTEST = 1e-6
 AXES = "numbers, one for each of the target's axes"

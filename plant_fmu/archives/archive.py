@@ -10,14 +10,14 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription
 
-from plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
-from plant_fmu.archives.libraries import obstacle
-from plant_fmu.archives.reading import read_description
-from plant_fmu.archives.units import unit_of
-from plant_fmu.bundled.building import build, built_here
-from plant_fmu.bundled.declaration import bundled_models
-from plant_fmu.errors import FmuError
-from plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
+from nrs_cosim.plant_fmu.archives.libraries import obstacle
+from nrs_cosim.plant_fmu.archives.reading import read_description
+from nrs_cosim.plant_fmu.archives.units import unit_of
+from nrs_cosim.plant_fmu.bundled.building import build, built_here
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.folders import own_folder
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError
 
 GIB = 1 << 30
 MOST_BYTES = GIB

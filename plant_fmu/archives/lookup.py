@@ -6,9 +6,9 @@ from functools import lru_cache
 
 from fmpy.model_description import ModelVariable
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Family, families
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Family, families
+from nrs_cosim.plant_fmu.errors import FmuError
 
 Identity = tuple[str, int]
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import TYPES, Layout
-from plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, Layout
+from nrs_cosim.plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
+from nrs_cosim.plant_fmu.errors import FmuError
 
 VECTORS = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
 """Of m numbers each, of a robot."""

@@ -14,7 +14,7 @@ import fmpy
 from fmpy.model_description import ModelDescription
 from lxml import etree
 
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError
 
 NAME = "modelDescription.xml"
 MOST_BYTES = 64 << 20

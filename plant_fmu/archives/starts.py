@@ -11,10 +11,10 @@ from math import isclose
 
 from fmpy.model_description import ModelVariable
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.lookup import identity
-from plant_fmu.archives.quantities import TYPES, Part, Quantity
-from plant_fmu.archives.units import unit_of
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.lookup import identity
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
+from nrs_cosim.plant_fmu.archives.units import unit_of
 
 _START = re.compile(r"start|initial|init|_0$|0$")
 _NO_NAME = re.compile(r"[^a-z0-9]")

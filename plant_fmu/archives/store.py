@@ -7,8 +7,8 @@ import hashlib
 import re
 from pathlib import Path
 
-from plant_fmu import cache
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu import cache
+from nrs_cosim.plant_fmu.errors import FmuError
 
 _DIGEST = re.compile("[0-9a-f]{64}")
 

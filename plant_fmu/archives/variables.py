@@ -15,12 +15,12 @@ from types import MappingProxyType
 
 from fmpy.model_description import ModelVariable
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
-from plant_fmu.archives.naming import Pattern, Spec, families, split_slice
-from plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
-from plant_fmu.archives.units import si_factor, si_name, unit_of
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
+from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families, split_slice
+from nrs_cosim.plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
+from nrs_cosim.plant_fmu.archives.units import si_factor, si_name, unit_of
+from nrs_cosim.plant_fmu.errors import FmuError
 
 MOST_NUMBERS = 1_000_000
 """That one variable may hold."""

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.bundled.declaration import declaration
+from nrs_cosim.plant_fmu.bundled.declaration import declaration
 
 Array = NDArray[np.float64]
 

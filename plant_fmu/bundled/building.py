@@ -20,11 +20,11 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import fmpy
 
-from plant_fmu import cache
-from plant_fmu.bundled.c_source import c_header, c_tables
-from plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
-from plant_fmu.bundled.model_description import build_description, model_description
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu import cache
+from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
+from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
+from nrs_cosim.plant_fmu.bundled.model_description import build_description, model_description
+from nrs_cosim.plant_fmu.errors import FmuError
 
 FLAGS = (
     *("-std=c99", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-fvisibility=hidden"),

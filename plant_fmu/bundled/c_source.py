@@ -7,7 +7,7 @@ a function of `Values`, and a constant wherever it can be one.
 import re
 from collections.abc import Iterable
 
-from plant_fmu.bundled.declaration import Declaration, Dimension, Variable
+from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Dimension, Variable
 
 _SETTABLE_IN = {"input": "UNTIL_THE_END", "parameter": "BEFORE_START", "state": "BEFORE_START"}
 _NONE, _ONE = Dimension("none", 0, 0), Dimension("one", 1, 1)

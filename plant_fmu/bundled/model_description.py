@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from plant_fmu.bundled.declaration import Declaration, Variable
+from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Variable
 
 _SI = {
     "rad": {"rad": 1},

@@ -19,7 +19,7 @@ from adam.model import Model
 from adam.model.std_factories.std_joint import StdJoint
 from adam.model.std_factories.std_model import URDFModelFactory
 
-from plant_fmu.bundled.urdf_robot import Pose, Robot, Three
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Pose, Robot, Three
 
 _CODE: dict[str, bool | str] = {
     "main": False,

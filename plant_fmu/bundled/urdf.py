@@ -7,14 +7,14 @@ nothing that they depend on is guessed.
 from dataclasses import replace
 from pathlib import Path
 
-from plant_fmu.bundled.urdf_elements import named, read_joint, read_link, writable
-from plant_fmu.bundled.urdf_inertia import SOME_INERTIA, judge_inertias
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_robot import Inertial, Robot
-from plant_fmu.bundled.urdf_tree import from_the_base, moving_links
-from plant_fmu.bundled.urdf_xacro import expect_expanded
-from plant_fmu.bundled.urdf_xml import Element, read_xml
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled.urdf_elements import named, read_joint, read_link, writable
+from nrs_cosim.plant_fmu.bundled.urdf_inertia import SOME_INERTIA, judge_inertias
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Inertial, Robot
+from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, moving_links
+from nrs_cosim.plant_fmu.bundled.urdf_xacro import expect_expanded
+from nrs_cosim.plant_fmu.bundled.urdf_xml import Element, read_xml
+from nrs_cosim.plant_fmu.errors import FmuError
 
 
 def read_urdf(path: Path) -> Robot:

@@ -9,9 +9,9 @@ from typing import cast, get_args
 
 import numpy as np
 
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_robot import ZERO, Inertial, Joint, Kind, Link, Pose, Three
-from plant_fmu.bundled.urdf_xml import Element
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_robot import ZERO, Inertial, Joint, Kind, Link, Pose, Three
+from nrs_cosim.plant_fmu.bundled.urdf_xml import Element
 
 _FREE = {"floating", "planar"}
 _DEFAULT_AXIS: Three = (1.0, 0.0, 0.0)

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from plant_fmu.bundled.building import build_model
-from plant_fmu.bundled.declaration import MODELS, Declaration, declare
-from plant_fmu.bundled.urdf_robot import Robot, Three
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled.building import build_model
+from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot, Three
+from nrs_cosim.plant_fmu.errors import FmuError
 
 GRAVITY: Three = (0.0, 0.0, -9.80665)
 """m/s2, in the frame of the base link."""
@@ -28,7 +28,7 @@ def build_urdf(
     `begin` is told what is done next. `FmuError` says which packages or which compiler is missing.
     """
     try:
-        from plant_fmu.bundled.rigid_body import accelerations, c_code  # noqa: PLC0415
+        from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations, c_code  # noqa: PLC0415
     except ImportError as error:
         raise FmuError(
             f"the packages that generate the dynamics of a URDF are not installed ({error}): "

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_robot import Array, Inertial, Joint, Link
-from plant_fmu.bundled.urdf_tree import mass_matrix, moving_links
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Inertial, Joint, Link
+from nrs_cosim.plant_fmu.bundled.urdf_tree import mass_matrix, moving_links
 
 ROUNDING = 1e-12
 """Relative: what a number may be off that tools have computed and written."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_robot import Array, Joint, Link
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Joint, Link
 
 
 def from_the_base(

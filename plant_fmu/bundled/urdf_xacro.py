@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 
 from lxml import etree
 
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_xml import Element, prefix
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_xml import Element, prefix
+from nrs_cosim.plant_fmu.errors import FmuError
 
 _NAMESPACE = re.compile(r"\{http://(www\.)?(ros\.org/wiki|wiki\.ros\.org)/xacro(#interface)?/?\}")
 _PARTS = {

@@ -12,8 +12,8 @@ from typing import Any
 
 from lxml import etree
 
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.errors import FmuError
 
 Element = Any
 """An element of lxml, which has no types."""

@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from bus.errors import CosimError
-from plant_fmu.bundled.bounds import Bounds
-from plant_fmu.checking.budget import LIMIT, STARTING, VALIDATING, Budget, Tell, unheard
-from plant_fmu.checking.findings import Finding, FmuCheck, Task
-from plant_fmu.checking.procedure import findings
-from plant_fmu.checking.sampling import sampled
-from plant_fmu.errors import FmuError
-from plant_fmu.isolation.worker import follow
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.bundled.bounds import Bounds
+from nrs_cosim.plant_fmu.checking.budget import LIMIT, STARTING, VALIDATING, Budget, Tell, unheard
+from nrs_cosim.plant_fmu.checking.findings import Finding, FmuCheck, Task
+from nrs_cosim.plant_fmu.checking.procedure import findings
+from nrs_cosim.plant_fmu.checking.sampling import sampled
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.isolation.worker import follow
 
 DEADLINE = 60.0
 """s"""
@@ -115,7 +115,14 @@ def told_apart(say: Say, task: Task, deadline: float, tell: Tell = unheard) -> T
         path = Path(folder) / "task"
         path.write_bytes(pickle.dumps((say, task)))
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "plant_fmu.checking.apart", str(path), str(os.getpid())],
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "nrs_cosim.plant_fmu.checking.apart",
+                str(path),
+                str(os.getpid()),
+            ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=printed,

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from threading import current_thread, main_thread
 from time import monotonic, process_time
 
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError
 
 LIMIT = 20.0
 """s of processor time, of a stage."""

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.driving import Driving
-from plant_fmu.plants import Body
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.plants import Body
 
 Verdict = Literal["holds", "fails", "unknown", "note"]
 

@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive, unpacked
-from plant_fmu.archives.naming import Spec
-from plant_fmu.checking.budget import Budget
-from plant_fmu.checking.spans import agreeing, staircase
-from plant_fmu.drives.driving import STEP, Offer
-from plant_fmu.drives.grid import parts
-from plant_fmu.drives.model_exchange import ModelExchangePlants
-from plant_fmu.drives.probing import Probe
-from plant_fmu.drives.runge_kutta import RungeKutta
-from plant_fmu.drives.torque_held import TorqueHeldPlants
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.library import Kind, Library
-from plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.checking.budget import Budget
+from nrs_cosim.plant_fmu.checking.spans import agreeing, staircase
+from nrs_cosim.plant_fmu.drives.driving import STEP, Offer
+from nrs_cosim.plant_fmu.drives.grid import parts
+from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
+from nrs_cosim.plant_fmu.drives.probing import Probe
+from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
+from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.library import Kind, Library
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 AHEAD = 1e-2
 """rad, or s along q̇: half the distance over which what depends on q is differentiated."""

@@ -8,13 +8,13 @@ from math import isfinite
 
 import numpy as np
 
-from bus.errors import CosimError
-from plant_fmu.checking.budget import OverBudgetError
-from plant_fmu.checking.findings import Finding
-from plant_fmu.checking.mechanics import HOLDING, Mechanics
-from plant_fmu.drives.probing import SEED
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Array
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.checking.budget import OverBudgetError
+from nrs_cosim.plant_fmu.checking.findings import Finding
+from nrs_cosim.plant_fmu.checking.mechanics import HOLDING, Mechanics
+from nrs_cosim.plant_fmu.drives.probing import SEED
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Array
 
 POSTURES = 4
 AROUND = 2.0

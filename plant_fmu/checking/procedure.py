@@ -6,22 +6,22 @@ What is known is told at once, each step within a budget of its own.
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 
-from bus.errors import CosimError
-from plant_fmu.archives.archive import Archive, unpacked
-from plant_fmu.archives.quantities import TYPES, Part, Quantity
-from plant_fmu.archives.units import unit_of
-from plant_fmu.archives.variables import find_quantity
-from plant_fmu.checking.budget import VALIDATING, Budget
-from plant_fmu.checking.findings import Finding, Task
-from plant_fmu.checking.mechanics import Mechanics, open_probe
-from plant_fmu.checking.physics import physics
-from plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
-from plant_fmu.checking.validity import validity
-from plant_fmu.drives.driving import choose, offers
-from plant_fmu.drives.reference_driven import REFERENCE
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.fmi.library import Kind, Library
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
+from nrs_cosim.plant_fmu.archives.units import unit_of
+from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.checking.budget import VALIDATING, Budget
+from nrs_cosim.plant_fmu.checking.findings import Finding, Task
+from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.checking.physics import physics
+from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
+from nrs_cosim.plant_fmu.checking.validity import validity
+from nrs_cosim.plant_fmu.drives.driving import choose, offers
+from nrs_cosim.plant_fmu.drives.reference_driven import REFERENCE
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.library import Kind, Library
 
 QUANTITIES = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.checking.budget import Budget
-from plant_fmu.drives.driving import Driving
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.isolation.isolated import IsolatedPlants
-from plant_fmu.plants import Array, Body, Plants
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.checking.budget import Budget
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
+from nrs_cosim.plant_fmu.plants import Array, Body, Plants
 
 STEP, INTERVALS, STEPS = 0.02, 5, 5
 """s; an interval has some steps, and as many intervals come before the checkpoint as after it."""

@@ -9,16 +9,16 @@ from math import isfinite
 
 import numpy as np
 
-from bus.errors import CosimError
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.quantities import TYPES, Layout, Quantity
-from plant_fmu.checking.budget import Budget, OverBudgetError
-from plant_fmu.checking.findings import Finding, Task, Verdict
-from plant_fmu.checking.mechanics import Mechanics
-from plant_fmu.checking.resuming import resumed
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import UnstableStepError
-from plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, Layout, Quantity
+from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
+from nrs_cosim.plant_fmu.checking.findings import Finding, Task, Verdict
+from nrs_cosim.plant_fmu.checking.mechanics import Mechanics
+from nrs_cosim.plant_fmu.checking.resuming import resumed
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import UnstableStepError
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 PACE = 5.0
 """rad/s, of the critically damped motion to which the gains of a lone run are fitted."""

@@ -15,16 +15,16 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from bus.errors import CosimError
-from plant_fmu.bundled.bounds import Bounds
-from plant_fmu.checking.budget import Budget, OverBudgetError
-from plant_fmu.checking.findings import Task
-from plant_fmu.checking.mechanics import Mechanics, open_probe
-from plant_fmu.drives.driving import choose, offers
-from plant_fmu.drives.probing import SEED
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.plants import Array
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.bundled.bounds import Bounds
+from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.drives.driving import choose, offers
+from nrs_cosim.plant_fmu.drives.probing import SEED
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.plants import Array
 
 DRAWN, CLIMBING = 600, 350
 """States from which the plant is started: for the postures that are drawn, and for each climb."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.library import Kind
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.library import Kind
+from nrs_cosim.plant_fmu.plants import Array
 
 LONGEST, SHORTEST = 4e-3, 1e-3
 """s, between two of the velocities of which an acceleration is found, where nothing asks for less.

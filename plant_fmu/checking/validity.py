@@ -12,10 +12,10 @@ from zipfile import ZipFile
 
 from fmpy.validation import validate_fmu
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.reading import NAME
-from plant_fmu.checking.budget import OutOfTime, limited
-from plant_fmu.checking.findings import Finding
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.reading import NAME
+from nrs_cosim.plant_fmu.checking.budget import OutOfTime, limited
+from nrs_cosim.plant_fmu.checking.findings import Finding
 
 _VARYING = re.compile(r'"[^"]*"|\d+')
 """What problems of one kind differ in: names of variables, and numbers."""

@@ -9,9 +9,9 @@ from struct import Struct
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Array
 
 HEAD = Struct("<32sII")
 """The FMU's sha256, how many doubles follow, and how many bytes of its state follow them."""

@@ -22,9 +22,9 @@ from typing import Any
 
 from fmpy.sundials import libraries as sundials
 
-from plant_fmu.drives.exchanged import Exchanged
-from plant_fmu.fmi.calls import DISCARD, WARNING, bind
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.fmi.calls import DISCARD, WARNING, bind
+from nrs_cosim.plant_fmu.plants import Array
 
 MAX_STEPS = 100_000
 """Of the solver, between two times that it is asked for."""

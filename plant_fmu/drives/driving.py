@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.presence import has, takes, why_not
-from plant_fmu.archives.variables import NO_SIZES
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.library import Kind
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.presence import has, takes, why_not
+from nrs_cosim.plant_fmu.archives.variables import NO_SIZES
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.library import Kind
 
 Way = Literal["reference", "cvode", "rk4", "heun", "hold"]
 

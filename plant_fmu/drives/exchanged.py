@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plant_fmu.archives.quantities import View
-from plant_fmu.drives.law import Law
-from plant_fmu.errors import StepError
-from plant_fmu.fmi.calls import WARNING
-from plant_fmu.fmi.instances import Instances
-from plant_fmu.fmi.model_calls import ModelCalls
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.model_calls import ModelCalls
+from nrs_cosim.plant_fmu.plants import Array
 
 ITERATIONS = 1000
 """After so many iterations of one event it is taken to have no end."""

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import MOTION
-from plant_fmu.drives.stepped import Stepped
-from plant_fmu.fmi.library import Library
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.quantities import MOTION
+from nrs_cosim.plant_fmu.drives.stepped import Stepped
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 
 class FreePlants:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,17 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import MOTION
-from plant_fmu.drives.checkpoint import decode, encode
-from plant_fmu.drives.exchanged import Exchanged
-from plant_fmu.drives.law import Law
-from plant_fmu.drives.solvers import Solver
-from plant_fmu.fmi.instances import Instances
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.model_calls import bind_model
-from plant_fmu.fmi.states import States
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.quantities import MOTION
+from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
+from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.drives.solvers import Solver
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.model_calls import bind_model
+from nrs_cosim.plant_fmu.fmi.states import States
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 STATE = ("q", "qd")
 MAX_EVENTS = 10_000

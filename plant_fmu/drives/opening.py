@@ -4,23 +4,23 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from plant_fmu.archives.archive import Archive, unpacked
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.presence import expect_apart
-from plant_fmu.archives.quantities import MOTION
-from plant_fmu.drives import stability
-from plant_fmu.drives.driving import RTOL, STEP, Driving, Undriven, choose
-from plant_fmu.drives.exchanged import Exchanged
-from plant_fmu.drives.free import FreePlants
-from plant_fmu.drives.model_exchange import ModelExchangePlants
-from plant_fmu.drives.probing import expect_stable, measured_error
-from plant_fmu.drives.reference_driven import ReferenceDrivenPlants
-from plant_fmu.drives.runge_kutta import RungeKutta
-from plant_fmu.drives.torque_held import TorqueHeldPlants
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.fmi.library import Kind, Library
-from plant_fmu.plants import Body, DrivenPlants
+from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.presence import expect_apart
+from nrs_cosim.plant_fmu.archives.quantities import MOTION
+from nrs_cosim.plant_fmu.drives import stability
+from nrs_cosim.plant_fmu.drives.driving import RTOL, STEP, Driving, Undriven, choose
+from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.free import FreePlants
+from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
+from nrs_cosim.plant_fmu.drives.probing import expect_stable, measured_error
+from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
+from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
+from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.library import Kind, Library
+from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
 
 UNDRIVEN_RTOL = 1e-12
 """Of a target, which is run once."""
@@ -90,7 +90,7 @@ def _by_cvode(
     *,
     free: bool = False,
 ) -> DrivenPlants:
-    from plant_fmu.drives.cvode import Cvode  # noqa: PLC0415, it loads SUNDIALS' libraries
+    from nrs_cosim.plant_fmu.drives.cvode import Cvode  # noqa: PLC0415, it loads SUNDIALS' libraries
 
     def solve(robot: Exchanged) -> Cvode:
         solver = Cvode(robot, rtol)

@@ -10,10 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
-from plant_fmu.drives.grid import parts
-from plant_fmu.drives.stability import Propagate, step_limit
-from plant_fmu.errors import FmuError, StepError, UnstableStepError
-from plant_fmu.plants import Array, Body, Disturbance, Plants
+from nrs_cosim.plant_fmu.drives.grid import parts
+from nrs_cosim.plant_fmu.drives.stability import Propagate, step_limit
+from nrs_cosim.plant_fmu.errors import FmuError, StepError, UnstableStepError
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance, Plants
 
 POSTURES = 16
 SEED = 2003

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.presence import has
-from plant_fmu.archives.variables import find_quantity
-from plant_fmu.drives.stepped import Stepped
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.fmi.library import Library
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.presence import has
+from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.drives.stepped import Stepped
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 REFERENCE = ("position_ref", "velocity_ref")
 GAINS = ("kp", "kd")

@@ -7,10 +7,10 @@ lies within a width of a few roundings.
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_fmu.drives.exchanged import Exchanged
-from plant_fmu.drives.grid import parts
-from plant_fmu.fmi.calls import WARNING
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.grid import parts
+from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.plants import Array
 
 WEIGHTS = np.array([1, 2, 2, 1]) / 6
 WIDTH = 1e-12

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.plants import Array
 
 Propagate = Callable[[float, Array], Array]
 """(T in s, F (m, 2 m)) → Φ (2 m, 2 m)"""

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import decode, encode
-from plant_fmu.drives.law import Law
-from plant_fmu.fmi.instances import Instances
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.states import States
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
+from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.states import States
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 Told = Callable[[Body], Mapping[str, Any]]
 

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from fmpy.model_description import ModelVariable
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.lookup import find_variables, listed, suggestion
-from plant_fmu.archives.variables import shape_of
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.calls import Calls, c_references
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.lookup import find_variables, listed, suggestion
+from nrs_cosim.plant_fmu.archives.variables import shape_of
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.calls import Calls, c_references
 
 _FLOATS = {"Real": ctypes.c_double, "Float64": ctypes.c_double, "Float32": ctypes.c_float}
 _INTEGERS = {

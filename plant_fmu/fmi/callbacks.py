@@ -27,7 +27,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
-from plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.folders import own_folder
 
 Log = Callable[[str], None]
 

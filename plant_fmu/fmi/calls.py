@@ -9,7 +9,7 @@ from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass
 from typing import Any
 
-from plant_fmu.fmi.callbacks import Callbacks, Log, text_of
+from nrs_cosim.plant_fmu.fmi.callbacks import Callbacks, Log, text_of
 
 Call = Callable[..., int]
 

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from bus.errors import Cause
-from plant_fmu.archives.naming import Spec
-from plant_fmu.archives.quantities import TYPES, Quantity, View
-from plant_fmu.archives.starts import start_parameters
-from plant_fmu.archives.variables import bare_or_quoted, find_quantity
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
-from plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.native.rounds import native_rounds
-from plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
-from plant_fmu.plants import Array, Body, called
+from nrs_cosim.bus.errors import Cause
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, Quantity, View
+from nrs_cosim.plant_fmu.archives.starts import start_parameters
+from nrs_cosim.plant_fmu.archives.variables import bare_or_quoted, find_quantity
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.native.rounds import native_rounds
+from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
+from nrs_cosim.plant_fmu.plants import Array, Body, called
 
 Transfer = Callable[[float], None]
 """Moves rows of an array to or from the FMUs at a time in s; `StepError` when one refuses."""

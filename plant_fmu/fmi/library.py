@@ -13,9 +13,9 @@ from typing import Any, Literal, Self, TypeVar
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.calls import Calls, bind_common
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.calls import Calls, bind_common
 
 Kind = Literal["CoSimulation", "ModelExchange"]
 Bound = TypeVar("Bound")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from fmpy.fmi2 import fmi2EventInfo
 
-from plant_fmu.fmi.calls import Call, bind
+from nrs_cosim.plant_fmu.fmi.calls import Call, bind
 
 
 class Completed(NamedTuple):

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Sequence
 from ctypes import byref, c_void_p, sizeof
 from typing import Any, NamedTuple, Protocol
 
-from plant_fmu.archives.quantities import View
-from plant_fmu.fmi.calls import Calls, bind_step, c_references, is_fine
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.state_calls import bind_states
+from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.fmi.calls import Calls, bind_step, c_references, is_fine
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
 
 class End(NamedTuple):

@@ -4,7 +4,7 @@ from ctypes import c_size_t, c_void_p
 from dataclasses import dataclass
 from typing import Any
 
-from plant_fmu.fmi.calls import Call, bind
+from nrs_cosim.plant_fmu.fmi.calls import Call, bind
 
 
 @dataclass(frozen=True, slots=True)

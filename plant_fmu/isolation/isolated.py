@@ -10,13 +10,13 @@ import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.checkpoint import time_of
-from plant_fmu.drives.driving import Driving, Undriven
-from plant_fmu.fmi.native.rounds import load_native
-from plant_fmu.folders import own_folder
-from plant_fmu.isolation.sharing import (
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.drives.checkpoint import time_of
+from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven
+from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
+from nrs_cosim.plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.isolation.sharing import (
     ADVANCE,
     ADVANCED_BY,
     RESTORE,
@@ -27,8 +27,8 @@ from plant_fmu.isolation.sharing import (
     join,
     split,
 )
-from plant_fmu.isolation.worker_process import Worker
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.isolation.worker_process import Worker
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 
 class IsolatedPlants:

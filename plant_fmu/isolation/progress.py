@@ -9,8 +9,8 @@ from ctypes import addressof, c_char
 from dataclasses import fields, replace
 from typing import Any, cast
 
-from plant_fmu.fmi.calls import Call
-from plant_fmu.fmi.library import Bound
+from nrs_cosim.plant_fmu.fmi.calls import Call
+from nrs_cosim.plant_fmu.fmi.library import Bound
 
 MAKERS = frozenset({"instantiate", "set_typed"})
 """Calls that take no handle: the one makes handles, the other calls."""

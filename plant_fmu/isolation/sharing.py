@@ -12,11 +12,11 @@ from typing import IO
 
 import numpy as np
 
-from plant_fmu.archives.archive import Archive
-from plant_fmu.archives.naming import Spec
-from plant_fmu.drives.driving import Driving, Undriven
-from plant_fmu.isolation.progress import SIZE, Progress
-from plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven
+from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 HEAD, LENGTH = Struct("=cI"), Struct("=I")
 ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")

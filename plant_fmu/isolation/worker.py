@@ -18,13 +18,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from bus.errors import CosimError, RunError
-from plant_fmu.archives.archive import Archive
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.library import Bound, Kind, Library
-from plant_fmu.isolation.progress import Progress
-from plant_fmu.isolation.sharing import (
+from nrs_cosim.bus.errors import CosimError, RunError
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.library import Bound, Kind, Library
+from nrs_cosim.plant_fmu.isolation.progress import Progress
+from nrs_cosim.plant_fmu.isolation.sharing import (
     ADVANCE,
     ADVANCED_BY,
     BAD_FMU,

@@ -17,12 +17,12 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from bus.errors import Cause
-from plant_fmu.archives.archive import Archive
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.isolation.progress import Progress
-from plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
-from plant_fmu.plants import called
+from nrs_cosim.bus.errors import Cause
+from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.isolation.progress import Progress
+from nrs_cosim.plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
+from nrs_cosim.plant_fmu.plants import called
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
@@ -48,7 +48,14 @@ class Worker:
         label = archive.label
         self._label, self._needs, self._robots = label, archive.needs, robots
         self._printed = b""
-        command = ["-P", "-u", "-m", "plant_fmu.isolation.worker", str(task), str(os.getpid())]
+        command = [
+            "-P",
+            "-u",
+            "-m",
+            "nrs_cosim.plant_fmu.isolation.worker",
+            str(task),
+            str(os.getpid()),
+        ]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         try:
             self._process = subprocess.Popen(

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.report.decimating import kept
-from recordings.report.figures import Curve, Figure, Panel
-from recordings.report.printing import write_picture
+from nrs_cosim.recordings.report.decimating import kept
+from nrs_cosim.recordings.report.figures import Curve, Figure, Panel
+from nrs_cosim.recordings.report.printing import write_picture
 
 MOST = 24
 """Robots that are drawn."""

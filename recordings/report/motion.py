@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from recordings.report.arrays import Arrays
-from recordings.report.story import Story
+from nrs_cosim.recordings.report.arrays import Arrays
+from nrs_cosim.recordings.report.story import Story
 
 MOST_FRAMES = 900
 

@@ -18,12 +18,12 @@ from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
-from recordings.errors import MissingExtraError
-from recordings.report import network, words
-from recordings.report.arrays import Arrays
-from recordings.report.figures import Curve, Figure, Panel, figures, groups, names
-from recordings.report.motion import motion
-from recordings.report.story import Story
+from nrs_cosim.recordings.errors import MissingExtraError
+from nrs_cosim.recordings.report import network, words
+from nrs_cosim.recordings.report.arrays import Arrays
+from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, names
+from nrs_cosim.recordings.report.motion import motion
+from nrs_cosim.recordings.report.story import Story
 
 
 def page(stories: Sequence[Story]) -> str:
@@ -111,7 +111,7 @@ def _filled(data: str, connect: str) -> str:
 
 
 def _part(name: str) -> str:
-    return files("recordings.report").joinpath("web", name).read_text("utf-8")
+    return files("nrs_cosim.recordings.report").joinpath("web", name).read_text("utf-8")
 
 
 def expect_plotly() -> None:

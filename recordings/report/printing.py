@@ -15,8 +15,8 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 
-from recordings.report.figures import Figure, Group, Panel, figures, groups
-from recordings.report.story import Story
+from nrs_cosim.recordings.report.figures import Figure, Group, Panel, figures, groups
+from nrs_cosim.recordings.report.story import Story
 
 INKS = (
     "#2563c9", "#d9480f", "#2b8a3e", "#9c36b5", "#0b8a8f", "#c2255c", "#8f6a00", "#5c5f66",

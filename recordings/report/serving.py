@@ -17,7 +17,7 @@ from time import monotonic
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from recordings.report.page import live_page
+from nrs_cosim.recordings.report.page import live_page
 
 HOST = "127.0.0.1"
 Version = Callable[[], str]

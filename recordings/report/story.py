@@ -11,13 +11,13 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import FAULT, SAMPLE, STATE, Codec
-from bus.wire import Times
-from recordings.container import END_FIELDS, Status
-from recordings.measuring import SteadyState, steady_state
-from recordings.reading import Reader
-from recordings.report.subject import Subject
-from recordings.tables import about, joints, robots
+from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.wire import Times
+from nrs_cosim.recordings.container import END_FIELDS, Status
+from nrs_cosim.recordings.measuring import SteadyState, steady_state
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report.subject import Subject
+from nrs_cosim.recordings.tables import about, joints, robots
 
 Array = NDArray[np.float64]
 MOST_DRAWN = 24

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bus.topology import Topology
-from bus.wire import Times
-from recordings.measuring import TargetAt
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.bus.wire import Times
+from nrs_cosim.recordings.measuring import TargetAt
 
 
 @dataclass(frozen=True, slots=True)

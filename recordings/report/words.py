@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from recordings.report.story import Story
+from nrs_cosim.recordings.report.story import Story
 
 _MEASURED = {
     "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", ""),

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.anatomy import ALL, BESIDE, PARTS, REST, parts_of, replaced
-from bus.wire import Wire
+from nrs_cosim.bus.wire import Wire
 
 
 def test_every_part_has_its_time_and_little_is_left():
@@ -18,4 +18,4 @@ def test_every_part_has_its_time_and_little_is_left():
 
 def test_a_function_that_is_gone_is_named():
     with pytest.raises(LookupError, match=r"bus\.wire:Wire\.gone is not there any more"):
-        replaced("bus.wire:Wire.gone", lambda was: was)
+        replaced("nrs_cosim.bus.wire:Wire.gone", lambda was: was)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bus.encryption import PUBLIC_SIZE, KeyPair, encrypt, expect_public_key
-from bus.errors import BusError
+from nrs_cosim.bus.encryption import PUBLIC_SIZE, KeyPair, encrypt, expect_public_key
+from nrs_cosim.bus.errors import BusError
 
 SMALL_ORDER = [
     "0000000000000000000000000000000000000000000000000000000000000000",

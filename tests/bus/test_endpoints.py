@@ -10,10 +10,10 @@ import pytest
 import zenoh
 from cryptography.hazmat.primitives.serialization import PrivateFormat
 
-from bus.errors import BusError, InputError
-from bus.network.access import access_control
-from bus.network.endpoints import LOCAL_LEASE, NETWORK_LEASE, Endpoints, zenoh_settings
-from bus.network.sessions import open_session
+from nrs_cosim.bus.errors import BusError, InputError
+from nrs_cosim.bus.network.access import access_control
+from nrs_cosim.bus.network.endpoints import LOCAL_LEASE, NETWORK_LEASE, Endpoints, zenoh_settings
+from nrs_cosim.bus.network.sessions import open_session
 from tests.guard import GUARD, VAIN
 from tests.network.authority import LONG_AGO, Authority
 from tests.network.ports import free_port

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from bus.errors import BusError
-from bus.messages import (
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.messages import (
     CHECKPOINT,
     FAULT,
     HEADER,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bus.numerals import decimal, whole
+from nrs_cosim.bus.numerals import decimal, whole
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from hashlib import blake2b
 
 import pytest
 
-from bus.seal import SIZE, Seal
+from nrs_cosim.bus.seal import SIZE, Seal
 
 SECRET = bytes(range(32))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bus.topology import Topology
+from nrs_cosim.bus.topology import Topology
 
 PAPER = (
     [

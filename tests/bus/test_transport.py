@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from bus.memory_bus import MemoryBus
-from bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.memory_bus import MemoryBus
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 
 
 @pytest.fixture(params=[MemoryBus, lambda: ZenohBus("test-run")], ids=["memory", "zenoh"])

@@ -4,10 +4,10 @@ from collections import Counter
 
 import pytest
 
-from bus.network import zenoh_bus
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
-from bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.network import zenoh_bus
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 
 KINDS = {
     "publisher",

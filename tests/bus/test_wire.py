@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
-from bus.keys import RECORDS, SAMPLES, TARGET, wire_key
-from bus.messages import CHECKPOINT, FAULT, STATE, Blob, Codec
-from bus.parts import joined
-from bus.seal import Seal
-from bus.wire import RefusedError, Tick, Wire
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, FAULT, STATE, Blob, Codec
+from nrs_cosim.bus.parts import joined
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.wire import RefusedError, Tick, Wire
 
 M, TICKS, K = 2, 5, 3
 HOST, ROBOTS = "left", [2, 4]

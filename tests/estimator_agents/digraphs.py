@@ -3,8 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from bus.topologies import Exchange
-from bus.topology import Topology
+from nrs_cosim.bus.topologies import Exchange
+from nrs_cosim.bus.topology import Topology
 
 
 @st.composite

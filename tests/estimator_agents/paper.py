@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.target import Harmonic
 from tests.bus.test_topology import PAPER
 
 ADJACENCY, PINNING = (np.array(part, float) for part in PAPER)

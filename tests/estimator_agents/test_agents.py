@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from bus.errors import InputError
-from bus.topologies import Topologies
-from bus.topology import Topology
-from estimator_agents.agents import Agents
-from estimator_agents.algorithm import algorithm_names, load_algorithm
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.errors import AlgorithmError
-from estimator_agents.estimate import Estimate
-from estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.paper import first_order, recursion, second_order, target
 

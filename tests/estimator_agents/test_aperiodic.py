@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus.topologies import Topologies
-from bus.topology import Topology
-from estimator_agents.agents import Agents
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Estimate
-from estimator_agents.impulsive import Impulsive
-from estimator_agents.pd_like import PdLike
-from estimator_agents.sliding import Sliding
-from estimator_agents.theory.aperiodic import Periods, growth
-from estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
-from estimator_agents.theory.estimates import sharp, sharp_always
-from estimator_agents.theory.recursion import recursion_of
-from estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.impulsive import Impulsive
+from nrs_cosim.estimator_agents.pd_like import PdLike
+from nrs_cosim.estimator_agents.sliding import Sliding
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, growth
+from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
+from nrs_cosim.estimator_agents.theory.estimates import sharp, sharp_always
+from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.digraphs import digraphs, ring
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order

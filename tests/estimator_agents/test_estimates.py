@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus.topology import Topology
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.impulsive import Impulsive
-from estimator_agents.target import Harmonic
-from estimator_agents.theory.estimates import (
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.impulsive import Impulsive
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.estimates import (
     Pair,
     always,
     largest,
@@ -19,8 +19,8 @@ from estimator_agents.theory.estimates import (
     slip,
     steady_motion,
 )
-from estimator_agents.theory.recursion import recursion_of
-from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from tests.bus.test_topology import PAPER
 
 TOPOLOGY = Topology.of(*PAPER)

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator_agents.algorithm import algorithm_names, load_algorithm, policies_of
-from recordings.reading import Reader
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm, policies_of
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 
 ROOT = Path(__file__).parents[2]

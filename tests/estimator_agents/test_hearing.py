@@ -7,15 +7,15 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from bus.errors import InputError
-from bus.links.links import LinkFault, Links
-from bus.topologies import Exchange, Topologies
-from bus.topology import Topology
-from estimator_agents.agents import Agents
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Estimate
-from orchestrator.scenario.clock import Clock
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.links.links import LinkFault, Links
+from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.scenario.clock import Clock
 from tests.estimator_agents.faulty import Network, simulate
 
 H, TICKS = 0.1, 90

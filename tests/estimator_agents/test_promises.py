@@ -12,22 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from bus.topologies import Topologies
-from bus.topology import Topology
-from estimator_agents.agents import Agents
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Disagreement, Estimate
-from estimator_agents.impulsive import Impulsive
-from estimator_agents.pd_like import PdLike
-from estimator_agents.sliding import Sliding
-from estimator_agents.target import Harmonic
-from estimator_agents.theory import spectrum
-from estimator_agents.theory.estimates import promise, sharp, sharp_always, steady_motion
-from estimator_agents.theory.network import network_of
-from estimator_agents.theory.norms import small_value_norm
-from estimator_agents.theory.recursion import linear_jump, recursion_of
-from estimator_agents.theory.spectrum import (
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.impulsive import Impulsive
+from nrs_cosim.estimator_agents.pd_like import PdLike
+from nrs_cosim.estimator_agents.sliding import Sliding
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory import spectrum
+from nrs_cosim.estimator_agents.theory.estimates import promise, sharp, sharp_always, steady_motion
+from nrs_cosim.estimator_agents.theory.network import network_of
+from nrs_cosim.estimator_agents.theory.norms import small_value_norm
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump, recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import (
     largest_period,
     smallest_theta,
     spectral_radius,
@@ -420,11 +420,11 @@ def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
     """
     code = (
         "import sys, numpy as np; from tests.estimator_agents.digraphs import ring\n"
-        "from estimator_agents.dcea1 import FirstOrder as F\n"
-        "from estimator_agents.theory.network import network_of\n"
-        "from estimator_agents.theory.estimates import promise, sharp, steady_motion\n"
-        "from estimator_agents.theory.recursion import recursion_of\n"
-        "from estimator_agents.theory.spectrum import *\n"
+        "from nrs_cosim.estimator_agents.dcea1 import FirstOrder as F\n"
+        "from nrs_cosim.estimator_agents.theory.network import network_of\n"
+        "from nrs_cosim.estimator_agents.theory.estimates import promise, sharp, steady_motion\n"
+        "from nrs_cosim.estimator_agents.theory.recursion import recursion_of\n"
+        "from nrs_cosim.estimator_agents.theory.spectrum import *\n"
         "from tests.estimator_agents.paper import HARMONIC\n"
         "t, f = ring(10_000, True), F(0.9, 0.9)\n"
         "s = spectrum_of(t); r = recursion_of(f, t, 0.1); rho = spectral_radius(f.modes(s, 0.1))\n"

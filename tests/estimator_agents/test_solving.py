@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from estimator_agents.theory.solving import LARGE, solve
+from nrs_cosim.estimator_agents.theory.solving import LARGE, solve
 
 
 @pytest.mark.parametrize("heard", [1, 3])

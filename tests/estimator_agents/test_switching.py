@@ -7,26 +7,26 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bus.topologies import Exchange, Topologies
-from bus.topology import Topology
-from estimator_agents.agents import Agents
-from estimator_agents.algorithm import algorithm_names, load_algorithm, why_one_digraph
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.estimate import Estimate
-from estimator_agents.impulsive import Impulsive
-from estimator_agents.sliding import Sliding
-from estimator_agents.theory import switching
-from estimator_agents.theory.estimates import sharp, sharp_always, steady_motion
-from estimator_agents.theory.recursion import recursion_of
-from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
-from estimator_agents.theory.switching import (
+from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm, why_one_digraph
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.impulsive import Impulsive
+from nrs_cosim.estimator_agents.sliding import Sliding
+from nrs_cosim.estimator_agents.theory import switching
+from nrs_cosim.estimator_agents.theory.estimates import sharp, sharp_always, steady_motion
+from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.switching import (
     any_order,
     contracts_in_any_order,
     period,
     period_factor,
 )
-from estimator_agents.theory.varying import LARGEST
+from nrs_cosim.estimator_agents.theory.varying import LARGEST
 from tests.estimator_agents.digraphs import exchanges, ring
 from tests.estimator_agents.paper import HARMONIC
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator_agents.target import Sampled, Target
+from nrs_cosim.estimator_agents.target import Sampled, Target
 from tests.estimator_agents.paper import HARMONIC, target
 
 GRID = np.linspace(0, 7, 200_001)

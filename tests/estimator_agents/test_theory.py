@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bus.topology import Topology
-from estimator_agents.condition import Condition
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order, target
 

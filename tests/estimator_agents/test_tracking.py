@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from estimator_agents.theory.design import design
-from estimator_agents.theory.estimates import Pair
-from estimator_agents.theory.tracking import Constants, Drive, balls, constants, proven, push, worst
-from plant_fmu.bundled.bounds import bounds_of
+from nrs_cosim.estimator_agents.theory.design import design
+from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.tracking import (
+    Constants,
+    Drive,
+    balls,
+    constants,
+    proven,
+    push,
+    worst,
+)
+from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
 from tests.plant_fmu.test_bounds import two_link
 
 P3 = bounds_of("two_link_arm", {}, 2)

@@ -6,12 +6,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from bus.topology import Topology
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.dcea2 import SecondOrder
-from estimator_agents.theory.recursion import recursion_of
-from estimator_agents.theory.spectrum import spectral_radius, spectrum_of
-from estimator_agents.theory.transient import ticks_until
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from tests.estimator_agents.digraphs import digraphs
 
 MILLIONTH = 1e-6

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import comb
 
-from estimator_agents.theory.varying import JointRadius, joint_spectral_radius
+from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
 
 GOLDEN = (1 + 5**0.5) / 2
 

@@ -19,15 +19,15 @@ from pathlib import Path
 from threading import Event, Timer
 from typing import ClassVar
 
-from bus.network.certificates import Tls
-from bus.network.endpoints import Endpoints
-from orchestrator.errors import Interrupted
-from orchestrator.hosts.manning import Handling, elsewhere
-from orchestrator.hosts.member import Membership, serve
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import ScenarioFile, read_scenario
-from orchestrator.scenario.setting import clock_of
-from recordings.reading import Reader
+from nrs_cosim.bus.network.certificates import Tls
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere
+from nrs_cosim.orchestrator.hosts.member import Membership, serve
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 
 ROOT = Path(__file__).parents[2]
@@ -250,7 +250,7 @@ class Command(Told):
         return status, "\n".join(self.lines)
 
 
-NRS = (sys.executable, "-u", "-m", "orchestrator")
+NRS = (sys.executable, "-u", "-m", "nrs_cosim.orchestrator")
 PROCESS = (sys.executable, "-u", "-m", "tests.hosts.running")
 
 

@@ -6,11 +6,11 @@ import signal
 from collections import defaultdict
 from pathlib import Path
 
-from orchestrator.hosts.manning import Handling, here
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import parse_scenario
-from orchestrator.scenario.setting import clock_of
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS
 

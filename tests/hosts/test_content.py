@@ -3,8 +3,8 @@
 import zipfile
 from pathlib import Path
 
-from orchestrator.scenario.file import read_scenario
-from plant_fmu.archives.archive import find_archive
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.plant_fmu.archives.archive import find_archive
 from tests.hosts.running import Run, alone, scenario
 from tests.network.ports import free_port
 

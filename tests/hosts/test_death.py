@@ -8,11 +8,11 @@ import signal
 
 import pytest
 
-from orchestrator.hosts import manning
-from orchestrator.hosts.local import LocalHost
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import parse_scenario
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.hosts import manning
+from nrs_cosim.orchestrator.hosts.local import LocalHost
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.recordings.reading import Reader
 from tests.guard import LIMIT
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten

@@ -9,14 +9,14 @@ import pytest
 import zenoh
 
 from benchmarks.memory import peak
-from bus.network.endpoints import Endpoints, zenoh_settings
-from bus.network.sessions import open_session
-from bus.network.zenoh_bus import ZenohBus
-from bus.seal import Seal
-from bus.transport import Message, Rejected
-from orchestrator.hosts.crew import screen_of
-from orchestrator.scenario.file import read_scenario
-from recordings.reading import Reader
+from nrs_cosim.bus.network.endpoints import Endpoints, zenoh_settings
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.transport import Message, Rejected
+from nrs_cosim.orchestrator.hosts.crew import screen_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 from tests.hosts.running import PROCESS, Host, alone, scenario
 from tests.network.ports import free_port
@@ -62,8 +62,8 @@ def test_a_message_that_is_longer_than_any_hosts_is_not_taken_in(tmp_path):
 
 FLOOD = """
 import sys, zenoh
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
 meet, run = sys.argv[1:]
 BLOCK = zenoh.CongestionControl.BLOCK
 with open_session(Endpoints(connect=(meet,), insecure_tcp=True)) as session:

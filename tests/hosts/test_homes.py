@@ -4,8 +4,8 @@ from importlib.metadata import version
 
 import pytest
 
-from orchestrator.hosts.homes import Home, Homes, NotLetInError
-from orchestrator.hosts.notes import Hello, Report
+from nrs_cosim.orchestrator.hosts.homes import Home, Homes, NotLetInError
+from nrs_cosim.orchestrator.hosts.notes import Hello, Report
 
 VERSION = version("nrs-cosim")
 

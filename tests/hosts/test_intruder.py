@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import zenoh
 
-from bus.encryption import encrypt
-from bus.errors import BusError, InputError, RunError
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
-from bus.seal import Seal
-from bus.wire import Tick
-from orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
-from orchestrator.runs.robots import wire_of
-from orchestrator.scenario.file import read_scenario
+from nrs_cosim.bus.encryption import encrypt
+from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.wire import Tick
+from nrs_cosim.orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.guard import GUARD, VAIN
 from tests.hosts.running import Host, Run, alone, scenario
 from tests.network.authority import Authority

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from orchestrator.runs.running import run
-from recordings.metadata import RUN
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.recordings.metadata import RUN
+from nrs_cosim.recordings.reading import Reader
 from tests.hosts.running import Host, Run, alone
 from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story, turning
 from tests.orchestrator.conftest import SCENARIOS

@@ -9,15 +9,15 @@ from unittest.mock import Mock
 import pytest
 from fmpy import platform_tuple
 
-from bus.encryption import encrypt
-from bus.errors import InputError
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
-from orchestrator.hosts.member import Membership, serve
-from orchestrator.hosts.notes import Hello, Welcome
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import read_scenario
-from plant_fmu.archives.archive import find_archive
+from nrs_cosim.bus.encryption import encrypt
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.orchestrator.hosts.member import Membership, serve
+from nrs_cosim.orchestrator.hosts.notes import Hello, Welcome
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.plant_fmu.archives.archive import find_archive
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.hosts.running import scenario

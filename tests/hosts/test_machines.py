@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.hosts.running import NRS, PROCESS, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines

@@ -8,11 +8,11 @@ from math import inf
 
 import pytest
 
-from bus.errors import BusError, InputError, RunError
-from orchestrator.commands.cli import main
-from orchestrator.hosts import crew, member
-from orchestrator.hosts.crew import Crew
-from orchestrator.scenario.file import read_scenario
+from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.orchestrator.commands.cli import main
+from nrs_cosim.orchestrator.hosts import crew, member
+from nrs_cosim.orchestrator.hosts.crew import Crew
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.guard import GUARD, LIMIT, VAIN
 from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.authority import Authority
@@ -44,8 +44,8 @@ ROUTER = (
     "-c",
     """
 import sys
-from bus.network.endpoints import Endpoints
-from bus.network.sessions import open_session
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.sessions import open_session
 session = open_session(Endpoints(listen=(sys.argv[1],), insecure_tcp=True))
 print("open", flush=True)
 sys.stdin.readline()
@@ -77,8 +77,8 @@ def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet
 
 
 OLDER = """
-import orchestrator.hosts.member as member
-from orchestrator.commands.cli import main
+import nrs_cosim.orchestrator.hosts.member as member
+from nrs_cosim.orchestrator.commands.cli import main
 member.version = lambda _: "0.0.1"
 main()
 """

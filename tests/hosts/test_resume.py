@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from orchestrator.errors import Interrupted
-from orchestrator.runs.running import past_of, run
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.runs.running import past_of, run
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
@@ -22,20 +22,20 @@ from tests.plant_fmu.archives import rewritten
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
-NRS = [sys.executable, "-m", "orchestrator"]
+NRS = [sys.executable, "-m", "nrs_cosim.orchestrator"]
 LOSSY = lossy()
 SAYS = ["run", "robots", "plants", "driven", "ticks", "messages", "estimates", "tracking"]
 
 DRIVER = """
 import os, signal, sys
 from pathlib import Path
-from orchestrator.runs.alone import alone
-from orchestrator.hosts.manning import Handling, here
-from orchestrator.errors import Interrupted
-from orchestrator.runs.running import past_of, run
-from orchestrator.runs.alone import alone
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.runs.running import past_of, run
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of
 from tests.hosts.runs import hosts_of
 
 scenario, recording, hosts, k, number = sys.argv[1:]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import zenoh
 
-from bus.encryption import KeyPair
-from bus.seal import Seal
-from orchestrator.hosts import manning
-from orchestrator.hosts.notes import Hello, Refusal, Welcome
-from orchestrator.runs.lockstep import MOST_WINDOW
-from orchestrator.runs.robots import wire_of
-from orchestrator.scenario.file import read_scenario
+from nrs_cosim.bus.encryption import KeyPair
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.orchestrator.hosts import manning
+from nrs_cosim.orchestrator.hosts.notes import Hello, Refusal, Welcome
+from nrs_cosim.orchestrator.runs.lockstep import MOST_WINDOW
+from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.guard import GUARD
 from tests.hosts.running import Host, Run, alone, scenario
 from tests.hosts.test_intruder import HOMES, Intruder

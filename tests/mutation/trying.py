@@ -47,9 +47,9 @@ class Tree:
         listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
         done = subprocess.run(listed, cwd=root, check=True, capture_output=True, text=True)
         for name in filter(None, done.stdout.split("\0")):
-            if (root / name).is_file():
+            if (root / name).is_file() or (root / name).is_symlink():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                copyfile(root / name, folder / name)
+                copyfile(root / name, folder / name, follow_symlinks=False)
         return cls(folder)
 
     def usual(self, tests: list[str]) -> Usual:

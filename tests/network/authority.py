@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 
-from bus.network.certificates import Tls
+from nrs_cosim.bus.network.certificates import Tls
 
 LONG_AGO = datetime(2020, 1, 1, tzinfo=UTC), datetime(2021, 1, 1, tzinfo=UTC)
 LOOPBACK = ("127.0.0.1", "localhost")

@@ -17,8 +17,8 @@ LEASE = 3.0
 ENDPOINTS = """
 import json, sys
 from pathlib import Path
-from bus.network.certificates import Tls
-from bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.certificates import Tls
+from nrs_cosim.bus.network.endpoints import Endpoints
 
 told = json.loads(sys.argv[1])
 if told.get("tls"):
@@ -32,7 +32,7 @@ NODE = (
     ENDPOINTS
     + """
 import queue, zenoh
-from bus.network.sessions import open_session
+from nrs_cosim.bus.network.sessions import open_session
 
 session = open_session(endpoints)
 block = zenoh.CongestionControl.BLOCK
@@ -77,7 +77,7 @@ FLOOD = (
     ENDPOINTS
     + """
 from threading import Thread
-from bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 
 bus = ZenohBus("r", endpoints)
 print(bus.id)

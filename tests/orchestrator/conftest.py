@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

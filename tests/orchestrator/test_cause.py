@@ -6,9 +6,9 @@ import shutil
 
 import pytest
 
-from orchestrator.errors import Interrupted
-from orchestrator.runs.running import run
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.plant_fmu.conftest import built
 from tests.plant_fmu.test_isolation import scenario

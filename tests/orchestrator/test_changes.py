@@ -4,9 +4,9 @@ import tomllib
 
 import pytest
 
-from bus.errors import InputError
-from orchestrator.scenario.changes import Change, changed
-from orchestrator.scenario.tables.fmus import Pattern
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
 
 OTHER = ('fmu = "two_link_arm"', 'fmu = "own.fmu"\nparameters.mass = 3.0\nvariables.q = "theta"')
 

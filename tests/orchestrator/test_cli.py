@@ -15,8 +15,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from orchestrator.commands import performing
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.commands import performing
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT

@@ -11,13 +11,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from bus.errors import BusError, InputError, RunError
-from bus.network import room
-from orchestrator.hosts import crew, manning
-from orchestrator.hosts.manning import Handling, here
-from orchestrator.runs.running import run
-from plant_fmu.fmi import library
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.bus.network import room
+from nrs_cosim.orchestrator.hosts import crew, manning
+from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.plant_fmu.fmi import library
+from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
@@ -39,7 +39,16 @@ def limited(which: int, most: int) -> Callable[[], None]:
 )
 def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, hosts):
     done = subprocess.run(
-        [sys.executable, "-m", "orchestrator", "run", SCENARIO, "-o", tmp_path / "x.mcap", *hosts],
+        [
+            sys.executable,
+            "-m",
+            "nrs_cosim.orchestrator",
+            "run",
+            SCENARIO,
+            "-o",
+            tmp_path / "x.mcap",
+            *hosts,
+        ],
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "500"},
         preexec_fn=limited(which, most),
         capture_output=True,

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.serialization import PrivateFormat
 
-from bus.errors import InputError
-from bus.network.vetting import vet
-from orchestrator.commands.doctor import diagnose
-from orchestrator.commands.tls import tls_of
-from orchestrator.scenario.tables.scenario import TlsTable
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.vetting import vet
+from nrs_cosim.orchestrator.commands.doctor import diagnose
+from nrs_cosim.orchestrator.commands.tls import tls_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
 from tests.command import nrs
 from tests.network.authority import LONG_AGO, Authority
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
@@ -31,7 +31,7 @@ def odd(tmp_path):
 def run(*arguments, encoding, cwd):
     """Run the command with an encoding of its output; return its status and what it printed."""
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
-    command = [sys.executable, "-m", "orchestrator", *map(str, arguments)]
+    command = [sys.executable, "-m", "nrs_cosim.orchestrator", *map(str, arguments)]
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, check=False)
     return done.returncode, done.stdout.decode(encoding), done.stderr.decode(encoding)
 

@@ -8,10 +8,10 @@ import warnings
 import pytest
 import tomlkit
 
-from bus.errors import InputError
-from orchestrator.promises.checking import check
-from orchestrator.promises.promising import bounds, promises
-from orchestrator.scenario.file import parse_scenario
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.promising import bounds, promises
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.orchestrator.conftest import SCENARIOS
 
 TEXT = """

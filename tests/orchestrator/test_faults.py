@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from bus.errors import InputError
-from bus.links.links import LinkFault
-from bus.seal import Seal
-from bus.wire import RefusedError
-from estimator_agents import algorithm
-from orchestrator.errors import ScenarioError
-from orchestrator.runs.robots import wire_of
-from orchestrator.runs.running import run
-from orchestrator.scenario.faults import link_faults
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import links_of, missing_of, topologies_of
-from orchestrator.scenario.tables.scenario import json_schema
-from recordings.export import export
-from recordings.reading import Reader
-from recordings.tables import samples, states
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.links.links import LinkFault
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.wire import RefusedError
+from nrs_cosim.estimator_agents import algorithm
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.faults import link_faults
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import links_of, missing_of, topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.recordings.export import export
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import samples, states
 from tests.estimator_agents.faulty import Network, simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
 
@@ -297,7 +297,9 @@ def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, mis
 
 def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
     monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(("drop",))])
-    monkeypatch.setattr("orchestrator.scenario.wrong_tables.algorithm_names", lambda: ("dcea1",))
+    monkeypatch.setattr(
+        "nrs_cosim.orchestrator.scenario.wrong_tables.algorithm_names", lambda: ("dcea1",)
+    )
     with pytest.raises(ScenarioError) as error:
         paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
     assert str(error.value) == (

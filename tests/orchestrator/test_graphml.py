@@ -2,9 +2,9 @@
 
 import pytest
 
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.edges import expect_distinct
-from orchestrator.scenario.graphml import arrows_of
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.edges import expect_distinct
+from nrs_cosim.orchestrator.scenario.graphml import arrows_of
 
 HEAD = '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">'
 WEIGHT = '<key id="w" for="edge" attr.name="weight" attr.type="double"/>'

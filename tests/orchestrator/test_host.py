@@ -5,21 +5,21 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
-from bus.messages import CHECKPOINT, Blob
-from bus.parts import joined
-from bus.seal import Seal
-from bus.topologies import Topologies
-from bus.topology import Topology
-from bus.transport import Message, Presence
-from bus.wire import Wire
-from estimator_agents.agents import Agents
-from estimator_agents.dcea1 import FirstOrder
-from estimator_agents.estimate import Estimate
-from orchestrator.errors import DivergedError
-from orchestrator.runs.host import Host, needed
-from orchestrator.scenario.clock import Clock, seconds
-from plant_fmu.errors import FmuError
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, Blob
+from nrs_cosim.bus.parts import joined
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.bus.transport import Message, Presence
+from nrs_cosim.bus.wire import Wire
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.errors import DivergedError
+from nrs_cosim.orchestrator.runs.host import Host, needed
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.plant_fmu.errors import FmuError
 
 H, TICKS, M, EVERY = 100_000_000, 6, 2, 2
 HOMES = {"here": np.array([1, 3]), "there": np.array([2]), TARGET: np.array([0])}

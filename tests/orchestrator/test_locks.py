@@ -8,17 +8,18 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from bus.errors import InputError
-from orchestrator.commands import locks
-from orchestrator.commands.locks import expect_unlocked, locked
-from orchestrator.commands.places import place_for
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands import locks
+from nrs_cosim.orchestrator.commands.locks import expect_unlocked, locked
+from nrs_cosim.orchestrator.commands.places import place_for
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 HOLD = (
-    "import sys; from pathlib import Path; from orchestrator.commands.locks import locked\n"
+    "import sys; from pathlib import Path\n"
+    "from nrs_cosim.orchestrator.commands.locks import locked\n"
     "with locked(Path(sys.argv[1])):\n"
     "    print('held', flush=True); sys.stdin.read()\n"
 )

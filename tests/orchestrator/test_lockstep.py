@@ -5,13 +5,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from bus.errors import BusError
-from bus.keys import TARGET, wire_key
-from bus.transport import Message, Presence
-from estimator_agents.target import Harmonic
-from orchestrator.runs import lockstep
-from orchestrator.runs.lockstep import Lockstep, TargetNode, window
-from orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import TARGET, wire_key
+from nrs_cosim.bus.transport import Message, Presence
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.orchestrator.runs import lockstep
+from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode, window
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from tests.batches import HOMES, H, recorder_of, samples, told, whole, wire_of
 
 DEADLINE = 2.0

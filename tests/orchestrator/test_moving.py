@@ -9,20 +9,20 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from estimator_agents.target import Sampled
-from orchestrator.errors import ScenarioError
-from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import promises
-from orchestrator.replays.verifying import verify
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import describe, lines, measure, scenario_of
-from orchestrator.scenario.changes import Change, changed
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import clock_of, target_of
-from orchestrator.scenario.tables.scenario import json_schema
-from plant_fmu.bundled.building import build
-from recordings.reading import Reader
-from recordings.recording import Recording
+from nrs_cosim.estimator_agents.target import Sampled
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.promising import promises
+from nrs_cosim.orchestrator.replays.verifying import verify
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recording import Recording
 from tests.hosts.runs import Spread
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
@@ -253,7 +253,7 @@ def test_errors_of_the_fmu_name_the_file_and_what_is_wrong(tmp_path, case):
 
 
 def test_what_is_wrong_elsewhere_is_told_without_running_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("plant_fmu.motion.motion_of", None)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.motion.motion_of", None)
     with pytest.raises(ScenarioError, match=r"run\.seed"):
         read(tmp_path, MOVER, ("seed = 1", "seed = -1"))
 

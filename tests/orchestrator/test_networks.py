@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from orchestrator.errors import ScenarioError
-from orchestrator.runs.running import run
-from orchestrator.scenario import graphs
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import topologies_of
-from orchestrator.scenario.tables.scenario import json_schema
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario import graphs
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bus.errors import InputError
-from orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from recordings.container import RECORD
-from recordings.reading import Reader
-from recordings.writing import Writer
+from nrs_cosim.recordings.container import RECORD
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.writing import Writer
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bus.errors import InputError
-from orchestrator.commands.places import expect_another, expect_replaceable, place_for
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands.places import expect_another, expect_replaceable, place_for
 
 
 @pytest.mark.parametrize("held", [b"\x89MCAP0\r\n", b"[run]\n", b"\x89PNG\r\n", b"PK\x03\x04"])

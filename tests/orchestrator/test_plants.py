@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from orchestrator.runs.plants import group_by_archive, open_fleet
-from orchestrator.runs.units import mixed_units
-from orchestrator.scenario import setting
-from orchestrator.scenario.setting import bodies, initial_estimates
-from plant_fmu.archives.archive import Archive, open_archive
-from plant_fmu.archives.store import keep, stored
-from plant_fmu.archives.units import si_name
-from plant_fmu.bundled.building import build
-from plant_fmu.errors import FmuError
+from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.runs.units import mixed_units
+from nrs_cosim.orchestrator.scenario import setting
+from nrs_cosim.orchestrator.scenario.setting import bodies, initial_estimates
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
+from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.archives.units import si_name
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.errors import FmuError
 from tests.command import nrs
 from tests.orchestrator.conftest import SHORT
 

@@ -5,9 +5,9 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from orchestrator.commands.progress import reading, stages
-from orchestrator.runs.running import run
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.commands.progress import reading, stages
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.recordings.reading import Reader
 
 
 def console(*, terminal):

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from estimator_agents.theory.design import Gains
-from estimator_agents.theory.estimates import Pair
-from orchestrator.commands import showing
-from orchestrator.promises.bounding import bounded, tracking_conditions
-from orchestrator.promises.checking import check
-from orchestrator.promises.judging import Judged, Judgement, judge
-from orchestrator.promises.probing import Sampling
-from orchestrator.promises.promising import Bound, bounds, designed, promises
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import measure
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import target_of
-from plant_fmu.bundled.building import build
-from recordings.measuring import SteadyState
-from recordings.reading import Reader
-from recordings.tables import states
+from nrs_cosim.estimator_agents.theory.design import Gains
+from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.orchestrator.commands import showing
+from nrs_cosim.orchestrator.promises.bounding import bounded, tracking_conditions
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.judging import Judged, Judgement, judge
+from nrs_cosim.orchestrator.promises.probing import Sampling
+from nrs_cosim.orchestrator.promises.promising import Bound, bounds, designed, promises
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import target_of
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.recordings.measuring import SteadyState
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import states
 from tests.command import nrs
 from tests.plant_fmu.test_bounds import two_link
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.repeated import Holdings
-from orchestrator.hosts.manning import Handling, here
-from orchestrator.runs.running import run
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SHORT
 
 RUNS = 60

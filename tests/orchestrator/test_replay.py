@@ -7,20 +7,20 @@ from itertools import count
 import numpy as np
 import pytest
 
-from bus.errors import InputError
-from bus.network.endpoints import Endpoints
-from bus.network.zenoh_bus import ZenohBus
-from bus.transport import Message
-from orchestrator.replays.comparing import compare
-from orchestrator.replays.publishing import publish
-from orchestrator.replays.verifying import verify
-from orchestrator.replays.what_if import parent, run_again
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import scenario_of
-from orchestrator.scenario.changes import Change, changed
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from recordings.reading import Reader
-from recordings.writing import Writer
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.transport import Message
+from nrs_cosim.orchestrator.replays.comparing import compare
+from nrs_cosim.orchestrator.replays.publishing import publish
+from nrs_cosim.orchestrator.replays.verifying import verify
+from nrs_cosim.orchestrator.replays.what_if import parent, run_again
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.writing import Writer
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.network.ports import free_port

@@ -12,10 +12,10 @@ from unittest.mock import patch
 
 import pytest
 
-from recordings import writing
-from recordings.container import BEGIN, END, tail
-from recordings.metadata import PARENT, RUN, SCENARIO, VERSIONS
-from recordings.reading import Reader
+from nrs_cosim.recordings import writing
+from nrs_cosim.recordings.container import BEGIN, END, tail
+from nrs_cosim.recordings.metadata import PARENT, RUN, SCENARIO, VERSIONS
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.recordings import runs
 

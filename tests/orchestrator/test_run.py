@@ -6,23 +6,23 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from bus.errors import BusError
-from bus.memory_bus import MemoryBus
-from bus.messages import HEADER, SAMPLE, Codec
-from bus.network.zenoh_bus import ZenohBus
-from estimator_agents.estimate import Estimate
-from orchestrator.errors import ScenarioError
-from orchestrator.runs.alone import Alone
-from orchestrator.runs.lockstep import Lockstep, TargetNode
-from orchestrator.runs.robots import Robots
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import describe, lines, measure, scenario_of
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import clock_of, target_of
-from plant_fmu.errors import StepError
-from recordings.reading import Reader
-from recordings.recorder import Recorder, channels
-from recordings.tables import samples, states
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.memory_bus import MemoryBus
+from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.runs.alone import Alone
+from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode
+from nrs_cosim.orchestrator.runs.robots import Robots
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.tables import samples, states
 from tests.orchestrator.arms import simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
 

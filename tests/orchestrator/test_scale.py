@@ -6,10 +6,10 @@ The oracle is written from the paper with sparse matrices, and shares no code wi
 import numpy as np
 from scipy.sparse import csr_array
 
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.setting import topologies_of
-from recordings import Recording
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.setting import topologies_of
+from nrs_cosim.recordings import Recording
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

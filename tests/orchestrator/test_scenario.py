@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.clock import Clock, nanoseconds
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.own import own_plants
-from orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
-from orchestrator.scenario.tables.fmus import Pattern
-from orchestrator.scenario.tables.scenario import json_schema
-from orchestrator.scenario.tables.values import Uniform
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.clock import Clock, nanoseconds
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.own import own_plants
+from nrs_cosim.orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

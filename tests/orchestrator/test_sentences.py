@@ -7,12 +7,12 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from orchestrator.commands import showing
-from orchestrator.commands.cli import app
-from orchestrator.replays.comparing import Comparison
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import lines
-from orchestrator.terminal import prose
+from nrs_cosim.orchestrator.commands import showing
+from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.replays.comparing import Comparison
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import lines
+from nrs_cosim.orchestrator.terminal import prose
 from tests.command import nrs
 from tests.orchestrator.conftest import SHORT
 

@@ -6,10 +6,10 @@ from math import pi
 import numpy as np
 import pytest
 
-from orchestrator.errors import ScenarioError
-from orchestrator.scenario.file import read_scenario
-from orchestrator.scenario.smoothness import expect_smooth
-from plant_fmu.errors import FmuError
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.smoothness import expect_smooth
+from nrs_cosim.plant_fmu.errors import FmuError
 from tests.orchestrator.conftest import SCENARIOS
 from tests.plant_fmu import hinge
 

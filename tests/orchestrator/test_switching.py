@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from orchestrator.commands.cli import app
-from orchestrator.errors import Interrupted, ScenarioError
-from orchestrator.promises.checking import check
-from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import designed, promises
-from orchestrator.replays.verifying import verify
-from orchestrator.reports.reporting import subject_of
-from orchestrator.runs.running import past_of, run
-from orchestrator.runs.summary import measure
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import topologies_of
-from orchestrator.scenario.tables.scenario import json_schema
-from recordings.reading import Reader
-from recordings.tables import samples
+from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.promising import designed, promises
+from nrs_cosim.orchestrator.replays.verifying import verify
+from nrs_cosim.orchestrator.reports.reporting import subject_of
+from nrs_cosim.orchestrator.runs.running import past_of, run
+from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import topologies_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import samples
 from tests.estimator_agents.paper import second_order
 from tests.hosts.runs import digest, turning
 from tests.orchestrator.conftest import SCENARIOS

@@ -10,21 +10,21 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from bus.errors import InputError
-from orchestrator.errors import ScenarioError
-from orchestrator.promises.checking import check
-from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import bounds, promises
-from orchestrator.replays.verifying import verify
-from orchestrator.reports.reporting import story_of
-from orchestrator.runs.running import past_of, run
-from orchestrator.runs.summary import measure, scenario_of, scenario_text
-from orchestrator.scenario.changes import Change, changed
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.setting import target_of
-from orchestrator.scenario.tables.scenario import json_schema
-from recordings.foreign import read_columns
-from recordings.reading import Reader
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.promising import bounds, promises
+from nrs_cosim.orchestrator.replays.verifying import verify
+from nrs_cosim.orchestrator.reports.reporting import story_of
+from nrs_cosim.orchestrator.runs.running import past_of, run
+from nrs_cosim.orchestrator.runs.summary import measure, scenario_of, scenario_text
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.setting import target_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.recordings.foreign import read_columns
+from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -10,23 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.errors import ScenarioError
-from orchestrator.promises.checking import check
-from orchestrator.promises.judging import judge
-from orchestrator.promises.promising import promises
-from orchestrator.reports.reporting import story_of
-from orchestrator.runs.plants import group_by_archive, open_fleet
-from orchestrator.runs.running import past_of, run
-from orchestrator.runs.summary import describe, measure
-from orchestrator.scenario.clock import BLOCK, Clock, Jitter
-from orchestrator.scenario.setting import bodies, clock_of
-from plant_fmu.bundled.building import build
-from plant_fmu.errors import FmuError
-from recordings.measuring import SteadyState
-from recordings.reading import Reader
-from recordings.report.page import told
-from recordings.report.words import lead
-from recordings.tables import samples, states
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.promising import promises
+from nrs_cosim.orchestrator.reports.reporting import story_of
+from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.runs.running import past_of, run
+from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.orchestrator.scenario.clock import BLOCK, Clock, Jitter
+from nrs_cosim.orchestrator.scenario.setting import bodies, clock_of
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.recordings.measuring import SteadyState
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report.page import told
+from nrs_cosim.recordings.report.words import lead
+from nrs_cosim.recordings.tables import samples, states
 from tests.orchestrator.arms import along
 from tests.orchestrator.conftest import SECOND_ORDER
 from tests.orchestrator.test_run import rows_of

@@ -5,13 +5,13 @@ import io
 import pytest
 from rich.console import Console
 
-from orchestrator.commands import showing
-from orchestrator.commands.verdict import _complex, verdict
-from orchestrator.promises.checking import check
-from orchestrator.promises.promising import bounds, promises
-from orchestrator.reports.reporting import subject_of
-from orchestrator.scenario.file import parse_scenario, read_scenario
-from orchestrator.scenario.numbers import multiple
+from nrs_cosim.orchestrator.commands import showing
+from nrs_cosim.orchestrator.commands.verdict import _complex, verdict
+from nrs_cosim.orchestrator.promises.checking import check
+from nrs_cosim.orchestrator.promises.promising import bounds, promises
+from nrs_cosim.orchestrator.reports.reporting import subject_of
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.numbers import multiple
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import scenario_of, text_of
 from tests.orchestrator.test_switching import turns

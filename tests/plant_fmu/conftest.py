@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 import fmpy
 import pytest
 
-from plant_fmu.bundled import building, declaration
-from plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled import building, declaration
+from nrs_cosim.plant_fmu.bundled.building import build
 from tests.plant_fmu.robots import Open, Robot
 
 FAULTY = Path(__file__).with_name("faulty")

@@ -13,7 +13,7 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from numpy.typing import NDArray
 
-from plant_fmu.bundled.declaration import declaration
+from nrs_cosim.plant_fmu.bundled.declaration import declaration
 
 Array = NDArray[np.float64]
 Open = Callable[..., Any]

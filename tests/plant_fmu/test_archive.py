@@ -17,15 +17,15 @@ from fmpy.fmi3 import FMU3Slave
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from plant_fmu.archives import entries, reading
-from plant_fmu.archives.archive import find_archive, open_archive, unpacked
-from plant_fmu.archives.variables import find_quantity
-from plant_fmu.bundled.building import build
-from plant_fmu.checking.apart import check
-from plant_fmu.checking.findings import Task
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi import library
-from plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.archives import entries, reading
+from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive, unpacked
+from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi import library
+from nrs_cosim.plant_fmu.fmi.library import Library
 from tests.guard import GUARD, VAIN
 from tests.plant_fmu.archives import NAME, description, rewritten
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import Archive, open_archive, unpacked
-from plant_fmu.archives.quantities import Part, Quantity
-from plant_fmu.bundled.building import build
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.fmi.instances import Instances
-from plant_fmu.fmi.library import Library
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive, unpacked
+from nrs_cosim.plant_fmu.archives.quantities import Part, Quantity
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.archives import reals, rewritten, with_variables
 from tests.plant_fmu.talker import build_talker
 from tests.plant_fmu.typed_fmu import build_typed

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from plant_fmu.bundled.bounds import Bounds, arm, bounds_of
+from nrs_cosim.plant_fmu.bundled.bounds import Bounds, arm, bounds_of
 
 
 def two_link(q, eta):

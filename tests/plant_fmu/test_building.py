@@ -12,10 +12,10 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from plant_fmu.bundled import building
-from plant_fmu.bundled.building import FLAGS, build, build_library, write
-from plant_fmu.cache import cache_folder
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled import building
+from nrs_cosim.plant_fmu.bundled.building import FLAGS, build, build_library, write
+from nrs_cosim.plant_fmu.cache import cache_folder
+from nrs_cosim.plant_fmu.errors import FmuError
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 

@@ -17,8 +17,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from plant_fmu.bundled.building import build
-from plant_fmu.bundled.declaration import bundled_models, declaration
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from tests.plant_fmu.robots import Array, Open, Robot
 
 MODELS = ("planar_robot", "two_link_arm")

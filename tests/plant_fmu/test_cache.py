@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from plant_fmu import cache as caching
-from plant_fmu.archives.archive import find_archive
-from plant_fmu.bundled import building
-from plant_fmu.bundled.building import build, build_library
-from plant_fmu.cache import cache_folder
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.native.rounds import SOURCE, load_native
+from nrs_cosim.plant_fmu import cache as caching
+from nrs_cosim.plant_fmu.archives.archive import find_archive
+from nrs_cosim.plant_fmu.bundled import building
+from nrs_cosim.plant_fmu.bundled.building import build, build_library
+from nrs_cosim.plant_fmu.cache import cache_folder
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.native.rounds import SOURCE, load_native
 
 ROOT = Path(__file__).parents[2]
 NOBODY = 65534
@@ -25,7 +25,7 @@ __attribute__((constructor)) static void planted(void) { fputs("planted code ran
 SCENARIO = """
 import sys
 from pathlib import Path
-from orchestrator.commands.cli import main
+from nrs_cosim.orchestrator.commands.cli import main
 text = Path(sys.argv[1]).read_text("utf-8").replace("duration = 30.0", "duration = 1.0")
 Path("s.toml").write_text(text, "utf-8")
 sys.argv = ["nrs", "run", "s.toml", "-o", "out.mcap"]

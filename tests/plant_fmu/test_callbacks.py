@@ -16,7 +16,7 @@ from tests.plant_fmu.talker import build_talker
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
-NRS = [sys.executable, "-c", "from orchestrator.__main__ import main; main()"]
+NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.__main__ import main; main()"]
 
 SCENARIO = """
 [run]
@@ -53,9 +53,9 @@ import json, sys
 from ctypes import byref, c_double, c_uint
 from contextlib import ExitStack
 from pathlib import Path
-from plant_fmu.archives.archive import open_archive, unpacked
-from plant_fmu.fmi.calls import bind_step
-from plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.archives.archive import open_archive, unpacked
+from nrs_cosim.plant_fmu.fmi.calls import bind_step
+from nrs_cosim.plant_fmu.fmi.library import Library
 
 stack, libraries = ExitStack(), []
 

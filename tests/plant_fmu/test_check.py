@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import open_archive
-from plant_fmu.bundled.building import build, build_model
-from plant_fmu.bundled.declaration import MODELS, declaration
-from plant_fmu.checking.apart import check
-from plant_fmu.checking.findings import Task
-from plant_fmu.drives.driving import Driving
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.bundled.building import build, build_model
+from nrs_cosim.plant_fmu.bundled.declaration import MODELS, declaration
+from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
 from tests.guard import LIMIT
 from tests.plant_fmu.archives import renamed, rewritten
@@ -88,7 +88,7 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
 
 def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
     crash = changed(tmp_path, "planar_robot", ("(void)q;", "if (q[0] != 0.0) __builtin_trap();"))
-    command = [sys.executable, "-m", "orchestrator", "fmu", "check", crash, "--json"]
+    command = [sys.executable, "-m", "nrs_cosim.orchestrator", "fmu", "check", crash, "--json"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 1
     assert not done.stderr
@@ -156,8 +156,8 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
     (models / name).write_text(text)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NRS_CACHE", str(tmp_path))
-        patch.setattr("plant_fmu.bundled.declaration.MODELS", models)
-        patch.setattr("plant_fmu.bundled.building.MODELS", models)
+        patch.setattr("nrs_cosim.plant_fmu.bundled.declaration.MODELS", models)
+        patch.setattr("nrs_cosim.plant_fmu.bundled.building.MODELS", models)
         path = build("two_link_arm")
     checked = check(Task(open_archive(path)))
     resumed = found(checked, "resumed")

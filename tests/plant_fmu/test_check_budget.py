@@ -8,12 +8,12 @@ from itertools import count
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import open_archive
-from plant_fmu.bundled.building import build
-from plant_fmu.checking.apart import check
-from plant_fmu.checking.budget import Budget, OutOfTime, limited
-from plant_fmu.checking.findings import Task
-from plant_fmu.checking.procedure import findings
+from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.checking.budget import Budget, OutOfTime, limited
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.procedure import findings
 from tests.plant_fmu.archives import description, rewritten
 from tests.plant_fmu.stepping import INERTIA, build_stepping
 from tests.plant_fmu.test_check import found, verdicts
@@ -71,7 +71,7 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
     def endless(_):
         raise OutOfTime
 
-    monkeypatch.setattr("plant_fmu.checking.validity.validate_fmu", endless)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.checking.validity.validate_fmu", endless)
     told = list(findings(Task(open_archive(build("planar_robot"))), Budget(limit=20.0)))
     (valid,) = (f for f in told if f.topic == "valid")
     assert valid.verdict == "unknown"

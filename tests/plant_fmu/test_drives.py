@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_fmu.archives.archive import Archive, open_archive
-from plant_fmu.bundled.building import build
-from plant_fmu.drives.driving import Driving, Undriven, choose, offers
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.fleet import Fleet
-from plant_fmu.plants import Body, Disturbance, DrivenPlants
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven, choose, offers
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.fleet import Fleet
+from nrs_cosim.plant_fmu.plants import Body, Disturbance, DrivenPlants
 from tests.orchestrator.arms import KD, KP, W, simulate, target
 from tests.plant_fmu.archives import rewritten
 

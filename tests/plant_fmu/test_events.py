@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_fmu.archives.archive import Archive, open_archive
-from plant_fmu.drives import cvode
-from plant_fmu.drives.driving import Driving, choose
-from plant_fmu.drives.exchanged import Exchanged
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.plants import Body, Disturbance, DrivenPlants
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
+from nrs_cosim.plant_fmu.drives import cvode
+from nrs_cosim.plant_fmu.drives.driving import Driving, choose
+from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.plants import Body, Disturbance, DrivenPlants
 from tests.plant_fmu import hinge
 
 Array = NDArray[np.float64]

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.folders import own_folder
 
 HOLDER = """
 import sys
-from plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.folders import own_folder
 with own_folder() as folder:
     (folder / "file").touch()
     print(folder, flush=True)

@@ -6,15 +6,15 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import open_archive
-from plant_fmu.checking.apart import check, p3_of
-from plant_fmu.checking.budget import Budget
-from plant_fmu.checking.findings import Task
-from plant_fmu.checking.mechanics import Mechanics, open_probe
-from plant_fmu.drives.driving import Driving, choose, offers
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import UnstableStepError
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.checking.apart import check, p3_of
+from nrs_cosim.plant_fmu.checking.budget import Budget
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.drives.driving import Driving, choose, offers
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import UnstableStepError
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.stepping import INERTIA, build_stepping
 from tests.plant_fmu.test_check import PHYSICS, found, verdicts
 

@@ -18,27 +18,27 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from orchestrator.runs.plants import Group, open_fleet
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import parse_scenario
-from orchestrator.scenario.tables.fmus import Plant
-from plant_fmu.archives.archive import find_archive, open_archive
-from plant_fmu.bundled import building
-from plant_fmu.bundled.building import build
-from plant_fmu.drives.driving import Driving
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.isolation.isolated import IsolatedPlants
-from plant_fmu.isolation.progress import SIZE, Progress
-from plant_fmu.plants import Body, Disturbance
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.runs.plants import Group, open_fleet
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
+from nrs_cosim.plant_fmu.bundled import building
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
+from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.guard import GUARD, LIMIT
 from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
-NRS = [sys.executable, "-c", "from orchestrator.commands.cli import main; main()"]
+NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.commands.cli import main; main()"]
 LATE = f"the FMU did not return within {LIMIT:g} s (plant.deadline)"
 BEFORE_THE_RUN = -1.0
 
@@ -335,7 +335,7 @@ def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
 
     def one_each(rows):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
+            patch.setattr("nrs_cosim.plant_fmu.archives.archive.Archive.once_per_process", True)
             return isolated(rows)
 
     def play(plants, rows, ticks):
@@ -373,14 +373,14 @@ def test_a_checkpoint_that_is_refused_apart_says_why(faulty):
 
 
 def test_once_per_process_needs_isolation(place, monkeypatch):
-    monkeypatch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.archives.archive.Archive.once_per_process", True)
     file = parse_scenario(scenario(plant="isolate = false"), "s", place, "s")
     with pytest.raises(FmuError, match=r"only once per process, but 3 robots have it"):
         run(file, place / "run.mcap")
 
 
 def test_once_per_process_is_counted_over_all_groups(place, monkeypatch):
-    monkeypatch.setattr("plant_fmu.archives.archive.Archive.once_per_process", True)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.archives.archive.Archive.once_per_process", True)
     plants = [Plant(fmu="faulty.fmu", isolate=False, deadline=s) for s in (1.0, 2.0)]
     archive = open_archive(place / "faulty.fmu")
     groups = [Group(f"plant {row}", plant, archive, [row]) for row, plant in enumerate(plants)]

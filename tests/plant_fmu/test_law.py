@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from plant_fmu.drives.law import Law
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 
 RNG = np.random.default_rng(45)
 ROWS, M = 3, 2

@@ -9,11 +9,11 @@ import shutil
 import numpy as np
 import pytest
 
-from bus.errors import CosimError
-from plant_fmu.archives.archive import find_archive, open_archive
-from plant_fmu.archives.naming import Pattern
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.motion import motion_of
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
+from nrs_cosim.plant_fmu.archives.naming import Pattern
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.motion import motion_of
 from tests.guard import LIMIT
 from tests.orchestrator.arms import target
 from tests.plant_fmu import hinge

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.bundled.urdf import read_urdf
-from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
-from plant_fmu.bundled.urdf_remarks import Remarks
-from plant_fmu.bundled.urdf_robot import Robot
-from plant_fmu.bundled.urdf_tree import from_the_base, mass_matrix
+from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot
+from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, mass_matrix
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.random_robots import KINDS, MOST_JOINTS, RandomRobot, random_robot
 
@@ -23,7 +23,7 @@ TOLERANCE = 1e-12
 @pytest.fixture(scope="module", autouse=True)
 def _extra() -> None:
     pytest.importorskip(
-        "plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
+        "nrs_cosim.plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
     )
 
 
@@ -83,7 +83,7 @@ def states(m: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def test_random_trees_accelerate_as_those_of_another_library(pinocchio, robots, tmp_path):
-    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
     wrong = []
     for seed, robot in enumerate(robots):
@@ -127,7 +127,7 @@ def test_the_trees_have_all_combinations_of_what_a_joint_can_be(robots):
 
 def test_compiled_trees_accelerate_as_their_equations_do(robots, tmp_path):
     """C agrees with the function that it is generated from, for both versions of FMI."""
-    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
     sliding = [
         k
@@ -164,7 +164,7 @@ def test_a_rod_on_a_massless_cross_in_closed_form(tmp_path):
 
     Then J x" = tau1 + sin y cos y x' y', I y" = tau2 - sin y cos y x'^2 / 2.
     """
-    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
     path = tmp_path / "rod.urdf"
     path.write_text(UNIVERSAL_JOINT, "utf-8")
@@ -195,7 +195,7 @@ def test_a_slider_on_a_turning_link_in_closed_form(tmp_path, rpy, axis):
 
     With r = 1 + q2 and I = 0.6 + 2 r^2, qdd1 = (tau1 - 4 r qd1 qd2) / I, qdd2 = tau2/2 + r qd1^2.
     """
-    from plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
     path = tmp_path / "slider.urdf"
     path.write_text(TURNING_SLIDER.format(rpy, axis), "utf-8")

@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_fmu.archives.archive import Archive, open_archive, unpacked
-from plant_fmu.archives.quantities import Part, Quantity, View
-from plant_fmu.bundled.building import build
-from plant_fmu.drives.driving import Driving
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.drives.stepped import Stepped
-from plant_fmu.errors import StepError
-from plant_fmu.fmi.instances import Instances
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.native.rounds import NativeRounds, load_native
-from plant_fmu.fmi.rounds import CalledRounds, End, Rounds
-from plant_fmu.isolation.progress import SIZE, Progress
-from plant_fmu.isolation.worker import AnnouncedLibrary
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive, unpacked
+from nrs_cosim.plant_fmu.archives.quantities import Part, Quantity, View
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.drives.stepped import Stepped
+from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.native.rounds import NativeRounds, load_native
+from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, End, Rounds
+from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
+from nrs_cosim.plant_fmu.isolation.worker import AnnouncedLibrary
 from tests.plant_fmu.conftest import FAULTS
 from tests.plant_fmu.test_drives import DRIVES, bodies, each_version, play, wandering
 
@@ -148,7 +148,7 @@ class TestEveryRounds:
 def from_python() -> Iterator[None]:
     """Let nothing be called natively."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("plant_fmu.fmi.instances.native_rounds", lambda *_: None)
+        patch.setattr("nrs_cosim.plant_fmu.fmi.instances.native_rounds", lambda *_: None)
         yield
 
 
@@ -238,7 +238,7 @@ def test_code_that_cannot_be_loaded_is_told_once_with_what_to_do(
     def refused(_path: str) -> None:
         raise OSError("failed to map segment from shared object")
 
-    monkeypatch.setattr("plant_fmu.fmi.native.rounds.CDLL", refused)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.fmi.native.rounds.CDLL", refused)
     load_native.cache_clear()
     assert load_native() is load_native() is None
     load_native.cache_clear()

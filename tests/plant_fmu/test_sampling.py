@@ -5,16 +5,16 @@ import shutil
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import find_archive, open_archive
-from plant_fmu.bundled.bounds import bounds_of
-from plant_fmu.bundled.building import build
-from plant_fmu.checking.apart import p3_of
-from plant_fmu.checking.budget import Budget
-from plant_fmu.checking.findings import Task
-from plant_fmu.checking.sampling import sampled
-from plant_fmu.drives.driving import Driving
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
+from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.checking.apart import p3_of
+from nrs_cosim.plant_fmu.checking.budget import Budget
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.sampling import sampled
+from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.conftest import FAULTS
 from tests.plant_fmu.test_check import changed

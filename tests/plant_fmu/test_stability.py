@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant_fmu.drives.probing import expect_stable
-from plant_fmu.drives.stability import held, heun, runge_kutta, step_limit
-from plant_fmu.errors import FmuError, StepError
-from plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.drives.probing import expect_stable
+from nrs_cosim.plant_fmu.drives.stability import held, heun, runge_kutta, step_limit
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 INERTIA = np.array([[3.0, 1.0], [1.0, 2.0]])
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import Archive, open_archive
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.talker import build_talker
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

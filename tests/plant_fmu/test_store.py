@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.archives.store import keep, stored
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.errors import FmuError
 
 DATA = np.random.default_rng(3).bytes(100_000)
 SHA256 = hashlib.sha256(DATA).hexdigest()

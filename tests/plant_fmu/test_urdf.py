@@ -20,18 +20,18 @@ from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import measure
-from orchestrator.scenario.file import parse_scenario
-from plant_fmu.archives.archive import open_archive
-from plant_fmu.bundled.urdf import read_urdf
-from plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
-from plant_fmu.checking import built
-from plant_fmu.checking.findings import Task
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError
-from plant_fmu.plants import Body, Disturbance
-from recordings.reading import Reader
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from nrs_cosim.plant_fmu.checking import built
+from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
+from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.test_rigid_body import TURNING_SLIDER
@@ -48,7 +48,7 @@ VERSIONS = (2, 3)
 @pytest.fixture(scope="module", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     pytest.importorskip(
-        "plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
+        "nrs_cosim.plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NRS_CACHE", str(tmp_path_factory.mktemp("cache")))
@@ -320,8 +320,9 @@ def test_units_follow_the_joints() -> None:
 
 def test_a_rebuild_is_the_same_bytes(tmp_path: Path) -> None:
     program = (
-        "import sys; from pathlib import Path; from plant_fmu.bundled.urdf import read_urdf; "
-        "from plant_fmu.bundled.urdf_fmu import build_urdf; "
+        "import sys; from pathlib import Path; "
+        "from nrs_cosim.plant_fmu.bundled.urdf import read_urdf; "
+        "from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf; "
         "print(build_urdf(read_urdf(Path(sys.argv[1]))))"
     )
     built = []
@@ -392,7 +393,7 @@ def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "plant_fmu.bundled.rigid_body", raising=False)
+    monkeypatch.delitem(sys.modules, "nrs_cosim.plant_fmu.bundled.rigid_body", raising=False)
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(FmuError, match=r"pip install '\.\[urdf\]' in nrs-cosim's sources"):
         build_urdf(read_urdf(ARM))
@@ -418,7 +419,7 @@ def test_an_fmu_that_is_no_mechanics_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The slider's frame is turned, and what generates its equations is made to forget that."""
-    monkeypatch.delattr("plant_fmu.bundled.rigid_body._Maths.H_prismatic_joint")
+    monkeypatch.delattr("nrs_cosim.plant_fmu.bundled.rigid_body._Maths.H_prismatic_joint")
     slider, output = tmp_path / "slider.urdf", tmp_path / "slider.fmu"
     slider.write_text(TURNING_SLIDER.format(f"0 {np.pi / 2} 0", "0 0 1"), "utf-8")
     done = nrs("fmu", "from-urdf", slider, "-o", output, "--gravity", "0,0,0")

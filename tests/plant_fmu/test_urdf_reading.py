@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from plant_fmu.bundled.urdf import read_urdf
-from plant_fmu.bundled.urdf_robot import Robot
-from plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot
+from nrs_cosim.plant_fmu.errors import FmuError
 
 BODY = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 JOINT = (
@@ -430,6 +430,6 @@ def test_what_is_no_plain_document_is_refused(tmp_path: Path, case: str) -> None
 def test_a_file_without_end_is_not_read_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("plant_fmu.bundled.urdf_xml.MOST_BYTES", 1 << 20)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.bundled.urdf_xml.MOST_BYTES", 1 << 20)
     with pytest.raises(FmuError, match=r"robot\.urdf: is larger than 1 MiB"):
         read(tmp_path, with_more(ONE, " " * (1 << 20)))

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 from fmpy.validation import _validate_variable_names
 
-from plant_fmu.archives.archive import open_archive
-from plant_fmu.checking.validity import is_structured, validity
+from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.checking.validity import is_structured, validity
 from tests.plant_fmu.archives import rewritten
 
 GOOD = (

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_fmu.archives.archive import Archive, open_archive
-from plant_fmu.archives.naming import Pattern, Spec, families
-from plant_fmu.archives.quantities import Layout
-from plant_fmu.archives.units import read, si_factor
-from plant_fmu.archives.variables import find_quantity
-from plant_fmu.bundled.building import build
-from plant_fmu.drives.opening import open_plants
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.assigning import assignments, sizes_of
-from plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
+from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families
+from nrs_cosim.plant_fmu.archives.quantities import Layout
+from nrs_cosim.plant_fmu.archives.units import read, si_factor
+from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 from tests.plant_fmu.archives import description, reals, renamed, rewritten, with_variables
 
 DEG = '<Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>'

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from bus.keys import fault_key, sample_key, state_key
-from bus.messages import FAULT, SAMPLE, STATE, Codec
-from recordings.container import Channel, Message
-from recordings.metadata import RUN
-from recordings.recorder import channels, schemas
-from recordings.writing import Writer
+from nrs_cosim.bus.keys import fault_key, sample_key, state_key
+from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.recordings.container import Channel, Message
+from nrs_cosim.recordings.metadata import RUN
+from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.writing import Writer
 
 H = 100_000_000  # ns
 

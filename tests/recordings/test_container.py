@@ -23,13 +23,13 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
-from recordings import chunk, digest, writing
-from recordings.container import Channel, Compression, Message, Schema
-from recordings.digest import Digest
-from recordings.errors import UncreatableError, UnreadableError, UnwritableError
-from recordings.gathering import columns_of
-from recordings.reading import Reader
-from recordings.writing import Writer
+from nrs_cosim.recordings import chunk, digest, writing
+from nrs_cosim.recordings.container import Channel, Compression, Message, Schema
+from nrs_cosim.recordings.digest import Digest
+from nrs_cosim.recordings.errors import UncreatableError, UnreadableError, UnwritableError
+from nrs_cosim.recordings.gathering import columns_of
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.writing import Writer
 
 ROOT = Path(__file__).parents[2]
 H = 10_000_000  # ns

@@ -18,15 +18,15 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
-from bus.errors import InputError
-from bus.messages import SAMPLE, STATE, Codec
-from orchestrator.runs.summary import describe, measure
-from recordings import Recording
-from recordings.container import Message
-from recordings.export import export
-from recordings.reading import Reader
-from recordings.recovering import recover
-from recordings.tables import SAMPLES, STATES
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
+from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.recordings import Recording
+from nrs_cosim.recordings.container import Message
+from nrs_cosim.recordings.export import export
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recovering import recover
+from nrs_cosim.recordings.tables import SAMPLES, STATES
 from tests.recordings.runs import recorded
 
 CASES = 1200

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from recordings.gathering import columns_of, joined, order, ranks
+from nrs_cosim.recordings.gathering import columns_of, joined, order, ranks
 
 NUMBERS = {"b": 4, "a": 9, "c": 2}
 TOPICS = {number: topic for topic, number in NUMBERS.items()}

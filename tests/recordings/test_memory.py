@@ -12,10 +12,10 @@ ROOT = Path(__file__).parents[2]
 READ = """
 import sys
 from pathlib import Path
-from orchestrator.runs.summary import describe, measure
-from recordings.export import export
-from recordings.reading import Reader
-from recordings.recovering import recover
+from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.recordings.export import export
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recovering import recover
 path = Path(sys.argv[1])
 with Reader(path, verify=True) as reader:
     describe(reader), measure(reader)

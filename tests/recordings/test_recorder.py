@@ -2,11 +2,11 @@
 
 import pytest
 
-from bus.errors import BusError
-from bus.keys import EVERYONE, TARGET, wire_key
-from bus.transport import Message
-from recordings import recorder as module
-from recordings.recorder import channels
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import EVERYONE, TARGET, wire_key
+from nrs_cosim.bus.transport import Message
+from nrs_cosim.recordings import recorder as module
+from nrs_cosim.recordings.recorder import channels
 from tests.batches import H, recorder_of, samples, told, whole, wire_of
 
 TICKS = 40

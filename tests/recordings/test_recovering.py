@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from recordings.errors import UncreatableError
-from recordings.reading import Reader
-from recordings.recovering import RECOVERED, recover
+from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recovering import RECOVERED, recover
 from tests.recordings.runs import create, recorded, tick
 
 EACH_TICK = {"chunk_bytes": 1, "compression": "none"}

@@ -9,15 +9,15 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from bus.messages import FAULT, SAMPLE, STATE, Codec
-from recordings import Recording
-from recordings.columns import columns
-from recordings.container import DamageError, Message
-from recordings.errors import InputError, UnreadableError
-from recordings.export import export
-from recordings.reading import Reader
-from recordings.tables import FAULTS, SAMPLES, STATES
-from recordings.writing import Writer
+from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.recordings import Recording
+from nrs_cosim.recordings.columns import columns
+from nrs_cosim.recordings.container import DamageError, Message
+from nrs_cosim.recordings.errors import InputError, UnreadableError
+from nrs_cosim.recordings.export import export
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES
+from nrs_cosim.recordings.writing import Writer
 from tests.recordings.runs import about, create, recorded, scenario, tick
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
@@ -207,7 +207,7 @@ def test_parquet_without_its_extra_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded(tmp_path / "a.mcap", ticks=1)
-    monkeypatch.delitem(sys.modules, "recordings.parquet", raising=False)
+    monkeypatch.delitem(sys.modules, "nrs_cosim.recordings.parquet", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with (
         Reader(tmp_path / "a.mcap") as reader,

@@ -9,15 +9,15 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from orchestrator.reports.shapes import shapes_of
-from orchestrator.runs.alone import alone
-from orchestrator.runs.running import run
-from orchestrator.runs.summary import describe, scenario_of
-from orchestrator.scenario.file import read_scenario
-from recordings import Recording
-from recordings.errors import UncreatableError
-from recordings.reading import Reader
-from recordings.scene import Shape, write_scene
+from nrs_cosim.orchestrator.reports.shapes import shapes_of
+from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.runs.summary import describe, scenario_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.recordings import Recording
+from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.scene import Shape, write_scene
 from tests.recordings.runs import recorded
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

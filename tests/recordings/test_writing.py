@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from recordings.columns import Columns
-from recordings.container import Channel, Schema
-from recordings.errors import UncreatableError, UnwritableError
-from recordings.gathering import columns_of
-from recordings.reading import Reader
-from recordings.writing import Writer
+from nrs_cosim.recordings.columns import Columns
+from nrs_cosim.recordings.container import Channel, Schema
+from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
+from nrs_cosim.recordings.gathering import columns_of
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.writing import Writer
 
 CHANNELS = [Channel(topic, "T") for topic in ("b", "a", "c")]
 
@@ -170,7 +170,7 @@ def test_a_recording_that_is_closed_leaves_no_thread(path):
 
 @pytest.mark.parametrize("verify", [False, True])
 def test_an_end_that_has_another_digest_is_told_when_it_is_verified(path, monkeypatch, verify):
-    monkeypatch.setattr("recordings.writing.Digest.hexdigest", lambda _self: "0" * 64)
+    monkeypatch.setattr("nrs_cosim.recordings.writing.Digest.hexdigest", lambda _self: "0" * 64)
     with new(path) as writer:
         writer.write([(5, "a", 1, b"")])
         writer.finish("completed")

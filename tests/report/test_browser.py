@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from recordings.report.page import page
+from nrs_cosim.recordings.report.page import page
 from tests.report.conftest import story
 
 pytest.importorskip("selenium")

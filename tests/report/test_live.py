@@ -14,13 +14,13 @@ from threading import Thread
 import pytest
 from typer.testing import CliRunner
 
-from orchestrator.commands.cli import app
-from orchestrator.runs.pace import RealTime
-from orchestrator.runs.running import run
-from orchestrator.scenario.file import read_scenario
-from recordings.reading import Reader
-from recordings.report import serving
-from recordings.report.serving import LiveServer
+from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.runs.pace import RealTime
+from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report import serving
+from nrs_cosim.recordings.report.serving import LiveServer
 from tests.guard import GUARD
 from tests.report.conftest import SCENARIOS
 
@@ -32,7 +32,14 @@ class Run:
     """`nrs run --live` in a process of its own."""
 
     def __init__(self, *options):
-        command = [sys.executable, "-m", "orchestrator", "run", str(FIRST_ORDER), *options]
+        command = [
+            sys.executable,
+            "-m",
+            "nrs_cosim.orchestrator",
+            "run",
+            str(FIRST_ORDER),
+            *options,
+        ]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

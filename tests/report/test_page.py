@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bus.messages import FAULT, Codec
-from orchestrator.commands.cli import app
-from orchestrator.reports.reporting import arm_of
-from orchestrator.scenario.tables.fmus import Plant
-from recordings.reading import Reader
-from recordings.report import page as pages
-from recordings.report.decimating import BUCKETS, kept
-from recordings.report.figures import figures
-from recordings.report.page import page
-from recordings.tables import samples, states
+from nrs_cosim.bus.messages import FAULT, Codec
+from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.reports.reporting import arm_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.report import page as pages
+from nrs_cosim.recordings.report.decimating import BUCKETS, kept
+from nrs_cosim.recordings.report.figures import figures
+from nrs_cosim.recordings.report.page import page
+from nrs_cosim.recordings.tables import samples, states
 from tests.report.conftest import story
 
 nrs = CliRunner()
@@ -251,7 +251,9 @@ def test_arms_have_the_lengths_that_their_plants_tell():
 def test_a_missing_extra_is_named(paper, tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "find_spec", lambda _name: None)
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    monkeypatch.delitem(__import__("sys").modules, "recordings.report.printing", raising=False)
+    monkeypatch.delitem(
+        __import__("sys").modules, "nrs_cosim.recordings.report.printing", raising=False
+    )
     for form in ("html", "png"):
         out = tmp_path / f"page.{form}"
         result = nrs.invoke(app, ["report", str(paper), "-o", str(out), "--format", form])

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from bus.errors import InputError
 from docs.figures import draw
-from orchestrator.commands.cli import app
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands.cli import app
 
 nrs = CliRunner()
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
 
-from orchestrator.scenario.tables.values import (
+from nrs_cosim.orchestrator.scenario.tables.values import (
     DRAW,
     NUMBER,
     PAIR,

@@ -11,7 +11,7 @@ from pydantic import (
     WrapValidator,
 )
 
-from orchestrator.scenario.tables.values import (
+from nrs_cosim.orchestrator.scenario.tables.values import (
     NAMES,
     NUMBER,
     PATTERN,

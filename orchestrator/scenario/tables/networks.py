@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from orchestrator.scenario.tables.values import (
+from nrs_cosim.orchestrator.scenario.tables.values import (
     EDGE,
     WEIGHTED,
     Node,

@@ -8,12 +8,12 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from estimator_agents.hearing import Missing
-from orchestrator.scenario.tables.faults import Faults
-from orchestrator.scenario.tables.fmus import OwnPlant, Plant
-from orchestrator.scenario.tables.networks import Network
-from orchestrator.scenario.tables.targets import Axis, TargetMotion
-from orchestrator.scenario.tables.values import (
+from nrs_cosim.estimator_agents.hearing import Missing
+from nrs_cosim.orchestrator.scenario.tables.faults import Faults
+from nrs_cosim.orchestrator.scenario.tables.fmus import OwnPlant, Plant
+from nrs_cosim.orchestrator.scenario.tables.networks import Network
+from nrs_cosim.orchestrator.scenario.tables.targets import Axis, TargetMotion
+from nrs_cosim.orchestrator.scenario.tables.values import (
     Count,
     Gain,
     InitialRow,

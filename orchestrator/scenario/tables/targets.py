@@ -4,8 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from orchestrator.scenario.tables.fmus import Fmu
-from orchestrator.scenario.tables.values import (
+from nrs_cosim.orchestrator.scenario.tables.fmus import Fmu
+from nrs_cosim.orchestrator.scenario.tables.values import (
     HARMONIC,
     MOVING,
     SAMPLED,

@@ -23,12 +23,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from plant_fmu.archives.quantities import View
-from plant_fmu.bundled.building import build_library
-from plant_fmu.errors import FmuError
-from plant_fmu.fmi.calls import Call, bind, c_references
-from plant_fmu.fmi.library import Library
-from plant_fmu.fmi.rounds import End, Round, Step
+from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.bundled.building import build_library
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.calls import Call, bind, c_references
+from nrs_cosim.plant_fmu.fmi.library import Library
+from nrs_cosim.plant_fmu.fmi.rounds import End, Round, Step
 
 _LOG = logging.getLogger("nrs.plant_fmu")
 SOURCE = Path(__file__).with_suffix(".c")

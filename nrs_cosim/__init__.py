@@ -1,0 +1,1 @@
+"""Co-simulation of networked robots under sampled interaction."""

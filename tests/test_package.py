@@ -1,0 +1,88 @@
+"""What is installed has one name, and works away from the tree, beside a user's own modules."""
+
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+from hatchling.builders.sdist import SdistBuilder
+from hatchling.builders.wheel import WheelBuilder
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings")
+THEIRS = "raise ImportError('this module is the user\\'s own')\n"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that a wheel of the sdist is unpacked into, as an installer does."""
+    folder = tmp_path_factory.mktemp("package")
+    (sdist,) = SdistBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+    tree = next(path.parent for path in folder.glob("*/pyproject.toml"))
+    (wheel,) = WheelBuilder(str(tree)).build(directory=str(folder), versions=["standard"])
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"
+
+
+def test_a_wheel_of_the_sdist_holds_one_name_and_every_file_of_the_tree(site):
+    names = {path.name for path in site.iterdir() if not path.name.endswith(".dist-info")}
+    assert names == {"nrs_cosim"}
+    tracked = subprocess.run(
+        ["git", "ls-files", "nrs_cosim/*.py", "nrs_cosim/py.typed", *ROOMS],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    ).stdout.split()  # fmt: skip
+    if not tracked:
+        pytest.skip("this tree is not a checkout, so there is no list of its files")
+    inside = {path.relative_to(site).as_posix() for path in site.glob("nrs_cosim/**/*.*")}
+    expected = {path if path.startswith("nrs_cosim/") else f"nrs_cosim/{path}" for path in tracked}
+    assert inside == expected
+
+
+def test_modules_of_a_users_own_with_the_names_of_ours_break_nothing(site, tmp_path):
+    for room in ROOMS:
+        (tmp_path / f"{room}.py").write_text(THEIRS, "utf-8")
+    (tmp_path / "script.py").write_text(
+        "import nrs_cosim\n"
+        "from nrs_cosim.recordings import Recording\n"
+        "with Recording('run.mcap') as recording:\n"
+        "    print(nrs_cosim.__file__, recording.status, recording.digest)\n",
+        "utf-8",
+    )
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+
+    def said(*command: str) -> str:
+        done = subprocess.run(
+            [sys.executable, *command],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    scenario = str(ROOT / "scenarios/paper_first_order.toml")
+    said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--hosts", "2")
+    file, status, digest = said("script.py").split()
+    assert Path(file) == site / "nrs_cosim/__init__.py"
+    assert (status, digest[:8]) == ("completed", "72cc87d4")
+
+
+def test_a_users_type_checker_knows_our_types(site, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from nrs_cosim.recordings import Recording\n"
+        "with Recording('run.mcap') as recording:\n"
+        "    wrong: int = recording.digest\n",
+        "utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py"],
+        cwd=tmp_path, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "Incompatible types in assignment" in done.stdout, done.stdout + done.stderr
+    assert "Found 1 error" in done.stdout, done.stdout
