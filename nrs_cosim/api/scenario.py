@@ -1,0 +1,194 @@
+"""A scenario is what the user wrote: TOML, read from a file or made in code; it never changes.
+
+A change gives another scenario. What a scenario names, such as a list of edges, is looked for
+relative to its folder, when it is made.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile, read_text, resolve_scenario
+from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+
+
+class Scenario:
+    """What is to be run: times, algorithm, network, target, plants, and how all begins.
+
+    Args:
+        tables: The tables of a scenario file, by name; or None, and the tables as keywords.
+        name: What its runs are called.
+        folder: What paths in it are relative to.
+        **more: Further tables, such as `run={"duration": 30.0, "sampling_period": 0.1}`.
+
+    Raises:
+        InputError: A key is unknown or missing, or a value is wrong; all of them are named.
+
+    Example:
+        >>> import nrs_cosim as nrs
+        >>> scenario = nrs.Scenario(
+        ...     run={"duration": 10.0, "sampling_period": 0.1},
+        ...     algorithm={"name": "dcea1", "alpha": 0.9, "beta": 0.9},
+        ...     controller={"kp": 200.0, "kd": 300.0},
+        ...     network={"edge_list": [[0, 1], [1, 2]]},
+        ...     target={"axes": [{"rate": 1.0}, {"sines": [{"amplitude": 1.0, "frequency": 1.0}]}]},
+        ...     plant={"fmu": "two_link_arm"},
+        ...     initial={
+        ...         "position": {"uniform": [-1.0, 1.0]}, "velocity": {"uniform": [0.0, 0.0]},
+        ...         "q": {"uniform": [-1.0, 1.0]}, "qd": {"uniform": [0.0, 0.0]},
+        ...     },
+        ... )
+        >>> scenario
+        Scenario('scenario': 2 robots, dcea1, 100 ticks)
+        >>> scenario.replace({"algorithm.alpha": 0.5})["algorithm.alpha"]
+        0.5
+    """
+
+    __slots__ = ("_file", "_text")
+
+    def __init__(
+        self,
+        tables: Mapping[str, Any] | None = None,
+        /,
+        *,
+        name: str = "scenario",
+        folder: str | PathLike[str] = ".",
+        **more: Any,
+    ) -> None:
+        text = tomlkit.dumps(_plain({**(tables or {}), **more}))
+        self._text = text
+        self._file = resolve_scenario(text, name, Path(folder).absolute(), name)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Scenario":
+        """Return the scenario of a TOML file.
+
+        Raises:
+            InputError: The file cannot be read, or something in it is wrong; all is named.
+        """
+        path = Path(path)
+        text = read_text(path)
+        return cls._of(
+            text, resolve_scenario(text, storable(path.stem), path.absolute().parent, str(path))
+        )
+
+    @classmethod
+    def parse(
+        cls, text: str, *, name: str = "scenario", folder: str | PathLike[str] = "."
+    ) -> "Scenario":
+        """Return the scenario of a text in TOML; paths in it are relative to the folder.
+
+        Raises:
+            InputError: Something in it is wrong; all is named.
+        """
+        return cls._of(text, resolve_scenario(text, name, Path(folder).absolute(), name))
+
+    @classmethod
+    def _of(cls, text: str, file: ScenarioFile) -> "Scenario":
+        scenario = object.__new__(cls)
+        scenario._text, scenario._file = text, file
+        return scenario
+
+    def replace(self, changes: Mapping[str, Any], *, name: str | None = None) -> "Scenario":
+        """Return this scenario with other values.
+
+        Args:
+            changes: Values by key, such as `{"algorithm.alpha": 0.8}`; arrays of NumPy are taken
+                as lists. A value of None takes the key out.
+            name: What its runs are called; by default as before.
+
+        Raises:
+            InputError: A key is unknown, or a value is wrong; all of them are named.
+        """
+        document = tomlkit.parse(self._text)
+        for key, value in changes.items():
+            _set(document, key, value)
+        own = name or self.name
+        text = tomlkit.dumps(document)
+        return self._of(text, resolve_scenario(text, own, self._file.folder, own))
+
+    def to_toml(self) -> str:
+        """Return the scenario's text, comments and all; `parse` takes it back."""
+        return self._text
+
+    @staticmethod
+    def schema() -> dict[str, Any]:
+        """Return the JSON schema of scenarios."""
+        return json_schema()
+
+    @property
+    def name(self) -> str:
+        """What its runs are called."""
+        return self._file.name
+
+    @property
+    def robots(self) -> int:
+        """n; they are numbered from 1, and the target is 0."""
+        return self._file.scenario.n
+
+    @property
+    def joints(self) -> int:
+        """m, the axes of the target and of each robot."""
+        return self._file.scenario.m
+
+    def __getitem__(self, key: str) -> Any:
+        """Return what the text has at a key such as `algorithm.alpha`; `KeyError` if nothing."""
+        value: Any = tomllib.loads(self._text)
+        for part in key.split("."):
+            value = value[part]
+        return value
+
+    def __eq__(self, other: object) -> bool:
+        """Say whether two scenarios have the same tables, and look for files in one place."""
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        mine, theirs = self._file, other._file
+        return (mine.scenario, mine.folder) == (theirs.scenario, theirs.folder)
+
+    def __hash__(self) -> int:
+        """Agree with `==`."""
+        return hash((self.robots, self.joints, self._file.folder))
+
+    def __repr__(self) -> str:
+        """Return what the scenario is, on a line."""
+        scenario = self._file.scenario
+        n, ticks = scenario.n, clock_of(scenario).ticks
+        return (
+            f"Scenario({self.name!r}: {n} robot{'s' * (n > 1)}, {scenario.algorithm.name}, "
+            f"{ticks} ticks)"
+        )
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML knows it: arrays are lists, and what is None is not there."""
+    match value:
+        case Mapping():
+            return {str(key): _plain(item) for key, item in value.items() if item is not None}
+        case np.ndarray() | np.generic():
+            return value.tolist()
+        case list() | tuple() | range():
+            return [_plain(item) for item in value]
+        case PathLike():
+            return str(value)
+    return value
+
+
+def _set(document: Any, key: str, value: Any) -> None:
+    *tables, name = key.split(".")
+    table = document
+    for part in tables:
+        table = table.setdefault(part, tomlkit.table())
+        if not isinstance(table, Mapping):
+            raise InputError(f"{key}: {part} is no table")
+    if value is None:
+        table.pop(name, None)
+    else:
+        table[name] = _plain(value)

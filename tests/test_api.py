@@ -1,0 +1,281 @@
+"""The door for Python: scenarios made in code, runs wherever Python runs, recordings at hand."""
+
+import asyncio
+import doctest
+import importlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import tomllib
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+
+import nrs_cosim as nrs
+from tests.command import nrs as command
+from tests.guard import GUARD
+
+ROOT = Path(__file__).parents[1]
+PAPER = ROOT / "scenarios/paper_first_order.toml"
+DIGEST = "72cc87d4"
+
+
+@pytest.fixture(scope="module")
+def paper() -> nrs.Scenario:
+    return nrs.Scenario.load(PAPER)
+
+
+@pytest.fixture(scope="module")
+def short(paper) -> nrs.Scenario:
+    return paper.replace({"run.duration": 2.0})
+
+
+class TestScenario:
+    def test_of_a_file_it_gives_back_the_users_own_text(self, paper):
+        assert paper.to_toml() == PAPER.read_text("utf-8")
+        assert nrs.Scenario.parse(paper.to_toml(), folder=PAPER.parent) == paper
+
+    def test_made_of_tables_it_runs_as_the_file_does(self, paper):
+        tables = tomllib.loads(paper.to_toml())
+        built = nrs.Scenario(tables, folder=PAPER.parent)
+        keywords = nrs.Scenario(**tables, folder=PAPER.parent)
+        assert built == keywords == paper
+        change = {"run.duration": 2.0}
+        with nrs.run(built.replace(change)) as one, nrs.run(paper.replace(change)) as other:
+            assert one.digest == other.digest
+
+    def test_a_change_is_another_scenario_and_keeps_the_comments(self, paper):
+        changed = paper.replace({"algorithm.alpha": np.float64(0.5), "run.seed": np.int64(3)})
+        assert (changed["algorithm.alpha"], changed["run.seed"]) == (0.5, 3)
+        assert paper["algorithm.alpha"] == 0.9
+        comments = [line for line in paper.to_toml().splitlines() if line.startswith("#")]
+        assert comments
+        assert [x for x in changed.to_toml().splitlines() if x.startswith("#")] == comments
+
+    def test_none_takes_a_key_out(self, paper):
+        path = {"network.adjacency": np.eye(6, k=-1), "network.pinning": [1, 0, 0, 0, 0, 0]}
+        edges = {
+            "network.adjacency": None,
+            "network.pinning": None,
+            "network.edge_list": [[i, i + 1] for i in range(6)],
+        }
+        by_matrix, by_edges = paper.replace(path), paper.replace(edges)
+        assert by_edges["network"] == {"edge_list": [[i, i + 1] for i in range(6)]}
+        assert nrs.check(by_edges).as_json() == nrs.check(by_matrix).as_json()
+
+    def test_all_that_is_wrong_is_named_at_once(self, paper):
+        with pytest.raises(nrs.InputError) as refused:
+            paper.replace({"algorithm.alfa": 1.0, "run.seed": "x"})
+        assert "algorithm.alfa: unknown key; did you mean 'alpha'?" in str(refused.value)
+        assert "run.seed" in str(refused.value)
+
+    def test_the_schema_is_that_of_the_command(self):
+        assert nrs.Scenario.schema() == json.loads(command("schema").stdout)
+
+
+class TestTheory:
+    def test_is_the_commands(self, paper):
+        printed = json.loads(command("check", PAPER, "--json").stdout)
+        assert json.loads(json.dumps(nrs.check(paper).as_json())) == printed
+
+
+class TestRun:
+    def test_the_papers_example_has_its_digest(self, paper, tmp_path):
+        with nrs.run(paper, tmp_path / "run.mcap", workers=2) as recording:
+            assert recording.digest.startswith(DIGEST)
+            assert recording.path == tmp_path / "run.mcap"
+
+    def test_without_an_output_it_is_gone_when_it_is_closed(self, short):
+        with nrs.run(short) as recording:
+            folder = recording.path.parent
+            assert recording.path.is_file()
+        assert not folder.exists()
+
+    def test_what_is_there_is_replaced_when_asked_for(self, short, tmp_path):
+        path = tmp_path / "run.mcap"
+        nrs.run(short, path).close()
+        with pytest.raises(nrs.InputError, match="is there already"):
+            nrs.run(short, path)
+        with nrs.run(short.replace({"run.seed": 2}), path, force=True) as recording:
+            assert recording.path == path
+            assert recording.to_scenario()["run.seed"] == 2
+
+    def test_a_diverging_run_is_recorded_with_the_reason(self, paper):
+        with nrs.run(paper.replace({"algorithm.alpha": 1.9})) as recording:
+            assert recording.status == "failed"
+            assert "diverged" in recording.reason
+            assert 0 < recording.ticks < 300
+
+    def test_progress_ends_at_the_duration(self, short):
+        seen: list[tuple[float, float]] = []
+        nrs.run(short, progress=lambda t, end: seen.append((t, end))).close()
+        assert seen[-1] == (2.0, 2.0)
+        assert [t for t, _ in seen] == sorted(t for t, _ in seen)
+
+    @pytest.mark.parametrize("workers", [0, 7, 1.5, "all"])
+    def test_workers_that_cannot_be_are_refused(self, short, workers):
+        with pytest.raises(nrs.InputError, match="workers: expected auto or 1 to 6"):
+            nrs.run(short, workers=workers)
+
+    def test_in_a_thread_and_in_a_loop_of_asyncio(self, short):
+        with nrs.run(short) as recording:
+            expected = recording.digest
+        found: list[str] = []
+
+        def task() -> None:
+            with nrs.run(short) as recording:
+                found.append(recording.digest)
+
+        thread = threading.Thread(target=task)
+        thread.start()
+        thread.join()
+
+        async def main() -> None:
+            await asyncio.to_thread(task)
+            task()
+
+        asyncio.run(main())
+        assert found == [expected] * 3
+
+    def test_in_a_script_without_a_main_guard(self, tmp_path):
+        script = tmp_path / "script.py"
+        script.write_text(
+            "import nrs_cosim as nrs\n"
+            f"scenario = nrs.Scenario.load({str(PAPER)!r})\n"
+            "with nrs.run(scenario, workers=2) as recording:\n"
+            "    print(recording.digest)\n",
+            "utf-8",
+        )
+        done = subprocess.run(
+            [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith(DIGEST)
+        assert done.stderr == ""
+
+    def test_an_interrupt_closes_the_recording_and_is_raised(self, paper, tmp_path):
+        path = tmp_path / "run.mcap"
+
+        def progress(t: float, _end: float) -> None:
+            if t >= 1.0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        before = signal.getsignal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            nrs.run(paper, path, progress=progress)
+        assert signal.getsignal(signal.SIGINT) is before
+        with nrs.Recording(path) as recording:
+            assert recording.status == "interrupted"
+            assert not recording.damage
+            assert recording.ticks >= 9
+            with nrs.resume(recording, tmp_path / "whole.mcap") as whole:
+                assert whole.status == "completed"
+                assert whole.digest.startswith(DIGEST)
+
+
+@pytest.fixture(scope="module")
+def recording(paper, tmp_path_factory):
+    with nrs.run(paper, tmp_path_factory.mktemp("api") / "run.mcap") as recording:
+        yield recording
+
+
+class TestRecording:
+    def test_its_analysis_is_what_the_command_prints(self, recording):
+        printed = json.loads(command("info", recording.path, "--json").stdout)
+        assert json.loads(json.dumps(recording.analysis())) == printed
+
+    def test_its_errors_are_those_of_the_formula_of_the_target(self, recording):
+        states, errors = recording.states(), recording.errors()
+        t = states["t"]
+        position = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
+        for quantity, value in (("position_tracking", "q"), ("position_estimate", "position")):
+            np.testing.assert_allclose(errors[quantity], states[value] - position, atol=1e-12)
+        three = recording.errors(robots=3, start=10.0, end=20.0)
+        assert set(three["robot"]) == {3}
+        assert (three["t"].min(), three["t"].max()) == (10.0, 19.98)
+
+    def test_it_gives_back_its_scenario(self, recording, paper):
+        assert recording.to_scenario() == paper
+
+    def test_a_table_of_pandas_has_a_column_for_each_number(self, recording):
+        pytest.importorskip("pandas")
+        table = recording.to_pandas()
+        assert list(table.columns[-4:]) == ["position_1", "position_2", "velocity_1", "velocity_2"]
+        assert (table["q_2"].to_numpy() == recording.states()["q"][:, 1]).all()
+
+    def test_it_says_in_a_line_what_it_is(self, recording):
+        assert repr(recording) == (
+            "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 72cc87d4)"
+        )
+
+    def test_a_report_is_a_page(self, recording, tmp_path):
+        pytest.importorskip("plotly")
+        assert recording.report(tmp_path / "a.html").read_text("utf-8").startswith("<!doctype html")
+
+
+def test_the_import_loads_nothing_that_is_not_used():
+    program = "import sys, nrs_cosim; nrs_cosim.InputError; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert not {"numpy", "scipy", "zenoh", "fmpy", "pydantic"} & set(done.stdout.split())
+
+
+def test_every_public_name_is_there_with_its_words():
+    for name in nrs.__all__:
+        assert getattr(nrs, name).__doc__, name
+    assert len(nrs.__all__) <= 12
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        nrs.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("module", ["api.scenario", "api.run", "api.theory"])
+def test_the_examples_in_the_docstrings_are_true(module, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    failed, tried = doctest.testmod(importlib.import_module(f"nrs_cosim.{module}"))
+    assert tried > 0
+    assert failed == 0
+
+
+def test_a_notebook_runs_and_is_interrupted_as_a_script_is(tmp_path):
+    cells = [
+        f"import nrs_cosim as nrs; scenario = nrs.Scenario.load({str(PAPER)!r})",
+        "recording = nrs.run(scenario, workers=2); recording",
+        "import os, signal\n"
+        "def interrupt(t, end):\n"
+        "    if t >= 1.0: os.kill(os.getpid(), signal.SIGINT)\n"
+        "try:\n"
+        "    nrs.run(scenario, 'cut.mcap', progress=interrupt)\n"
+        "except KeyboardInterrupt:\n"
+        "    print(nrs.Recording('cut.mcap').status)",
+    ]
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    client = NotebookClient(book, timeout=GUARD, resources={"metadata": {"path": str(tmp_path)}})
+    client.execute()
+    _, shown, printed = book.cells
+    assert f"digest {DIGEST}" in shown.outputs[0]["data"]["text/plain"]
+    assert DIGEST in shown.outputs[0]["data"]["text/html"]
+    assert printed.outputs[0]["text"] == "interrupted\n"
+
+
+def test_the_programs_in_its_document_are_true(tmp_path):
+    text = (ROOT / "docs/api.md").read_text("utf-8")
+    programs = re.findall(r"```python\n(.*?)```(?:\s*```\n(.*?)```)?", text, re.DOTALL)
+    assert len(programs) == 2
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    for program, expected in programs:
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == expected
+    assert (tmp_path / "gains.png").read_bytes().startswith(b"\x89PNG")
