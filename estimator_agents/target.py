@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.waves import supremum
 
 
 class Target(Protocol):
@@ -51,10 +52,16 @@ class Harmonic:
         )
 
     def bounds(self) -> tuple[float, float]:
-        """Return γ1 and γ2 (A1): as if an axis' sines met, which they do in the end."""
-        speed = np.abs(self.rate) + np.abs(self.amplitude * self.frequency).sum(axis=1)
-        acceleration = np.abs(self.amplitude * self.frequency**2).sum(axis=1)
-        return float(speed.max()), float(acceleration.max())
+        """Return γ1 and γ2 (A1), the suprema over all times, of any axis (`waves`)."""
+        omega, waves = self.phasors()
+        found = []
+        for rate, wave in zip(self.rate.tolist(), waves.T, strict=True):
+            own, of = omega[wave != 0], wave[wave != 0]
+            with np.errstate(over="ignore", invalid="ignore"):  # no bound then, and so it is told
+                speed, acceleration = 1j * (own * of), -(own * own) * of
+            found.append((supremum(rate, own, speed), supremum(0.0, own, acceleration)))
+        gamma_1, gamma_2 = np.max(found, axis=0).tolist()
+        return gamma_1, gamma_2
 
     def phasors(self) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return ω ≥ 0, (w,), all different, and Â, (w, m), where ε_0 sways by Σ Im Â e^{jωt}."""

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, constants
+from nrs_cosim.estimator_agents.waves import supremum
 from nrs_cosim.orchestrator.scenario.own import controller_of, disturbance_of, plant_of
-from nrs_cosim.orchestrator.scenario.setting import gain, target_of
+from nrs_cosim.orchestrator.scenario.setting import gain, target_of, terms
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Robot, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis
@@ -115,11 +117,13 @@ def _inapplicable(kp: np.ndarray, kd: np.ndarray, lambda_d: float) -> str:
 
 
 def _largest(axes: tuple[Axis, ...]) -> float:
-    """Return sup ‖τ_d‖₂, N m: as if all waves met."""
+    """Return sup ‖τ_d‖₂, N m, at most: as if all axes had theirs at once."""
     if any(axis.rate for axis in axes):
         return inf
-    sizes = (
-        abs(axis.offset) + sum(abs(wave.amplitude) for wave in (*axis.sines, *axis.cosines))
-        for axis in axes
-    )
+    if not axes:
+        return 0.0
+    torque = Harmonic(*terms(axes))
+    omega, waves = torque.phasors()
+    each = zip(torque.offset.tolist(), waves.T, strict=True)
+    sizes = [supremum(offset, omega, wave) for offset, wave in each]
     return sqrt(sum(size * size for size in sizes))

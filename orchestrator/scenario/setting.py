@@ -49,7 +49,7 @@ def target_of(scenario: Scenario) -> Target:
         return Sampled.of(given.times, given.positions)
     if isinstance(given, FmuTarget):
         return Sampled.through(given.times, given.positions, given.velocities)
-    return Harmonic(*_terms(given.axes))
+    return Harmonic(*terms(given.axes))
 
 
 def links_of(scenario: Scenario, robots: NDArray[np.integer]) -> Links | None:
@@ -117,7 +117,7 @@ def _body(scenario: Scenario, own: Robot, start: dict[str, Array]) -> Body:
         parameters=plant_of(scenario, own).parameters,
         kp=gain(controller.kp, scenario.m),
         kd=gain(controller.kd, scenario.m),
-        disturbance=Disturbance(*_terms(disturbance.axes or (Axis(),) * scenario.m)),
+        disturbance=Disturbance(*terms(disturbance.axes or (Axis(),) * scenario.m)),
         **start,
     )
 
@@ -136,7 +136,7 @@ def gain(value: float | tuple[float, ...] | tuple[tuple[float, ...], ...], m: in
     return given if given.ndim == 2 else np.diag(np.broadcast_to(given, m))
 
 
-def _terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+def terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
     """Return offset and rate (m,); amplitude, frequency and phase (m, p).
 
     A cosine is a sine a quarter turn ahead.
