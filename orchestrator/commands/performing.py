@@ -90,7 +90,7 @@ def perform(
     past: Iterator[list[Message]] | None = None,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     pace: Pace = NO_PACE,
-    begin: Callable[[Path], None] | None = None,
+    begin: Callable[[Path, Path], None] | None = None,
     force: bool = False,
 ) -> None:
     """Run with everything that a person sees of it, and exit with its status."""
@@ -108,7 +108,7 @@ def perform(
 
         whole = place.written.absolute()  # an FMU may change the working directory
         if begin:
-            begin(whole)
+            begin(whole, place.final.absolute())
         outcome = run_scenario(
             file,
             whole,

@@ -61,9 +61,8 @@ def place_for(output: Path | None, name: str, *, force: bool = False) -> Iterato
                     f"{output}: is there already; give another name, or --force to replace it"
                 )
             whole = final.resolve()  # where a link leads to
-            written = whole.with_name(whole.name + PART) if is_held else final
-            for path in dict.fromkeys((final, written)):
-                stack.enter_context(locked(path))
+            stack.enter_context(locked(final))
+            written = stack.enter_context(_part_of(whole)) if is_held else final
         except OSError as error:
             raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
         try:
@@ -121,6 +120,22 @@ def _taken(path: Path) -> bool:
     except FileExistsError:
         return False
     return True
+
+
+def unfinished(path: Path) -> Path:
+    """Return what was to take the place of a recording and did not, if there is such."""
+    part = path.with_name(path.name + PART)
+    return part if part.exists() else path
+
+
+@contextmanager
+def _part_of(whole: Path) -> Iterator[Path]:
+    """Yield a new file beside a recording, locked; what an earlier run left there is kept."""
+    parts = (f"{PART}{number}" for number in count(2))
+    names = (whole.with_name(whole.name + part) for part in chain([PART], parts))
+    part = next(path for path in names if _taken(path))
+    with locked(part):
+        yield part
 
 
 def _give_back(path: Path) -> None:

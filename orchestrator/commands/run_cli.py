@@ -123,12 +123,16 @@ def resume(
     """Continue a run that did not come to its end, in a new recording that holds all of it."""
     from nrs_cosim.bus.network.endpoints import Endpoints
     from nrs_cosim.orchestrator.commands import performing
+    from nrs_cosim.orchestrator.commands.places import unfinished
     from nrs_cosim.orchestrator.commands.progress import opened
     from nrs_cosim.orchestrator.commands.tls import tls_of
     from nrs_cosim.orchestrator.runs.running import past_of
 
     _expect_of_hosts(hosts, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
+    if (part := unfinished(recording)) != recording:
+        say("blue", "resume", f"{part}, which was to take the place of {recording}")
+        recording = part
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     with opened(err, recording) as reader:
         file = performing.resumable(reader, output)

@@ -38,8 +38,11 @@ class Live:
         self._port, self._stay = port, stay
         self._server: subprocess.Popen[bytes] | None = None
 
-    def begin(self, recording: Path) -> None:
-        """Serve what a run writes into a recording from now on; `InputError` where it cannot."""
+    def begin(self, recording: Path, final: Path) -> None:
+        """Serve what a run writes into a recording from now on, whatever its name is at the end.
+
+        `InputError` where it cannot.
+        """
         expect_plotly()
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         with socket.socket() as listening:
@@ -48,7 +51,7 @@ class Live:
             except OSError as error:
                 raise InputError(f"--port {self._port}: {error.strerror}") from None
             listening.listen()
-            told = [str(recording), str(listening.fileno()), _state(recording)]
+            told = [str(recording), str(final), str(listening.fileno()), _state(recording)]
             self._server = subprocess.Popen(
                 [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.reports.live", *told],
                 stdin=subprocess.PIPE,
@@ -87,14 +90,12 @@ def _state(recording: Path) -> str:
     return f"{stat.st_size}-{stat.st_mtime_ns}"
 
 
-def serve(recording: Path, listening: socket.socket, before: str) -> None:
+def serve(recording: Path, final: Path, listening: socket.socket, before: str) -> None:
     """Serve a recording whose state is no more the one before, until standard input ends."""
-
-    final = recording.with_suffix("")
 
     def current() -> Path:
         """What is to replace another recording has its name once it is complete."""
-        return recording if recording.exists() or recording.suffix != ".part" else final
+        return recording if recording.exists() else final
 
     def version() -> str:
         state = _state(current())
@@ -115,4 +116,4 @@ def serve(recording: Path, listening: socket.socket, before: str) -> None:
 
 if __name__ == "__main__":
     os.nice(10)  # the run goes first
-    serve(Path(sys.argv[1]), socket.socket(fileno=int(sys.argv[2])), sys.argv[3])
+    serve(Path(sys.argv[1]), Path(sys.argv[2]), socket.socket(fileno=int(sys.argv[3])), sys.argv[4])

@@ -142,6 +142,24 @@ class TestForce:
         with closing(Reader(part)) as reader:
             assert reader.status == "failed"
 
+    def test_what_did_not_take_its_place_is_kept_and_resumed(self, scenario, tmp_path):
+        path, part = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
+        assert nrs("run", scenario, "-o", path).returncode == 0
+        old = path.read_bytes()
+        with Reader(path) as reader:
+            digest = reader.digest
+        part.write_bytes(old[: old.rindex(b"nrs.end", 0, old.rindex(b"nrs.end"))])  # killed
+        left = part.read_bytes()
+        assert nrs("run", scenario, "-o", path, "--force").returncode == 0
+        assert part.read_bytes() == left
+        done = nrs("resume", path, "-o", path, "--force")
+        assert done.returncode == 0, done.stderr
+        assert f"{part}, which was to take the place of" in done.stderr.replace("\n", " ")
+        assert part.read_bytes() == left
+        with Reader(path) as reader:
+            assert (reader.status, reader.digest) == ("completed", digest)
+        assert {each.name for each in tmp_path.glob("*.part*")} == {"run.mcap.part"}
+
     def test_a_run_that_never_began_leaves_nothing(self, tmp_path):
         path = tmp_path / "run.mcap"
         path.write_bytes(OLD)
