@@ -32,13 +32,15 @@ class SteadyState:
     """sup ‖ė_i‖₂"""
     times_ns: tuple[int, int, int, int] = (0, 0, 0, 0)
     """When each of the four was reached first, ns."""
+    size: float = 0.0
+    """The largest position or velocity of an estimate or a robot: what rounding is relative to."""
 
 
 def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     """Measure the steady state of a recording against its target."""
     end = reader.end_ns or 0
     since = end - end // 5
-    most, times = np.full(4, -np.inf), np.zeros(4, np.int64)
+    most, times, size = np.full(4, -np.inf), np.zeros(4, np.int64), 0.0
 
     def note(quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
         norms = np.linalg.norm(errors, order, axis=1)
@@ -49,6 +51,8 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
         records = part[part["robot"] > 0]
         position, velocity = target_at(records["t"])
+        for name in ("position", "velocity") if table is SAMPLES else ("q", "qd"):
+            size = max(size, float(np.abs(records[name]).max(initial=0.0)))
         if table is SAMPLES:
             note(0, records["position"] - position, np.inf, records["time_ns"])
             note(1, records["velocity"] - velocity, np.inf, records["time_ns"])
@@ -57,7 +61,7 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
             note(3, records["qd"] - velocity, 2, records["time_ns"])
     (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
     (e, f, g, h) = times.tolist()
-    return SteadyState(a, b, c, d, (e, f, g, h))
+    return SteadyState(a, b, c, d, (e, f, g, h), size)
 
 
 def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:

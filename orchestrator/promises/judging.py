@@ -36,6 +36,10 @@ SETTLED = 1e-3
 """The part of an error that the beginning may have without being told of."""
 LOST = 1e-9
 """Of the first error: what is below may be rounding."""
+ROUNDING = 2.0**-41
+"""Of the largest number of a recursion: what a thousand roundings of it come to."""
+TOLERANCE = 1e-9
+"""Of the largest number of a robot: what its plant is integrated to."""
 LONGEST = 200_000
 """Ticks for which the rest of the beginning is followed."""
 
@@ -52,6 +56,8 @@ class Judged:
     rest: float
     """What is left of the beginning, at most, in the last fifth; 0 where that is not known."""
     verdict: Verdict
+    rounding: float = 0.0
+    """What of it may be rounding, or a plant's tolerance."""
 
     @property
     def above(self) -> tuple[str, ...]:
@@ -60,7 +66,7 @@ class Judged:
         laws = {"this target": b.exact, "any target": b.sharp, "paper": b.paper}
         if self.measured is None:
             return ()
-        most = (self.measured - LOST) / (1 + SETTLED)
+        most = (self.measured - self.rounding) / (1 + SETTLED)
         return tuple(law for law, bound in laws.items() if bound is not None and most > bound)
 
 
@@ -93,6 +99,7 @@ class Judgement:
                 "measured": finite(row.measured),
                 "tick": row.tick,
                 "rest": finite(row.rest),
+                "rounding": finite(row.rounding),
                 "verdict": row.verdict,
                 "above": list(row.above),
             }
@@ -107,7 +114,7 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
         promised = promises(scenario)
     except InputError as error:  # its algorithm is not installed here
         return Judgement(str(error), (), None, None)
-    rest, factor = _beginning(reader, scenario, promised)
+    rest, peak, factor = _beginning(reader, scenario, promised)
     clock = clock_of(scenario)
     found = (
         measured.position_estimate,
@@ -115,10 +122,20 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
         measured.position_tracking,
         measured.velocity_tracking,
     )
-    rows = zip(bounds(promised), found, measured.times_ns, rest, strict=True)
+    of_estimates = ROUNDING * (measured.size + peak)
+    of_robots = of_estimates + TOLERANCE * measured.size
+    lost = (of_estimates, of_estimates, of_robots, of_robots)
+    rows = zip(bounds(promised), found, measured.times_ns, rest, lost, strict=True)
     quantities = [
-        Judged(bound, value, clock.since(at + 1) - 1, left or 0.0, _verdict(bound, value, left))
-        for bound, value, at, left in rows
+        Judged(
+            bound,
+            value,
+            clock.since(at + 1) - 1,
+            left or 0.0,
+            _verdict(bound, value, left, rounding),
+            rounding,
+        )
+        for bound, value, at, left, rounding in rows
     ]
     why = next((part.why for part in promised.robots if part.why), "")
     estimates, tracking = quantities[:2], quantities[2:]
@@ -131,25 +148,25 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
     )
 
 
-def _verdict(bound: Bound, measured: float | None, rest: float | None) -> Verdict:
+def _verdict(bound: Bound, measured: float | None, rest: float | None, rounding: float) -> Verdict:
     proven = bound.exact if bound.exact is not None else bound.sharp
     if measured is None or proven is None or rest is None:
         return "unknown"
-    return "within" if measured <= (proven + rest) * (1 + SLACK) + LOST else "exceeds"
+    return "within" if measured <= (proven + rest) * (1 + SLACK) + rounding else "exceeds"
 
 
 def _beginning(
     reader: Reader, scenario: Scenario, promised: Promises
-) -> tuple[tuple[float | None, ...], float | None]:
-    """Return the rest of the beginning for each quantity, and the measured factor.
+) -> tuple[tuple[float | None, ...], float, float | None]:
+    """Return the rest of the beginning for each quantity, its peak, and the measured factor.
 
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
     motion = promised.motion
     if motion is None and promised.sharp is None:
-        return (None,) * 4, None
+        return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
-        return (None,) * 4, None
+        return (None,) * 4, 0.0, None
     target = target_of(scenario)
 
     def at(seconds: Array) -> tuple[Array, Array]:
@@ -160,22 +177,26 @@ def _beginning(
     story = (one for one in errors_by_tick(reader, at) if one[0] >= since)
     first = next(story, None)
     if first is None or first[0] != since:
-        return (None,) * 4, None
+        return (None,) * 4, 0.0, None
     z = first[1] if motion is None else first[1] - motion.at(since)
     left = _left(promised, scenario, z, reader.ticks)
     if left is None:
-        return (None,) * 4, None
+        return (None,) * 4, 0.0, None
+    *rest, peak = left
     if motion is None:
-        return (*left, 0.0, 0.0), None
+        return (*rest, 0.0, 0.0), peak, None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
-    topologies = topologies_of(scenario)
-    return (*left, 0.0, 0.0), _factor(aside, sum(ticks for _, ticks in topologies.turns()) or 1)
+    period = sum(ticks for _, ticks in topologies_of(scenario).turns()) or 1
+    return (*rest, 0.0, 0.0), peak, _factor(aside, period)
 
 
-def _left(promised: Promises, scenario: Scenario, z: Array, end: int) -> tuple[float, float] | None:
+def _left(
+    promised: Promises, scenario: Scenario, z: Array, end: int
+) -> tuple[float, float, float] | None:
     """Return what is left of a z in the last fifth, at most: positions and velocities, ‖·‖∞.
 
-    It is known where the last fifth begins when all is as in the long run, and z is of that tick.
+    Beside them stands the largest that it came to, whose rounding is in all that follows. It is
+    known where the last fifth begins when all is as in the long run, and z is of that tick.
     """
     clock, topologies = clock_of(scenario), topologies_of(scenario)
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)
@@ -183,15 +204,16 @@ def _left(promised: Promises, scenario: Scenario, z: Array, end: int) -> tuple[f
         return None
     shape, most = z.shape, np.zeros(2)
     x, jumps = z.reshape(-1, shape[2]), [one.jump for one in promised.recursions]
-    n, least = shape[1], LOST**2 * np.abs(x).max()
+    n, least, peak = shape[1], LOST**2 * np.abs(x).max(), 0.0
     for k in range(promised.since, end + 1):
         if k >= fifth:
             most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
+        peak = max(peak, float(np.abs(x).max()))
         if np.abs(x).max() <= least:
             break
         x = jumps[topologies.at(k)] @ x
         x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
-    return float(most[0]), float(most[1])
+    return float(most[0]), float(most[1]), peak
 
 
 def _factor(aside: Iterator[tuple[int, Array]], period: int) -> float | None:

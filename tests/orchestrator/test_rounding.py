@@ -1,0 +1,46 @@
+"""What a bound may be passed by is the rounding of the numbers of the run, large or small."""
+
+from dataclasses import replace
+
+import pytest
+
+import nrs_cosim as nrs
+from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.runs.summary import measure, scenario_of
+from nrs_cosim.recordings.reading import Reader
+from tests.orchestrator.conftest import SCENARIOS
+
+
+@pytest.fixture
+def paper():
+    scenario = nrs.Scenario.load(SCENARIOS / "paper_first_order.toml")
+    return scenario.replace({"plant.fmu": "planar_robot", "run.duration": 60.0})
+
+
+def judged(scenario, path, **changes):
+    nrs.run(scenario, path).close()
+    with Reader(path) as reader:
+        measured = replace(measure(reader), **changes)
+        return judge(reader, scenario_of(reader).scenario, measured).quantities[0]
+
+
+def test_an_ulp_of_a_large_position_is_not_beyond_a_bound_of_0(paper, tmp_path):
+    far = {"target.axes": [{"offset": 1e9}, {"offset": -3.3e8}], "run.divergence_limit": 1e12}
+    row = judged(paper.replace(far), tmp_path / "run.mcap")
+    assert row.bound.exact == 0.0
+    assert 0.0 < row.measured <= 2.0**-22  # two units in the last place of 1e9
+    assert (row.verdict, row.above) == ("within", ())
+
+
+def test_a_tenth_of_a_nanometre_is_beyond_a_bound_of_two(paper, tmp_path):
+    small = {"amplitude": 1e-9, "frequency": 1.0}
+    slow = {"target.axes": [{"sines": [small]}, {"cosines": [small]}]}
+    path = tmp_path / "run.mcap"
+    row = judged(paper.replace(slow), path)
+    assert row.verdict == "within"
+    assert row.measured == pytest.approx(row.bound.exact, rel=0.05)
+    with Reader(path) as reader:
+        more = replace(measure(reader), position_estimate=1.5 * row.bound.exact)
+        (beyond, *_) = judge(reader, scenario_of(reader).scenario, more).quantities
+    assert beyond.verdict == "exceeds"
+    assert "this target" in beyond.above
