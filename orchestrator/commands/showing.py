@@ -96,9 +96,8 @@ def judgement(console: Console, judged: "Judgement") -> None:
         table.add_column(title, justify="right")
     table.add_column("")
     for row in judged.quantities:
-        b = row.bound
-        numbers = map(_number, (row.measured, b.exact, b.sharp, b.paper))
-        table.add_row(b.name, *numbers, _kept(row))
+        numbers = map(_number, (row.measured, *row.bounds.values()))
+        table.add_row(row.bound.name, *numbers, _status(row))
     if judged.measured_factor is not None and judged.factor is not None:
         factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
         table.add_row("factor", *factors, "", "", "each tick")
@@ -106,27 +105,23 @@ def judgement(console: Console, judged: "Judgement") -> None:
     summary(console, _beside(judged))
 
 
-def _kept(row: "Judged") -> str:
-    """Say whether a measurement is within the bounds of the long run, in a word."""
-    if row.verdict == "exceeds":
-        return f"[red]beyond what is proven, at k = {row.tick}[/]"
-    if row.verdict == "unknown":
-        return "[yellow]not judged[/]" if row.above else ""
-    if row.above and row.above != ("paper",):
-        return "[yellow]settling[/]"
-    return f"[green]within{' any target' * bool(row.above)}[/]"
+def _status(row: "Judged") -> str:
+    """Show whether a measurement is within what is proven."""
+    where = f", at k = {row.tick}" if row.status == "exceeded" else ""
+    colour = {"within": "green", "exceeded": "red"}.get(row.status, "yellow")
+    return f"[{colour}]{row.status}{where}[/]"
 
 
 def _beside(judged: "Judgement") -> dict[str, str]:
     """Return lines on what is above a bound of the long run and yet breaks none."""
     told, left = {}, judged.left
-    known = [row for row in judged.quantities if row.verdict != "exceeds"]
-    over = [row for row in known if row.above and row.above != ("paper",)]
+    known = [row for row in judged.quantities if row.status != "exceeded"]
+    over = [row for row in known if {*row.above} - {"paper"}]
     loose = [row.bound.name for row in known if row.above == ("paper",)]
     if left is not None or over:
         begun = "is not known" if left is None else f"is up to {left:.4g}"
         above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
-        told["settling"] = f"what is left of the beginning {begun}{above}"
+        told["transient"] = f"what is left of the beginning {begun}{above}"
     if judged.untracked:
         told["bounds"] = f"none of tracking: {judged.untracked}"
     if loose:

@@ -234,10 +234,11 @@ def _told(condition: Condition) -> dict[str, Any]:
     return {
         "name": condition.name,
         "source": condition.source,
-        "left": finite(condition.left),
-        "right": finite(condition.right),
+        "value": finite(condition.value),
+        "relation": ">" if condition.at_least else "<",
+        "bound": finite(condition.bound),
         "margin": finite(condition.margin),
-        "holds": condition.holds,
+        "status": "holds" if condition.holds else "violated",
         "sampled": condition.sampled,
     }
 

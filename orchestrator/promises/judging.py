@@ -29,6 +29,8 @@ from nrs_cosim.recordings.reading import Reader
 
 Array = NDArray[np.float64]
 Verdict = Literal["within", "exceeds", "unknown"]
+Status = Literal["within", "transient", "exceeded", "unproven", "not measured"]
+PAPER = "paper"
 
 SLACK = 1e-6
 """Relative: how far a measurement may be above a bound by rounding."""
@@ -60,14 +62,35 @@ class Judged:
     """What of it may be rounding, or a plant's tolerance."""
 
     @property
-    def above(self) -> tuple[str, ...]:
-        """The bounds of the long run that were passed: `this target`, `any target`, `paper`."""
+    def status(self) -> Status:
+        """What a person and a program are told of it, in a word.
+
+        What is above a bound of the long run, and yet no more than the beginning allows, is a
+        transient; nothing is proven where no bound is, and above the paper's own on tracking.
+        """
+        if self.measured is None:
+            return "not measured"
+        if self.verdict == "exceeds":
+            return "exceeded"
+        if self.verdict == "unknown":
+            return "unproven"
+        return "transient" if {*self.above} - {PAPER} else "within"
+
+    @property
+    def bounds(self) -> dict[str, float | None]:
+        """The bounds of the long run, by the names that all outputs have for them."""
         b = self.bound
-        laws = {"this target": b.exact, "any target": b.sharp, "paper": b.paper}
+        return {"this target": b.exact, "any target": b.sharp, PAPER: b.paper}
+
+    @property
+    def above(self) -> tuple[str, ...]:
+        """The names of the bounds that were passed."""
         if self.measured is None:
             return ()
         most = (self.measured - self.rounding) / (1 + SETTLED)
-        return tuple(law for law, bound in laws.items() if bound is not None and most > bound)
+        return tuple(
+            law for law, bound in self.bounds.items() if bound is not None and most > bound
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +118,14 @@ class Judgement:
         """Return the judgement for JSON."""
         rows = [
             {
-                **asdict(row.bound),
+                "name": row.bound.name,
                 "measured": finite(row.measured),
                 "tick": row.tick,
-                "rest": finite(row.rest),
+                "bounds": {law: finite(bound) for law, bound in row.bounds.items()},
+                "sampled": row.bound.sampled,
+                "transient": finite(row.rest),
                 "rounding": finite(row.rounding),
-                "verdict": row.verdict,
+                "status": row.status,
                 "above": list(row.above),
             }
             for row in self.quantities

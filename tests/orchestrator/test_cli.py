@@ -148,8 +148,9 @@ def test_check_tells_in_json_what_the_contract_names():
         [pytest.approx(0.5**0.5), 0],
     ]  # fmt: skip
     for condition in told["conditions"]:
-        assert condition.keys() >= {"name", "left", "right", "margin", "holds"}
-        assert condition["margin"] == condition["right"] - condition["left"]
+        value, bound, margin = (condition[name] for name in ("value", "bound", "margin"))
+        assert margin == (value - bound if condition["relation"] == ">" else bound - value)
+        assert condition["status"] == ("holds" if margin > 0 else "violated")
     first = json.loads(nrs("check", PAPER, "--json").stdout)
     assert first["h_bound"] is None
 

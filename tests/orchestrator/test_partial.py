@@ -170,7 +170,7 @@ class TestNoTick:
     def test_no_error_was_measured(self, path):
         told = json.loads(nrs("info", path, "--json").stdout)
         assert [row["measured"] for row in told["theory"]["quantities"]] == [None] * 4
-        assert {row["verdict"] for row in told["theory"]["quantities"]} == {"unknown"}
+        assert {row["status"] for row in told["theory"]["quantities"]} == {"not measured"}
         text = nrs("info", path).stdout
         assert text.count("not measured: no tick is here") == 2
         assert "inf = 0" not in text

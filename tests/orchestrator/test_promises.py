@@ -115,7 +115,7 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     assert row.rest > 0.1
     assert row.above == ("this target", "any target")
     words = shown(judged)
-    assert re.search(r"^\|eps - eps_0\|inf .* settling", words, re.MULTILINE)
+    assert re.search(r"^\|eps - eps_0\|inf .* transient", words, re.MULTILINE)
     assert "|eps - eps_0|inf is above this target and any target" in words
     assert f"is up to {max(one.rest for one in judged.quantities):.4g}" in words
 
@@ -124,14 +124,19 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     ("measured", "verdict", "above", "word"),
     [
         (0.16, "within", (), "within"),
-        (0.174, "within", ("paper",), "within any target"),
-        (0.46, "unknown", ("any target", "paper"), "not judged"),
+        (0.174, "within", ("paper",), "within"),
+        (0.46, "exceeds", ("any target", "paper"), "exceeded, at k = 10"),
+        (0.46, "within", ("any target", "paper"), "transient"),
+        (0.46, "unknown", ("any target", "paper"), "unproven"),
+        (None, "unknown", (), "not measured"),
     ],
 )
 def test_a_verdict_says_what_it_is_within(measured, verdict, above, word):
     bound = Bound("|q - eps_0|2", None, 0.4504, 0.1675)
     row = Judged(bound, measured, 10, 0.0, verdict)
     assert row.above == above
+    assert word.startswith(row.status)
+    assert Judgement("", (row,), None, None).as_json()["quantities"][0]["status"] == row.status
     words = shown(Judgement("", (row,), 0.1, 0.1021))
     assert re.search(rf"{word} *$", words.splitlines()[1])
     assert ("not proven" in words) == (above == ("paper",))
