@@ -91,14 +91,15 @@ class Mechanics:
         self.states = 0
         """From how many states it was started."""
         self._pushes = np.ones(len(body.q))
+        self._moves = False
         self.stairs = staircase(opened.archive, opened.kind, self._from_rest)
         self.spans, first = agreeing(self.stairs, lambda span: self.mobility(body.q, span))
         """s: between two velocities, the longer one and the shorter one"""
         sizes = np.sqrt((first**2).sum(axis=0))
         if still := (np.flatnonzero(sizes == 0) + 1).tolist():
-            joints = f"joint{'s' if len(still) > 1 else ''} {', '.join(map(str, still))}"
-            raise FmuError(f"nothing moves by a torque on {joints}")
+            raise FmuError(f"nothing moves by a torque on {_joints(still)}")
         self._pushes /= sizes
+        self._moves = True
 
     def acceleration(self, q: Array, qd: Array, tau: Array, span: float) -> Array:
         """Return q̈(q, q̇, tau), (m,); `FmuError` where the plant does not start there."""
@@ -123,6 +124,11 @@ class Mechanics:
         rest = self.acceleration(q, none, none, span)
         pushed = [self.acceleration(q, none, push, span) for push in np.diag(self._pushes)]
         inverse: Array = (np.array(pushed) - rest).T / self._pushes
+        if self._moves and (still := (np.flatnonzero(~inverse.any(axis=0)) + 1).tolist()):
+            raise FmuError(
+                f"at q = {q.tolist()} nothing moves by a torque on {_joints(still)}, though it did "
+                "when it was first started; does a reset start it anew?"
+            )
         return inverse, rest
 
     def power_gained(self, q: Array, qd: Array, span: float) -> tuple[float, float]:
@@ -188,14 +194,20 @@ class Mechanics:
         return np.array(velocities)
 
     def _from_rest(self, step: float, steps: int) -> Array:
-        """Return q̇ from rest under a torque of 1 on each joint, (steps + 1, m)."""
+        """Return q̇ from rest under a torque of 1 on each joint and under −1, (steps + 1, 2 m).
+
+        One of them may be the torque under which it stays.
+        """
         none = np.zeros(len(self._body.q))
-        self._start(self._body.q, none, none + 1)
-        velocities = [self._probe.qd[0].copy()]
-        for j in range(steps):
-            self._advance(j * step, step)
-            velocities.append(self._probe.qd[0].copy())
-        return np.array(velocities)
+        sides = []
+        for torque in (none + 1, none - 1):
+            self._start(self._body.q, none, torque)
+            velocities = [self._probe.qd[0].copy()]
+            for j in range(steps):
+                self._advance(j * step, step)
+                velocities.append(self._probe.qd[0].copy())
+            sides.append(velocities)
+        return np.hstack(sides)
 
     def _advance(self, start: float, step: float) -> None:
         self._probe.advance(start, step)
@@ -215,3 +227,7 @@ class Mechanics:
                 f"it was told to start at q, qd = {q.tolist()}, {qd.tolist()} and starts at "
                 f"{there.tolist()}"
             )
+
+
+def _joints(numbers: Sequence[int]) -> str:
+    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"

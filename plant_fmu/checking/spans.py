@@ -51,13 +51,13 @@ class Staircase:
 SMOOTH = Staircase()
 
 Velocities = Callable[[float, int], Array]
-"""(step in s, steps) → q̇, (steps + 1, m)"""
+"""(step in s, steps) → q̇, (steps + 1, m or more)"""
 
 
 def staircase(archive: Archive, kind: Kind, velocities: Velocities) -> Staircase:
     """Return in what steps an FMU moves; `FmuError` where it does not.
 
-    `velocities` returns q̇ from rest under a torque, at 0 and after each of so many steps in s.
+    `velocities` returns q̇ from rest under torques, at 0 and after each of so many steps in s.
     """
     if kind == "ModelExchange":
         return SMOOTH
@@ -76,8 +76,8 @@ def staircase(archive: Archive, kind: Kind, velocities: Velocities) -> Staircase
             return Staircase(internal, (first + internal / 2) % internal)
         step *= 2
     raise FmuError(
-        f"nothing moves within {WATCHED * step / 2:.2g} s under a torque of 1 on every joint; "
-        "has it a longer internal step?"
+        f"nothing moves within {WATCHED * step / 2:.2g} s under a torque of 1 or -1 on every "
+        "joint; has it a longer internal step?"
     )
 
 
@@ -114,7 +114,9 @@ def agreeing(
         longer, shorter = map(measure, spans)
         size = np.abs(shorter).max()
         if not size > 0:
-            raise FmuError("nothing moves, whatever the torque")
+            raise FmuError(
+                "nothing moves, whatever the torque; if it takes one, does a reset start it anew?"
+            )
         apart = np.abs(longer - shorter).max() / size
         if apart <= AGREEMENT:
             return spans, shorter

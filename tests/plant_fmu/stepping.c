@@ -2,7 +2,8 @@
  * is taken over at each step of -DSTEP s, by Euler's semi-implicit method. The energy of that is
  * kept, but for the damping -DDAMPING. The inverse of M is -DMOBILITY.
  *
- * Where -DSTRICT, a step of the importer must be a whole number of its own. FMI 2.0 or 3.0 for
+ * Where -DSTRICT, a step of the importer must be a whole number of its own. Where -DLASTING, a reset
+ * after 0.5 s forgets to set its clock back, and it stands still until then. FMI 2.0 or 3.0 for
  * Co-Simulation by -DFMI. */
 
 #include <math.h>
@@ -26,7 +27,9 @@ static const double mobility[2][2] = MOBILITY;
 
 static int reset(Joints *joints)
 {
+    const long steps = LASTING && joints->steps * (STEP) > 0.5 ? joints->steps : 0;
     memset(joints, 0, sizeof *joints);
+    joints->steps = steps;
     return 0;
 }
 

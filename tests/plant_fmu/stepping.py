@@ -24,6 +24,7 @@ def build_stepping(
     damping: float = 0.0,
     *,
     strict: bool = False,
+    lasting: bool = False,
     edit: Callable[[str], str] = str,
 ) -> Path:
     """Compile it and write its archive, whose description may be edited."""
@@ -35,6 +36,7 @@ def build_stepping(
         stubs.write_text(_stubs(fmi))
         defined = [f"-DFMI={fmi}", f"-DSTEP={step!r}", f"-DMOBILITY={{{rows}}}"]
         defined += [f"-DDAMPING={damping!r}", f"-DSTRICT={int(strict)}"]
+        defined += [f"-DLASTING={int(lasting)}"]
         flags = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}"]
         sources = [str(SOURCE), str(stubs)]
         subprocess.run(["cc", *flags, *defined, *sources, "-o", str(library), "-lm"], check=True)

@@ -2,6 +2,7 @@
 
 import shutil
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,6 +64,26 @@ def test_sound_joints_that_step_pass(tmp_path, step):
     ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
     assert found(checked, "alone").verdict == "holds"
+
+
+@pytest.mark.parametrize("at", [0.25, -0.25])
+def test_joints_that_a_torque_of_one_holds_where_they_start_are_probed(tmp_path, at):
+    """Their springs pull by 4 q, that is by 1."""
+    archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.01))
+    start = replace(body(), q=NONE + at, position=NONE + at)
+    checked = check(Task(archive, start))
+    ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
+    assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
+
+
+def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_path):
+    path = build_stepping(tmp_path / "a.fmu", 1e-3, lasting=True)
+    checked = check(Task(open_archive(path)))
+    told = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
+    assert verdicts(checked) == told
+    for name in ("rests", "power"):
+        assert "nothing moves by a torque on joints 1, 2" in found(checked, name).text
+        assert found(checked, name).text.endswith("does a reset start it anew?")
 
 
 DECLARED = {
