@@ -127,18 +127,21 @@ def _expected(fault: Any) -> str:
     """Return in our words what one of pydantic's errors asks for."""
     match fault["type"]:
         case "model_type":
-            return "a table"
+            said = "a table"
         case "tuple_type":
-            return "a list"
+            said = "a list"
         case "union_tag_invalid":
-            return _forms(fault)
+            said = _forms(fault)
         case "too_short":
             least = fault["ctx"]["min_length"]
-            return f"at least {'one' if least == 1 else least}"
+            said = f"at least {'one' if least == 1 else least}"
         case "too_long":
-            return f"at most {fault['ctx']['max_length']}"
-    said: str = fault["msg"].removeprefix("Value error, ")
-    return said.removeprefix("Input should be ")
+            said = f"at most {fault['ctx']['max_length']}"
+        case "int_type" | "int_from_float" | "int_parsing":
+            said = "a whole number" + " of sampling periods" * ("delay" in fault["loc"])
+        case _:
+            said = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return said
 
 
 def _forms(fault: Any) -> str:

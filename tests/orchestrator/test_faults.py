@@ -314,11 +314,13 @@ BAD = {
     LINK + "loss = 1.1": "faults.links[0].loss: expected less than or equal to 1, got 1.1",
     LINK + "loss = -0.1": "faults.links[0].loss: expected greater than or equal to 0, got -0.1",
     LINK + "loss = nan": "faults.links[0].loss: expected a finite number, got nan",
-    LINK + "delay = 1.5": "faults.links[0].delay: expected a valid integer, got 1.5",
+    LINK
+    + "delay = 1.5": "faults.links[0].delay: expected a whole number of sampling periods, got 1.5",
     LINK + "delay = -1": "faults.links[0].delay: expected greater than or equal to 0, got -1",
     LINK + "delay = 1001": "faults.links[0].delay: expected less than or equal to 1000, got 1001",
     LINK + "delay = { unifrom = [0, 1] }": "links[0].delay.unifrom: unknown key; did you mean 'uni",
-    LINK + "delay = { uniform = [0, 1.5] }": "faults.links[0].delay.uniform[1]: expected a valid",
+    LINK
+    + "delay = { uniform = [0, 1.5] }": "links[0].delay.uniform[1]: expected a whole number of",
     LINK + "delay = { uniform = [3, 1] }": (
         "faults.links[0].delay.uniform: expected [low, high] with low <= high, got [3, 1]"
     ),
@@ -336,7 +338,7 @@ BAD = {
     LINK + "outages = [[-1, 2]]": "outages[0][0]: expected greater than or equal to 0, got -1",
     LINK + "from = 7": "faults.links[0].from: expected 0 to 6, got 7",
     LINK + "to = 0": "faults.links[0].to: expected 1 to 6, got 0",
-    LINK + "from = 1.5": "faults.links[0].from: expected a valid integer, got 1.5",
+    LINK + "from = 1.5": "faults.links[0].from: expected a whole number, got 1.5",
     LINK + "from = 6": "faults.links[0]: expected a link of the network, but no robot hears node 6",
     LINK + "loss = 0\n" + LINK + "from = 2\nto = 3": (
         "faults.links[1]: expected a link of the network, but robot 3 does not hear node 2; "

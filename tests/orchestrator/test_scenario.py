@@ -68,7 +68,7 @@ BAD = {
         "got 30.05 s",
     ),
     "infinite duration": (("duration = 30.0", "duration = inf"), "expected a finite number"),
-    "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a valid integer, got 1.5"),
+    "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a whole number, got 1.5"),
     "no path from the target": (
         ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 0, 0, 0, 1]"),
         "no path leads from the target to robot 1, 2, 3, 4, 5",

@@ -113,7 +113,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
         (f"repeat = 3\n{PAPER}", "network.repeat: is of network.switching, got 3; leave it out"),
         (turns((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got 0"),
         (turns((0, PAPER)), "network.switching[0].from: expected greater than or equal to 1, got"),
-        (turns((1.5, PAPER)), "network.switching[0].from: expected a valid integer, got 1.5"),
+        (turns((1.5, PAPER)), "network.switching[0].from: expected a whole number, got 1.5"),
         ("[[network.switching]]\n" + PAPER, "network.switching[0].from: missing, it has no defaul"),
         ("switching = []", "network.switching: expected at least one, got []"),
         (turns((1, "")), "network.switching[0]: expected one of adjacency (with pinning), generat"),
