@@ -36,6 +36,7 @@ class SteadyState:
     """The largest position or velocity of an estimate or a robot: what rounding is relative to."""
 
 
+@np.errstate(all="ignore")  # what is not finite is measured as such
 def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     """Measure the steady state of a recording against its target."""
     end = reader.end_ns or 0

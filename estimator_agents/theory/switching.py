@@ -128,7 +128,12 @@ def _scaled(A: Array) -> tuple[Array, float]:
 
 
 def _radius(product: Array) -> float:
-    """Return ρ; what is zero in the product by its structure is not left to rounding."""
+    """Return ρ; what is zero in the product by its structure is not left to rounding.
+
+    It is infinite where the product is beyond all numbers.
+    """
+    if not np.isfinite(product).all():
+        return np.inf
     count, label = connected_components(product != 0, connection="strong")
     parts = (np.flatnonzero(label == part) for part in range(count))
     sizes = (np.abs(np.linalg.eigvals(product[np.ix_(part, part)])).max() for part in parts)

@@ -33,6 +33,8 @@ MOST_PRODUCTS, WORK = 10_000, 1e8
 """That are looked at, of each block; the same times the cube of its order."""
 LARGEST = 40
 """The order of a block up to which this is affordable."""
+HUGE = 1e10
+"""The size of entries from which products of many matrices would not be numbers any more."""
 CROOKED = 1e8
 """The condition of an S from which what it makes small is rounding."""
 ROUNDING = 1e-10
@@ -59,6 +61,12 @@ def joint_spectral_radius(
     None where they have a block of more than `LARGEST` rows in common.
     """
     given = np.stack(matrices)
+    if not np.isfinite(given).all():
+        return JointRadius(np.inf, np.inf, (0,))
+    size = float(np.abs(given).max())
+    if size > HUGE:  # products would overflow
+        scaled = joint_spectral_radius(list(given / size), near)
+        return scaled and JointRadius(scaled.lower * size, scaled.upper * size, scaled.order)
     if np.iscomplexobj(given):
         given = np.block([[given.real, -given.imag], [given.imag, given.real]])
     blocks = list(_blocks(given))

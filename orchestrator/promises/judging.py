@@ -133,6 +133,7 @@ class Judgement:
         return {**asdict(self), "quantities": rows}
 
 
+@np.errstate(all="ignore")  # what is not finite is told as such
 def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgement:
     """Return a recording's measurements beside the promises of its scenario."""
     try:

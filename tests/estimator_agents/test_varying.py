@@ -118,3 +118,14 @@ def test_no_order_does_better_than_the_upper_bound_and_one_is_at_the_lower(
         worst = matrices[number] @ worst
     radius = np.abs(np.linalg.eigvals(worst)).max() ** (1 / len(bounds.order))
     assert radius == pytest.approx(bounds.lower, rel=1e-6)
+
+
+def test_a_common_factor_is_that_of_the_radius_however_large():
+    pair = [np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0], [1.0, 1.0]])]
+    golden = (1 + 5**0.5) / 2
+    for factor in (1e12, 1e150, 1e300):
+        found = joint_spectral_radius([factor * one for one in pair])
+        assert found.lower == pytest.approx(golden * factor, rel=1e-9)
+        assert golden * factor * (1 - 1e-9) <= found.upper <= golden * factor * (1 + 2e-3)
+    beyond = joint_spectral_radius([np.array([[np.inf]]), np.array([[1.0]])])
+    assert beyond.lower == beyond.upper == np.inf

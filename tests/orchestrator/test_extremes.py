@@ -8,6 +8,7 @@ import warnings
 import pytest
 import tomlkit
 
+import nrs_cosim as nrs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.promises.checking import check
 from nrs_cosim.orchestrator.promises.promising import bounds, promises
@@ -52,31 +53,72 @@ def places(tree, at=()):
         yield at
 
 
-@pytest.mark.parametrize("algorithm", ["dcea1", "dcea2", "impulsive", "sliding"])
-def test_a_number_out_of_all_proportion_is_refused_or_theory_goes_on(algorithm):
-    tables = tomllib.loads(TEXT.format(algorithm=algorithm))
+FEW = (1e155, 1e-300)
+
+
+def put(tables, at, value):
+    """Return tables with another value in one place."""
+    changed = copy.deepcopy(tables)
+    inner = changed
+    for key in at[:-1]:
+        inner = inner[key]
+    inner[at[-1]] = value
+    return changed
+
+
+def faults_of(tables, extremes, judged):
+    """Judge tables with one number after the other changed: what was raised but errors of input."""
     found, passed = [], 0
     for at in places(tables):
-        for extreme in EXTREMES:
-            changed = copy.deepcopy(tables)
-            inner = changed
-            for key in at[:-1]:
-                inner = inner[key]
-            inner[at[-1]] = extreme
+        for extreme in extremes:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")
-                    text = tomlkit.dumps(changed)
-                    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml").scenario
-                    checked = check(scenario)
-                    promised = promises(scenario, checked.growth)
-                    bounds(promised)
-                    checked.warnings()
-                    json.dumps([checked.as_json(), promised.as_json()], allow_nan=False)
+                    judged(put(tables, at, extreme))
                     passed += 1
             except InputError:
                 continue
             except Exception as error:
                 found.append((at, extreme, repr(error)))
-    assert not found, "\n".join(map(str, found))
+    return "\n".join(map(str, found)), passed
+
+
+def checked(tables):
+    """Ask the theory of tables all that `nrs check` shows."""
+    text = tomlkit.dumps(tables)
+    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml").scenario
+    told = check(scenario)
+    promised = promises(scenario, told.growth)
+    bounds(promised)
+    told.warnings()
+    json.dumps([told.as_json(), promised.as_json()], allow_nan=False)
+
+
+def ran(tables):
+    """Run tables, and measure them beside the theory, as `nrs run` does."""
+    with nrs.run(nrs.Scenario(tables, folder=SCENARIOS)) as recording:
+        json.dumps(recording.analysis())
+
+
+@pytest.mark.parametrize("algorithm", ["dcea1", "dcea2", "impulsive", "sliding"])
+def test_a_number_out_of_all_proportion_is_refused_or_theory_goes_on(algorithm):
+    tables = tomllib.loads(TEXT.format(algorithm=algorithm))
+    found, passed = faults_of(tables, EXTREMES, checked)
+    assert not found, found
     assert passed > 50
+
+
+@pytest.mark.parametrize("name", ["paper_lossy_links", "paper_jitter", "switching"])
+def test_so_it_is_with_faults_jitter_and_networks_in_turn(name):
+    tables = tomllib.loads((SCENARIOS / f"{name}.toml").read_text("utf-8"))
+    found, passed = faults_of(tables, FEW, checked)
+    assert not found, found
+    assert passed > 10
+
+
+def test_a_run_of_such_a_number_is_refused_or_ends_with_a_reason():
+    tables = tomllib.loads((SCENARIOS / "paper_lossy_links.toml").read_text("utf-8"))
+    tables["run"]["duration"] = 0.2
+    found, passed = faults_of(tables, FEW[:1], ran)
+    assert not found, found
+    assert passed > 10
