@@ -10,7 +10,7 @@ from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands, 
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
 from nrs_cosim.estimator_agents.theory.network import Network
-from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.recursion import Recursion, expect_modes
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
@@ -185,6 +185,7 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
     topologies, target = topologies_of(scenario), target_of(scenario)
     choice, periods = scenario.algorithm, periods_of(scenario)
     algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    expect_modes(algorithm, periods.mean)
     spectra = spectra_of(topologies)
     everywhere = merged(spectra)
     own = conditions(algorithm, everywhere, periods.longest)

@@ -280,6 +280,7 @@ def _why_not(
         why_unknown(algorithm, topologies, periods): isnan(growth.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _unsettled(growth): growth.verdict != "proven",
+        "the algorithm does not jump linearly": not recursions,
         "a period of turns is too long for bounds on so many robots": lasting is None,
         "of digraphs in turn there are bounds at periodic sampling times alone": (
             topologies.turning and periods.alike is None

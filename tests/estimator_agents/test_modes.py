@@ -1,0 +1,87 @@
+"""What an algorithm says of its modes is held against its own jump."""
+
+import numpy as np
+import pytest
+
+from nrs_cosim.estimator_agents.algorithm import load_algorithm
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.theory.recursion import expect_modes
+from nrs_cosim.orchestrator.promises import checking
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.command import nrs
+from tests.orchestrator.conftest import SCENARIOS
+
+PAPER = SCENARIOS / "paper_first_order.toml"
+
+
+class Sunny(FirstOrder):
+    """Says that its errors fall faster than they do."""
+
+    def modes(self, spectrum, h):
+        return 0.5 * super().modes(spectrum, h)
+
+
+class Short(FirstOrder):
+    """Says one mode of two."""
+
+    def modes(self, spectrum, h):
+        return super().modes(spectrum, h)[:1]
+
+
+class Silent(FirstOrder):
+    """Says nothing."""
+
+    def modes(self, spectrum, h):
+        return super().modes(spectrum, h)[:0]
+
+
+class Saturating(FirstOrder):
+    """Jumps by so much at most, and speaks of modes all the same."""
+
+    def jump(self, estimate, heard):
+        after = super().jump(estimate, heard)
+        return Estimate(np.clip(after.position, -1.0, 1.0), after.velocity)
+
+
+class Endless(SecondOrder):
+    """Says what is no number."""
+
+    def modes(self, spectrum, h):
+        return super().modes(spectrum, h) * np.inf
+
+
+@pytest.mark.parametrize("name", ["dcea1", "dcea2", "impulsive", "pd_like", "sliding"])
+@pytest.mark.parametrize("gains", [(0.9, 1.1), (0.1, 1e-3), (1e6, 1e-6), (1.0, 1.0)])
+@pytest.mark.parametrize("h", [1e-4, 0.1, 10.0])
+def test_bundled_algorithms_have_the_modes_of_their_jump(name, gains, h):
+    alpha, beta = gains
+    expect_modes(load_algorithm(name, alpha, 1.0 if name == "pd_like" else beta), h)
+
+
+@pytest.mark.parametrize("kind", [Sunny, Short, Endless])
+def test_modes_that_its_jump_has_not_are_the_algorithms_error(kind):
+    with pytest.raises(AlgorithmError, match=r"modes of s = 0 at h = 0.1 s are .*, but its jump"):
+        expect_modes(kind(0.9, 0.8), 0.1)
+
+
+def test_what_does_not_jump_linearly_has_none():
+    with pytest.raises(AlgorithmError, match="its jump is not linear, so that it has no modes"):
+        expect_modes(Saturating(0.9, 0.8), 0.1)
+
+
+def test_one_that_says_nothing_says_nothing_wrong():
+    expect_modes(Silent(0.9, 0.8), 0.1)
+
+
+@pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
+def test_commands_say_it_in_a_line_before_anything_runs(monkeypatch, tmp_path, command):
+    monkeypatch.setattr(checking, "load_algorithm", lambda _name, a, b: Sunny(a, b))
+    assert read_scenario(PAPER).scenario.n == 6
+    done = nrs(command[0], PAPER, *command[1:], cwd=tmp_path)
+    assert done.returncode == 2
+    assert "modes of s = 0 at h = 0.1 s are 0.05 and -0.05, but its jump has" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not [*tmp_path.iterdir()]
