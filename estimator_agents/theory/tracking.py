@@ -88,8 +88,8 @@ class Constants:
         """Return the conditions of Theorems 2 and 3 on the gains."""
         least = max(2 * self.lambda_M, self.rho_1)
         return [
-            Condition("kp_tracking", TRACKING, least, drive.kp_min, at_least=True),
-            Condition("kd_tracking", TRACKING, self.rho_2, drive.kd_min, at_least=True),
+            Condition("kp (tracking)", TRACKING, least, drive.kp_min, at_least=True),
+            Condition("kd (tracking)", TRACKING, self.rho_2, drive.kd_min, at_least=True),
         ]
 
 

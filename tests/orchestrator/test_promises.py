@@ -162,7 +162,7 @@ def test_robots_of_their_own_are_bounded_on_their_own():
     parts = bounded(scenario)
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
     kp = tracking_conditions(scenario)[0]
-    assert (kp.name, kp.right, kp.holds) == ("kp_tracking", 25.0, True)
+    assert (kp.name, kp.right, kp.holds) == ("kp (tracking)", 25.0, True)
     assert check(scenario).warnings() == []
 
 
@@ -199,7 +199,7 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     marked = {c["name"]: c["sampled"] for c in checked.as_json()["conditions"]}
     assert marked == {
         "alpha": False, "beta": False, "kp": False, "kd": False,
-        "kp_tracking": True, "kd_tracking": True,
+        "kp (tracking)": True, "kd (tracking)": True,
     }  # fmt: skip
     assert [row.sampled for row in bounds(promised)] == [False, False, True, True]
     assert [row.sampled for row in bounds(promises(ours))] == [False] * 4
@@ -218,7 +218,7 @@ def test_what_cannot_be_sampled_says_why(tmp_path):
 
 def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
     scenario = changed(("kp = 200.0", "kp = 10.0")).scenario
-    kp = {c.name: c for c in check(scenario).conditions}["kp_tracking"]
+    kp = {c.name: c for c in check(scenario).conditions}["kp (tracking)"]
     assert not kp.holds
     assert check(scenario).warnings() == []
 

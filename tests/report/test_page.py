@@ -122,7 +122,7 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     assert counted == {"samples": "2,100", "states": "9,006"}
     assert run["counted"].keys() - counted.keys() >= {"spent, here, plants", "spent, here, bus"}
     assert [v["name"] for v in run["verdicts"]] == [
-        *("alpha", "beta", "kp", "kd", "kp_tracking", "kd_tracking"),
+        *("alpha", "beta", "kp", "kd", "kp (tracking)", "kd (tracking)"),
     ]
     assert all(v["holds"] for v in run["verdicts"])
     assert run["factor"] == pytest.approx(0.877817, abs=1e-6)
@@ -148,7 +148,7 @@ def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
     rows = {v["name"]: v for v in run["verdicts"]}
     assert [v["at_least"] for v in rows.values()] == [False, False, *[True] * 4]
     assert (rows["kp"]["value"], rows["kp"]["bound"]) == (200, 0)
-    assert rows["kd_tracking"]["value"] == 300 > rows["kd_tracking"]["bound"] > 0
+    assert rows["kd (tracking)"]["value"] == 300 > rows["kd (tracking)"]["bound"] > 0
 
 
 def test_what_a_run_says_at_its_end_is_told(paper):
