@@ -141,6 +141,9 @@ def diff(
         Reader(b, watch=follow(b)) as other,
     ):
         found = compare(one, other)
+        for reader in (one, other):
+            for damage in reader.damage:
+                say("yellow", "damage", f"{reader.path}: {damage}")
     if picture:
         if found.why_not:
             raise InputError(f"--picture: nothing to draw: {found.why_not}")

@@ -184,10 +184,13 @@ def comparison(console: Console, found: "Comparison") -> None:
     if found.is_same:
         console.print("the same run: scenario, samples and states, to the last bit")
         return
+    for name in found.partial:
+        prose(console, f"[bold]{name}[/] lacks messages of its run: they are not compared")
     for name, (a, b) in found.fields.items():
         prose(console, f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
     if found.first is None:
-        console.print("the same samples and states, to the last bit")
+        here = ", as far as both are here" if found.partial else ""
+        console.print(f"the same samples and states, to the last bit{here}")
         return
     prose(console, f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
     moved = [apart for apart in found.distances if apart.largest]

@@ -58,16 +58,19 @@ class Comparison:
     """And how far apart they are then, (times, quantities)."""
     why_not: str
     """Why there are no distances after t = 0; empty where there are, or no states to measure."""
+    partial: tuple[str, ...] = ()
+    """Which of the two, A and B, lack messages of their runs: nothing is known of these."""
 
     @property
     def is_same(self) -> bool:
-        """Whether both hold the same run."""
-        return not self.fields and self.first is None
+        """Whether both hold all of the same run."""
+        return not self.fields and self.first is None and not self.partial
 
     def as_json(self) -> dict[str, Any]:
         """Return it for JSON."""
         return {
             "same": self.is_same,
+            "partial": list(self.partial),
             "fields": dict(self.fields),
             "first": asdict(self.first) if self.first else None,
             "distances": [asdict(distance) for distance in self.distances],
@@ -103,7 +106,8 @@ def compare(a: Reader, b: Reader) -> Comparison:
         why_not = f"robots have {joints(a)} joints in A, and {joints(b)} in B"
     elif both > 1 and not any(t[-1] > 0 for t in times.values()):
         why_not = "no tick has times in common: sampling times differ"
-    return Comparison(fields, first, tuple(found), times, apart, why_not)
+    partial = tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None)
+    return Comparison(fields, first, tuple(found), times, apart, why_not, partial)
 
 
 def _distances(robot: int, times: Array, apart: Array) -> Iterator[Distance]:

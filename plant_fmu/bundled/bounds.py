@@ -68,7 +68,7 @@ def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | Non
             name: np.broadcast_to(np.asarray(parameters.get(name, start), float), size)
             for name, start in given.items()
         }
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     if model == "planar_robot":
         mass, drag = float(p["m"][0]), float(p["d"][0])

@@ -163,7 +163,10 @@ def _encoding(archive: Archive, variable: ModelVariable) -> tuple[Callable[[Any]
 def _number(entry: Any) -> float:
     if isinstance(entry, bool | np.bool_) or not isinstance(entry, Real):
         raise TypeError(f"expected a number, got {entry!r}")
-    return float(entry)
+    try:
+        return float(entry)
+    except OverflowError:
+        raise ValueError("expected a number of 64 bits, got one that is too large") from None
 
 
 def _integer(entry: Any, c_type: Any) -> int:

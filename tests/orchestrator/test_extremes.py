@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import tomllib
 import warnings
 
@@ -13,6 +14,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.promises.checking import check
 from nrs_cosim.orchestrator.promises.promising import bounds, promises
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from tests.command import nrs as nrs_command
 from tests.orchestrator.conftest import SCENARIOS
 
 TEXT = """
@@ -122,3 +124,16 @@ def test_a_run_of_such_a_number_is_refused_or_ends_with_a_reason():
     found, passed = faults_of(tables, FEW[:1], ran)
     assert not found, found
     assert passed > 10
+
+
+@pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
+@pytest.mark.parametrize("key", ["m1", "r1", "g"])
+def test_a_parameter_of_too_many_digits_is_named(tmp_path, command, key):
+    path = tmp_path / "big.toml"
+    text = TEXT.format(algorithm="dcea1")
+    path.write_text(re.sub(rf"{key} = [\d.]+", f"{key} = {'9' * 400}", text), "utf-8")
+    done = nrs_command(command[0], path, *command[1:], cwd=tmp_path)
+    assert done.returncode == 2
+    assert key in done.stderr
+    assert "too large" in done.stderr
+    assert len(done.stderr) < 1000

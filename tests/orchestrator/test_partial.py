@@ -105,6 +105,42 @@ class TestVerify:
         assert "in ticks 0 to 7; how many the run had beside these is not known" in said
 
 
+class TestDiff:
+    def both(self, a, b):
+        told = json.loads(nrs("diff", a, b, "--json").stdout)
+        done = nrs("diff", a, b)
+        assert done.returncode == (0 if told["same"] else 1)
+        return told, " ".join((done.stdout + done.stderr).split())
+
+    def test_two_that_lack_the_same_messages_are_not_said_to_be_the_same_run(self, whole, tmp_path):
+        one, other = flipped_in(whole, tmp_path / "a.mcap", 6), tmp_path / "b.mcap"
+        data = bytearray(whole.read_bytes())
+        data[chunks(whole)[6] + 310] ^= 4
+        other.write_bytes(data)
+        told, said = self.both(one, other)
+        assert (told["same"], told["first"], told["partial"]) == (False, None, ["A", "B"])
+        assert "the same samples and states, to the last bit, as far as both are here" in said
+        assert f"damage: {one}: " in said
+        assert "the same run" not in said
+
+    def test_one_that_does_not_say_how_it_ended_is_compared_as_far_as_it_goes(
+        self, whole, tmp_path
+    ):
+        cut = tmp_path / "cut.mcap"
+        data = whole.read_bytes()
+        cut.write_bytes(data[: data.rindex(b"nrs.end", 0, data.rindex(b"nrs.end"))])
+        told, said = self.both(whole, cut)
+        assert (told["same"], told["first"], told["partial"]) == (False, None, ["B"])
+        assert "B lacks messages of its run: they are not compared" in said
+
+    def test_two_whole_ones_are(self, whole, tmp_path):
+        copy = tmp_path / "copy.mcap"
+        copy.write_bytes(whole.read_bytes())
+        told, said = self.both(whole, copy)
+        assert (told["same"], told["partial"]) == (True, [])
+        assert said == "the same run: scenario, samples and states, to the last bit"
+
+
 class TestDigest:
     def told(self, path):
         return json.loads(nrs("info", path, "--json").stdout)
