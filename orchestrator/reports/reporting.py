@@ -1,5 +1,6 @@
 """What a report must know of a scenario: target, network, theory, and how robots look."""
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -19,6 +20,9 @@ from nrs_cosim.recordings.measuring import Array, SteadyState
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report.story import Story, read_story
 from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict
+
+MIXED = "mixed"
+"""Stands where a number or an axis is over joints in unlike units."""
 
 
 def story_of(reader: Reader) -> Story:
@@ -44,7 +48,7 @@ def subject_of(scenario: Scenario) -> Subject:
         topology=topologies_of(scenario).links,
         turns=_turns(topologies_of(scenario)),
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
-        unit=_unit(scenario.plant),
+        unit=_unit([own.get(robot, scenario.plant) for robot in robots]),
         verdicts=_verdicts(checked),
         factor=None if checked.faulty else finite(checked.spectral_radius),
         bounds=_bounds(scenario, checked),
@@ -88,7 +92,13 @@ def arm_of(plant: Plant, m: int) -> Arm:
     return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
 
 
-def _unit(plant: Plant) -> str:
+def _unit(plants: Sequence[Plant]) -> str:
+    """Return the unit of all joints; one word for none, where plants have unlike ones."""
+    units = {_unit_of(plant) for plant in plants}
+    return units.pop() if len(units) == 1 else MIXED
+
+
+def _unit_of(plant: Plant) -> str:
     """Return a joint's unit, as the bundled model declares it; rad of any other FMU."""
     known = plant.fmu in bundled_models()
     return (declaration(plant.fmu).variable("q").unit or "rad") if known else "rad"

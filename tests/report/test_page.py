@@ -12,15 +12,17 @@ from typer.testing import CliRunner
 
 from nrs_cosim.bus.messages import FAULT, Codec
 from nrs_cosim.orchestrator.commands.cli import app
-from nrs_cosim.orchestrator.reports.reporting import arm_of
+from nrs_cosim.orchestrator.reports.reporting import arm_of, subject_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Robot
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report import page as pages
 from nrs_cosim.recordings.report.decimating import BUCKETS, kept
 from nrs_cosim.recordings.report.figures import figures
 from nrs_cosim.recordings.report.page import page
 from nrs_cosim.recordings.tables import samples, states
-from tests.report.conftest import story
+from tests.report.conftest import SCENARIOS, story
 
 nrs = CliRunner()
 
@@ -265,3 +267,12 @@ def test_where_nothing_can_be_written_is_named(paper, tmp_path):
     (tmp_path / "file").touch()
     result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "file" / "page.html")])
     assert "file: is a file and not a folder" in str(result.exception)
+
+
+def test_a_fleet_of_unlike_units_has_no_unit_over_all_of_it():
+    paper = read_scenario(SCENARIOS / "paper_first_order.toml").scenario
+    assert subject_of(paper).unit == "rad"
+    other = Robot(id=2, plant={"fmu": "planar_robot"})
+    assert subject_of(paper.model_copy(update={"robots": (other,)})).unit == "mixed"
+    all_of_them = paper.model_copy(update={"plant": Plant(fmu="planar_robot")})
+    assert subject_of(all_of_them).unit == "m"
