@@ -12,7 +12,7 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 	@echo "The recording is $(CURDIR)/$(DATA)/demo.mcap. To open it:"
 	@echo "  $(BIN)/nrs info $(DATA)/demo.mcap                        what it holds"
 	@echo "  $(BIN)/nrs export $(DATA)/demo.mcap -o $(DATA)/demo      its tables as CSV"
-	@echo "  Foxglove or PlotJuggler: open the file, plot state/1 and sample/1"
+	@echo "  Foxglove or PlotJuggler: open the file, plot /robot_1/state and /robot_1/sample"
 
 test: .venv/.tested  ## install what the tests need and pass them, on up to eight processors
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)

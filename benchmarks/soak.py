@@ -27,6 +27,7 @@ from benchmarks.memory import peak
 from benchmarks.mischief import Mischief, blows
 from benchmarks.table import keep
 from benchmarks.work import scenario
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.hosts.crew import Crew
@@ -78,7 +79,7 @@ def counted(path: Path) -> tuple[dict[str, int], str, list[str]]:
             topics.update(map(itemgetter(1), batch))
         kinds: Counter[str] = Counter()
         for topic, count in topics.items():
-            kinds[topic.partition("/")[0]] += count
+            kinds[kind_of(topic)] += count
         return dict(kinds), reader.digest, reader.damage
 
 

@@ -81,8 +81,8 @@ def keep_motion(file: ScenarioFile, recorded: Path, kept: Path) -> None:
     np.savez(
         kept,
         references=np.array(references[:-1]),
-        start=np.hstack([start["q"], start["qd"]]),
-        end=np.hstack([end["q"], end["qd"]]),
+        start=np.hstack([start["position"], start["velocity"]]),
+        end=np.hstack([end["position"], end["velocity"]]),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from nrs_cosim.bus.keys import sample_key, state_key
+from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.recordings.columns import Columns
 from nrs_cosim.recordings.container import Message
@@ -26,7 +26,7 @@ Ticks = list[list[Message]]
 def ticks_of(n: int, count: int) -> Ticks:
     """Return ticks of samples and of states at two times, of arms that move smoothly."""
     made: Ticks = [[] for _ in range(count)]
-    for kind, robots, key in ((SAMPLE, n + 1, sample_key), (STATE, n, state_key)):
+    for kind, robots, key in ((SAMPLE, n + 1, sample_topic), (STATE, n, state_topic)):
         codec, first = Codec(kind, 2), n + 1 - robots
         numbers = np.arange(first, n + 1)
         records = codec.blank(numbers)

@@ -1,7 +1,8 @@
 """A node's messages have topics of their own; what a host puts at one tick travels as one batch.
 
-In a recording node 0 is the target and the robots are 1 … n: `sample/<node>`, `state/<robot>`,
-`fault/<robot>`, `checkpoint/<robot>`. On the wire a key is `<kind>/<host>`.
+In a recording node 0 is the target and the robots are 1 … n: `/target/sample`, `/robot_1/sample`,
+`/robot_1/state`, `/robot_1/link_event`, `/robot_1/checkpoint`, so that a robot is one folder in
+every viewer's tree, with a name that ROS allows. On the wire a key is `<kind>/<host>`.
 """
 
 TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
@@ -13,24 +14,39 @@ JOIN, START, HEARD, FMU = "join", "start", "heard", "fmu"
 ALIVE = "alive"
 
 
-def sample_key(node: int) -> str:
+def sample_topic(node: int) -> str:
     """Return the topic of a node's estimates (for node 0: of the target) at the sampling times."""
-    return f"sample/{node}"
+    return f"/{_folder(node)}/sample"
 
 
-def state_key(robot: int) -> str:
+def state_topic(robot: int) -> str:
     """Return the topic of a robot's state on the output grid."""
-    return f"state/{robot}"
+    return f"/{_folder(robot)}/state"
 
 
-def fault_key(robot: int) -> str:
-    """Return the topic of the link faults that a robot met."""
-    return f"fault/{robot}"
+def link_event_topic(robot: int) -> str:
+    """Return the topic of what the links into a robot did to samples."""
+    return f"/{_folder(robot)}/link_event"
 
 
-def checkpoint_key(robot: int) -> str:
+def checkpoint_topic(robot: int) -> str:
     """Return the topic of what a robot can be restored from."""
-    return f"checkpoint/{robot}"
+    return f"/{_folder(robot)}/checkpoint"
+
+
+def kind_of(topic: str) -> str:
+    """Return what the messages of a topic are: sample, state, link_event or checkpoint."""
+    return topic.rpartition("/")[2]
+
+
+def node_of(topic: str) -> int:
+    """Return whose a topic is: the number of a robot, or 0, the target."""
+    folder = topic.split("/")[1]
+    return 0 if folder == TARGET else int(folder.removeprefix("robot_"))
+
+
+def _folder(node: int) -> str:
+    return f"robot_{node}" if node else TARGET
 
 
 def wire_key(kind: str, name: str) -> str:

@@ -7,7 +7,8 @@ into recordings and the NumPy dtype that codes the bytes are both derived from i
 any size.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from struct import Struct
 from typing import Any
 
@@ -30,6 +31,14 @@ _SCALARS = (
     ("k", "<u4", _FIXED32, FieldDescriptorProto.TYPE_FIXED32),
     ("time_ns", "<u8", _FIXED64, FieldDescriptorProto.TYPE_FIXED64),
 )
+_COMMENTS = {
+    "robot": "the robot's number, from 1; 0 is the target",
+    "k": "the tick that closes this message's interval",
+    "time_ns": "simulated time, ns",
+    "data": "the plant's state and the estimator's, of this version's own form",
+}
+_MESSAGE_TYPE, _FIELD = 4, 2
+"""Of FileDescriptorProto and DescriptorProto, for the paths of comments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +52,8 @@ class MessageType:
     vectors: tuple[str, ...]
     further: tuple[str, ...] = ()
     """Scalars of 32 bits, unsigned."""
+    comments: Mapping[str, str] = field(default_factory=dict, hash=False)
+    """What a reader of the schema is told of each vector and further scalar."""
 
     @property
     def scalars(self) -> tuple[tuple[str, str, int, FieldDescriptorProto.Type.ValueType], ...]:
@@ -75,17 +86,60 @@ class MessageType:
                 type=FieldDescriptorProto.TYPE_DOUBLE,
                 label=FieldDescriptorProto.LABEL_REPEATED,
             )
+        _comment(file, {**_COMMENTS, **self.comments})
         return FileDescriptorSet(file=[file]).SerializeToString()
 
 
-SAMPLE = MessageType("nrs.Sample", ("position", "velocity"))
+def _comment(file: FileDescriptorProto, comments: Mapping[str, str]) -> None:
+    """Put comments on the fields of a file's only message, as protoc keeps them."""
+    for number, declared in enumerate(file.message_type[0].field):
+        file.source_code_info.location.add(
+            path=[_MESSAGE_TYPE, 0, _FIELD, number],
+            span=[number, 0, 0],
+            leading_comments=f" {comments[declared.name]}\n",
+        )
+
+
+SAMPLE = MessageType(
+    "nrs.Sample",
+    ("position", "velocity"),
+    comments={
+        "position": "estimate of the target's position at t_k, left limit; of the target its own",
+        "velocity": "estimate of the target's velocity at t_k, left limit; of the target its own",
+    },
+)
 """ε_i(t_k), υ_i(t_k) of robot i, left limits, in the target's units; robot 0 is the target."""
 
-STATE = MessageType("nrs.State", ("q", "qd", "tau", "position", "velocity"))
-"""Robot i's q, q̇, applied torque, and ε_i, υ_i at one time; k is the tick that closes it."""
+STATE = MessageType(
+    "nrs.State",
+    ("position", "velocity", "effort", "reference_position", "reference_velocity"),
+    comments={
+        "position": "of each joint: rad, or m of one that slides",
+        "velocity": "of each joint: rad/s or m/s",
+        "effort": "applied to each joint by the PD law: N m or N",
+        "reference_position": "estimate of the target's position, which the robot follows",
+        "reference_velocity": "estimate of the target's velocity, which the robot follows",
+    },
+)
+"""Robot i's q, q̇, applied torque, and ε_i, υ_i at one time; k is the tick that closes it.
 
-FAULT = MessageType("nrs.Fault", ("position", "velocity"), ("source", "lost", "outage", "delay"))
-"""What befell the sample of t_k on its way from node `source` to robot i.
+The first three are named as in ROS's JointState; the reference is what the robot follows.
+"""
+
+LINK_EVENT = MessageType(
+    "nrs.LinkEvent",
+    ("position", "velocity"),
+    ("source", "lost", "outage", "delay"),
+    {
+        "source": "the node whose sample it is; the robot itself where that is in an outage",
+        "lost": "1 when the link lost the sample",
+        "outage": "1 when the link or one of its ends was in an outage",
+        "delay": "sampling periods by which the sample is late",
+        "position": "what arrives, zeros when nothing does",
+        "velocity": "what arrives, zeros when nothing does",
+    },
+)
+"""What the link from node `source` to robot i did to the sample of t_k.
 
 `lost` and `outage` are 0 or 1; `delay` is in sampling periods, also of a sample that never
 arrives; position and velocity are what arrives, zeros when nothing does. A message whose source is
@@ -194,6 +248,8 @@ class BlobType:
             type=FieldDescriptorProto.TYPE_BYTES,
             label=FieldDescriptorProto.LABEL_OPTIONAL,
         )
+        files.file[0].ClearField("source_code_info")
+        _comment(files.file[0], _COMMENTS)
         return files.SerializeToString()
 
     def encode(self, blob: Blob) -> bytes:

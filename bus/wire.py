@@ -2,7 +2,7 @@
 
 A host puts two batches a tick: `samples/<host>`, the samples of its robots at t_k, for the other
 hosts and the recorder; and `records/<host>`, all else that is recorded of the tick: its states of
-(t_{k−1}, t_k], the link faults it met, its checkpoints. Each batch is k and then whole messages as
+(t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages as
 they will stand in the recording, under a seal. A batch is believed when it is sealed for its key,
 comes from a host that the run has, and holds exactly what that host owes: its robots, its times,
 finite numbers. Any other is refused with the reason, and never mixed in.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
-from nrs_cosim.bus.messages import FAULT, HEADER, SAMPLE, STATE, Codec
+from nrs_cosim.bus.messages import HEADER, LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.parts import joined, parted
 from nrs_cosim.bus.seal import Seal
 
@@ -53,7 +53,7 @@ class Tick:
     """What a host tells the recorder of one tick, beside its samples."""
 
     states: Records
-    faults: Records
+    link_events: Records
     checkpoints: Sequence[bytes]
     """Messages, one a robot; none at most ticks."""
 
@@ -74,12 +74,14 @@ class Wire:
         silent: Callable[[int], Nodes] = _none_silent,
     ) -> None:
         """Know the run: which nodes each host has, ascending, and who does not send at a tick."""
-        self.samples, self.states, self.faults = (Codec(k, m) for k in (SAMPLE, STATE, FAULT))
+        self.samples, self.states, self.link_events = (
+            Codec(k, m) for k in (SAMPLE, STATE, LINK_EVENT)
+        )
         self.homes = dict(homes)
         self.times = times
         self._seal, self._silent = seal, silent
-        self.none = self.faults.blank(np.empty(0, np.int64))
-        """No faults."""
+        self.none = self.link_events.blank(np.empty(0, np.int64))
+        """No link events."""
         self._believed_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
         """Of each host the last samples, as they came and as what they are."""
         most = max(len(times.outputs(0)), len(times.outputs(1)))
@@ -113,7 +115,7 @@ class Wire:
 
     def pack_tick(self, host: str, k: int, tick: Tick) -> bytes:
         """Return the batch of all else that is recorded of a host's tick."""
-        parts = [tick.states.tobytes(), tick.faults.tobytes(), *tick.checkpoints]
+        parts = [tick.states.tobytes(), tick.link_events.tobytes(), *tick.checkpoints]
         return self._seal.closed(wire_key(RECORDS, host), _K.pack(k) + joined(parts))
 
     def unpack_tick(self, host: str, payload: bytes) -> tuple[int, Tick]:
@@ -129,17 +131,17 @@ class Wire:
         owed["k"] = k
         owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
         states = self._believed(self.states, told, owed)
-        faults = self._decoded(self.faults, met) if met else self.none
-        if (faults["k"] != k).any():
+        events = self._decoded(self.link_events, met) if met else self.none
+        if (events["k"] != k).any():
             raise RefusedError("tick")
-        if len(faults) and not np.isin(faults["robot"], robots).all():
+        if len(events) and not np.isin(events["robot"], robots).all():
             raise RefusedError("robot")
         headers = [_header(checkpoint) for checkpoint in checkpoints]
         if checkpoints and [robot for robot, _, _ in headers] != robots.tolist():
             raise RefusedError("robot")
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
             raise RefusedError("tick")
-        return k, Tick(states, faults, checkpoints)
+        return k, Tick(states, events, checkpoints)
 
     def _open(self, kind: str, host: str, payload: bytes) -> tuple[bytes, Nodes]:
         nodes = self.homes.get(host)

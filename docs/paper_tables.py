@@ -88,8 +88,8 @@ def case_of(name: str, data: Path) -> Case:
     table = table[: count * file.scenario.n].reshape(count, -1)
     times = table["time_ns"][:, 0] / 1e9
     motion = target_of(file.scenario).at(table["time_ns"] / 1e9)
-    estimates = [table["position"], table["velocity"]]
-    errors = [table["q"] - motion.position, table["qd"] - motion.velocity]
+    estimates = [table["reference_position"], table["reference_velocity"]]
+    errors = [table["position"] - motion.position, table["velocity"] - motion.velocity]
     moved = [motion.position, motion.velocity]
     shaped = [np.array(part).reshape(2, count, -1) for part in (estimates, errors, moved)]
     period = file.scenario.run.sampling_period

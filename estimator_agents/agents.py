@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.messages import FAULT, Codec
+from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.bus.topologies import Topologies, edges_among
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
@@ -95,7 +95,7 @@ class Agents:
         self._velocity = np.zeros((topologies.n + 1, m))
         self._heard_at = np.zeros(topologies.n + 1, np.int64)
         self._hearing = Hearing(links, robots, m, missing) if links else None
-        self._no_faults = Codec(FAULT, m).blank(np.array([], np.intp))
+        self._no_events = Codec(LINK_EVENT, m).blank(np.array([], np.intp))
 
     def hear(
         self,
@@ -126,9 +126,9 @@ class Agents:
         return np.unique(self._hearing.links.sink).tolist() if self._hearing else []
 
     @property
-    def faults(self) -> NDArray[np.void]:
-        """What befell the samples of the last jump on their way here: records of `FAULT`."""
-        return self._hearing.faults if self._hearing else self._no_faults
+    def link_events(self) -> NDArray[np.void]:
+        """What links did to the samples of the last jump: records of `LINK_EVENT`."""
+        return self._hearing.link_events if self._hearing else self._no_events
 
     def memory(self, row: int) -> bytes:
         """Return what a robot heard over links with faults, and what is under way to it there.

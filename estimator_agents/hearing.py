@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.links.faults import told
+from nrs_cosim.bus.links.events import link_events
 from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.messages import FAULT, Codec
+from nrs_cosim.bus.messages import LINK_EVENT, Codec
 
 Missing = Literal["hold", "drop"]
 """What an agent does without a sample of an in-neighbour."""
@@ -34,9 +34,9 @@ class Hearing:
         self.links = links
         self.there = np.zeros(len(links.sink), bool)
         """(F,) whether there is a sample to go by, where an edge asks for one."""
-        self._codec = Codec(FAULT, m)
-        self.faults = self._codec.blank(np.array([], np.intp))
-        """What befell the samples of the last tick: records of `FAULT`, by robot and source."""
+        self._codec = Codec(LINK_EVENT, m)
+        self.link_events = self._codec.blank(np.array([], np.intp))
+        """Of the last tick: records of `LINK_EVENT`, by robot and source."""
         self._robots, self._m, self._drops = robots, m, missing == "drop"
         self._slots = links.longest + 1
         ends = np.cumsum(self._slots + 1)
@@ -54,10 +54,10 @@ class Hearing:
 
         What is sent by a robot in an outage may be anything.
         """
-        fate = self.links.fate(k)
+        outcome = self.links.outcome(k)
         received = self.links.received(k, sent)
-        leaving = np.flatnonzero(~fate.gone)
-        due = self._slot(k + fate.delay)[leaving]
+        leaving = np.flatnonzero(~outcome.gone)
+        due = self._slot(k + outcome.delay)[leaving]
         self._cells[due, 0] = k
         self._cells[due, 1:] = received[leaving].reshape(len(leaving), 2 * self._m)
         now = self._slot(k)
@@ -65,7 +65,9 @@ class Hearing:
         self._cells[self._last[newer]] = self._cells[now[newer]]
         self._cells[now] = 0
         self.there = newer if self._drops else self._cells[self._last, 0] > 0
-        self.faults = told(self._codec, self.links, self._robots, k, fate, sent, received)
+        self.link_events = link_events(
+            self._codec, self.links, self._robots, k, outcome, sent, received
+        )
 
     def memory(self, robot: int) -> bytes:
         """Return what one robot remembers, little-endian doubles; nothing without faults."""

@@ -4,6 +4,6 @@
 """
 
 from nrs_cosim.recordings.recording import Recording
-from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES
+from nrs_cosim.recordings.tables import LINK_EVENTS, SAMPLES, STATES
 
-__all__ = ["FAULTS", "SAMPLES", "STATES", "Recording"]
+__all__ = ["LINK_EVENTS", "SAMPLES", "STATES", "Recording"]

@@ -14,7 +14,7 @@ chunks and their indexes stands between "nrs.begin" and "nrs.end".
 
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from struct import Struct
 from typing import Literal
@@ -75,6 +75,8 @@ class Channel:
     topic: str
     schema_name: str
     counted: bool = True
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    """What readers are shown of it beside that: joints' names, units."""
 
 
 def encoded(*records: mcap.McapRecord) -> bytes:
@@ -120,7 +122,7 @@ def head(
         for number, schema in numbered.values()
     ]
     for number, channel in enumerate(channels, 1):
-        counted = {"counted": "true" if channel.counted else "false"}
+        counted = {**channel.metadata, "counted": "true" if channel.counted else "false"}
         schema_id, _ = numbered[channel.schema_name]
         records.append(mcap.Channel(number, channel.topic, "protobuf", counted, schema_id))
     summary = list(records)

@@ -1,8 +1,9 @@
 """A recording as an xarray Dataset: what was recorded where it belongs, NaN everywhere else.
 
-q, qd, tau, position, velocity    (time, robot, joint)             states, on the output grid
-sample_position, sample_velocity  (sampling_time, robot, joint)    left limits at t_k
-target_position, target_velocity  (sampling_time, joint)           the target's
+position, velocity, effort              (time, robot, joint)           the joints, output grid
+reference_position, reference_velocity  (time, robot, joint)           what they follow
+sample_position, sample_velocity        (sampling_time, robot, joint)  left limits at t_k
+target_position, target_velocity        (sampling_time, joint)         the target's
 """
 
 import numpy as np
@@ -11,16 +12,14 @@ from numpy.typing import NDArray
 
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import SAMPLES, STATES, Table, about, joints, robots, rows
+from nrs_cosim.recordings.units import unit_of
 
-_ANGULAR = {"q": "rad", "qd": "rad/s", "tau": "N m", "position": "rad", "velocity": "rad/s"}
-_LINEAR = {"q": "m", "qd": "m/s", "tau": "N", "position": "m", "velocity": "m/s"}
-_UNITS = {"two_link_arm": _ANGULAR, "n_link_arm": _ANGULAR, "planar_robot": _LINEAR}
 _WHAT = {
-    "q": "joint coordinates",
-    "qd": "joint velocities",
-    "tau": "applied generalised forces",
-    "position": "estimate of the target's position",
-    "velocity": "estimate of the target's velocity",
+    "position": "joint positions",
+    "velocity": "joint velocities",
+    "effort": "applied generalised forces",
+    "reference_position": "estimate of the target's position, which the robot follows",
+    "reference_velocity": "estimate of the target's velocity, which the robot follows",
     "sample_position": "estimate of the target's position, left limit at t_k",
     "sample_velocity": "estimate of the target's velocity, left limit at t_k",
     "target_position": "the target's position",
@@ -32,8 +31,8 @@ _Variable = tuple[tuple[str, ...], NDArray[np.float64], dict[str, str]]
 def dataset(reader: Reader) -> xarray.Dataset:
     """Return all samples and states of a recording, which must fit into memory twice.
 
-    Units are attributes where all robots are bundled models of one kind: those of an FMU from
-    elsewhere are not in a recording. Raises `UnreadableError` as `rows` does.
+    The unit of a variable is an attribute where all joints of all robots have the same. Raises
+    `UnreadableError` as `rows` does.
     """
     run = about(reader).run
     n, m = robots(reader), joints(reader)
@@ -52,14 +51,13 @@ def dataset(reader: Reader) -> xarray.Dataset:
 
     grid, states = spread(STATES)
     at, samples = spread(SAMPLES)
-    plants = {group.name for group in run.plants}
-    known = [_UNITS.get(plant, {}) for plant in plants]
-    units = known[0] if all(other is known[0] for other in known) else {}
+    units = {joint.unit for group in run.plants for joint in group.joints}
+    coordinate = units.pop() if len(units) == 1 else ""
 
     def variable(dims: tuple[str, ...], name: str, values: NDArray[np.float64]) -> _Variable:
         told = {"long_name": _WHAT[name]}
-        if units:
-            told["units"] = units[name.rpartition("_")[2]]
+        if unit := unit_of(name, coordinate):
+            told["units"] = unit
         return (*dims, "joint"), values, told
 
     variables = {

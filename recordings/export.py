@@ -1,9 +1,9 @@
 """A recording's tables as CSV or Parquet: every float is the same bits when it is read again.
 
 `samples` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
-`states` has a row a robot and output time; `faults`, where the scenario has any, a row a sample
-that one befell. All are sorted by time, then robot. CSV has floats in their shortest form that
-reads back to the same bits. A table gets its name when it is whole.
+`states` has a row a robot and output time; `link_events`, where the scenario has any, a row a
+sample that a link lost, delayed or altered. All are sorted by time, then robot. CSV has floats in
+their shortest form that reads back to the same bits. A table gets its name when it is whole.
 """
 
 import csv
@@ -19,7 +19,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import (
-    FAULTS,
+    LINK_EVENTS,
     SAMPLES,
     STATES,
     Put,
@@ -43,8 +43,8 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     reader.expect_ticks("export")
     expect_joints(reader)
     opened = _csv if form == "csv" else _parquet()
-    faulty = any(channel.schema_name == FAULTS.kind.name for channel in reader.channels)
-    tables = [SAMPLES, STATES, FAULTS] if faulty else [SAMPLES, STATES]
+    faulty = any(channel.schema_name == LINK_EVENTS.kind.name for channel in reader.channels)
+    tables = [SAMPLES, STATES, LINK_EVENTS] if faulty else [SAMPLES, STATES]
     m = joints(reader)
     paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
     parts = {name: path.with_suffix(".part") for name, path in paths.items()}

@@ -52,14 +52,14 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
     for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
         records = part[part["robot"] > 0]
         position, velocity = target_at(records["t"])
-        for name in ("position", "velocity") if table is SAMPLES else ("q", "qd"):
+        for name in ("position", "velocity"):
             size = max(size, float(np.abs(records[name]).max(initial=0.0)))
         if table is SAMPLES:
             note(0, records["position"] - position, np.inf, records["time_ns"])
             note(1, records["velocity"] - velocity, np.inf, records["time_ns"])
         else:
-            note(2, records["q"] - position, 2, records["time_ns"])
-            note(3, records["qd"] - velocity, 2, records["time_ns"])
+            note(2, records["position"] - position, 2, records["time_ns"])
+            note(3, records["velocity"] - velocity, 2, records["time_ns"])
     (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
     (e, f, g, h) = times.tolist()
     return SteadyState(a, b, c, d, (e, f, g, h), size)

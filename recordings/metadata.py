@@ -7,7 +7,7 @@ topics that there are, and its plants with its robots.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.bus.keys import sample_key, state_key
+from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.recordings.container import Closing
 from nrs_cosim.recordings.errors import UnreadableError
@@ -50,6 +50,13 @@ class _Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
+class Joint(_Record):
+    """A joint's name, and the unit of its coordinate: rad, m, or empty where none is known."""
+
+    name: str
+    unit: Literal["rad", "m", ""]
+
+
 class Plants(_Record):
     """Robots whose plants are of one FMU, and driven alike."""
 
@@ -61,6 +68,7 @@ class Plants(_Record):
     why: str
     sha256: Sha256
     robots: Annotated[tuple[int, ...], Field(min_length=1)]
+    joints: tuple[Joint, ...]
 
 
 class Run(_Record):
@@ -132,9 +140,9 @@ def read_about(
         return None
     run = parse(path, RUN, Run, metadata[RUN])
     n = run.robots
-    expected = {sample_key(0)}
+    expected = {sample_topic(0)}
     if len(topics) == 2 * n + 1:
-        expected |= {key(robot) for robot in range(1, n + 1) for key in (sample_key, state_key)}
+        expected |= {key(robot) for robot in range(1, n + 1) for key in (sample_topic, state_topic)}
     if expected != {*topics}:
         raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
     of_plants = sorted(robot for group in run.plants for robot in group.robots)

@@ -1,4 +1,4 @@
-"""A table as a Parquet file: the columns of the CSV table, integers of 32 bits, floats of 64.
+"""A table as a Parquet file: the columns of the CSV table, counts of 32 bits, ns and floats of 64.
 
 Rows are written in groups of at least `GROUP` bytes, so that neither a long recording fills the
 memory nor a small chunk makes a group of its own.
@@ -16,12 +16,14 @@ from pyarrow import parquet
 from nrs_cosim.recordings.tables import Put, Table
 
 GROUP = 4 * 2**20
+_SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
+"""What is no integer of 32 bits."""
 
 
 @contextmanager
 def opened(path: Path, table: Table, m: int) -> Iterator[Put]:
     """Open a file for a table of vectors of m numbers; what it gives puts rows into it."""
-    kinds = {name: pa.float64() if name == "t" else pa.uint32() for name in table.scalars}
+    kinds = {name: _SCALARS.get(name, pa.uint32()) for name in table.scalars}
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in table.columns(m)])
     waiting: list[NDArray[np.void]] = []
     with parquet.ParquetWriter(path, schema) as file:

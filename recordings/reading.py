@@ -251,12 +251,13 @@ class Reader:
                 schemas[schema.id] = Schema(schema.name, schema.data)
             elif kind == Opcode.CHANNEL:
                 channel = parsed(mcap.Channel.read, record)
-                counted = channel.metadata["counted"] == "true"
+                metadata = dict(channel.metadata)
+                counted = metadata.pop("counted") == "true"
                 name = schemas[channel.schema_id].name
-                channels[channel.id] = Channel(channel.topic, name, counted)
+                channels[channel.id] = Channel(channel.topic, name, counted, metadata)
             elif kind == Opcode.METADATA:
-                metadata = parsed(mcap.Metadata.read, record)
-                self.metadata[metadata.name] = metadata.metadata
+                record_of = parsed(mcap.Metadata.read, record)
+                self.metadata[record_of.name] = record_of.metadata
             elif kind == Opcode.ATTACHMENT:
                 attachment = parsed(mcap.Attachment.read, record)
                 self.attachments[attachment.name] = (attachment.media_type, attachment.data)

@@ -1,16 +1,17 @@
 """The recorder writes what hosts say, a closed tick at a time, in the very bytes that travelled.
 
 Tick k closes with the samples of t_k and all that the hosts told of it: their states of
-(t_{k−1}, t_k], faults, checkpoints. It is counted by host: a batch is believed only when it holds
-all that its host owes. What cannot be believed is counted by its reason and passed over; what is
-said twice is kept once.
+(t_{k−1}, t_k], link events, checkpoints. It is counted by host: a batch is believed only when it
+holds all that its host owes. What cannot be believed is counted by its reason and passed over; what
+is said twice is kept once.
 """
 
+import json
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,13 @@ from nrs_cosim.bus.keys import (
     RECORDS,
     SAMPLES,
     TARGET,
-    checkpoint_key,
-    fault_key,
-    sample_key,
-    state_key,
+    checkpoint_topic,
+    kind_of,
+    link_event_topic,
+    sample_topic,
+    state_topic,
 )
-from nrs_cosim.bus.messages import CHECKPOINT, FAULT, HEADER, SAMPLE, STATE
+from nrs_cosim.bus.messages import CHECKPOINT, HEADER, LINK_EVENT, SAMPLE, STATE, MessageType
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.wire import Records, RefusedError, Tick, Wire
 from nrs_cosim.recordings.columns import Columns
@@ -34,27 +36,54 @@ from nrs_cosim.recordings.container import Channel, Schema
 from nrs_cosim.recordings.container import Message as Recorded
 from nrs_cosim.recordings.gathering import columns_of
 from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.units import unit_of
 
 
-def channels(n: int, faulty: Collection[int], checkpoints: bool) -> list[Channel]:
-    """Return the channels of n robots and the target.
+def channels(
+    n: int,
+    faulty: Collection[int],
+    checkpoints: bool,
+    plants: Sequence[Mapping[str, Any]] = (),
+) -> list[Channel]:
+    """Return the channels of n robots and the target, with what `plants` tell of the robots.
 
-    Those of link faults, for robots that may meet any, and those of checkpoints, if there are any,
-    do not enter the digest.
+    Those of link events, for robots whose links may do anything to samples, and those of
+    checkpoints, if there are any, do not enter the digest.
     """
     robots = range(1, n + 1)
-    found = [Channel(sample_key(node), SAMPLE.name) for node in range(n + 1)]
-    found += [Channel(state_key(robot), STATE.name) for robot in robots]
-    found += [Channel(fault_key(robot), FAULT.name, counted=False) for robot in faulty]
+    of = {robot: plant for plant in plants for robot in plant["robots"]}
+    found = [
+        Channel(sample_topic(node), SAMPLE.name, metadata=_joints(of.get(node), SAMPLE))
+        for node in range(n + 1)
+    ]
+    found += [
+        Channel(state_topic(robot), STATE.name, metadata=_joints(of.get(robot), STATE))
+        for robot in robots
+    ]
+    found += [
+        Channel(link_event_topic(robot), LINK_EVENT.name, False, _joints(of.get(robot), LINK_EVENT))
+        for robot in faulty
+    ]
     if checkpoints:
-        found += [Channel(checkpoint_key(r), CHECKPOINT.name, counted=False) for r in robots]
+        found += [Channel(checkpoint_topic(r), CHECKPOINT.name, counted=False) for r in robots]
     return found
+
+
+def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str]:
+    """Return a channel's metadata: the joints' names, each vector's units, FMU and drive."""
+    if plant is None:
+        return {}
+    units = [joint["unit"] for joint in plant["joints"]]
+    told = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
+    for vector in kind.vectors:
+        told[f"unit.{vector}"] = json.dumps([unit_of(vector, unit) for unit in units])
+    return told | {"fmu": plant["fmu"], "drive": plant["drive"]}
 
 
 def schemas(used_by: Iterable[Channel]) -> list[Schema]:
     """Return the protobuf schemas of some channels."""
     used = {channel.schema_name for channel in used_by}
-    kinds = (SAMPLE, STATE, FAULT, CHECKPOINT)
+    kinds = (SAMPLE, STATE, LINK_EVENT, CHECKPOINT)
     return [Schema(kind.name, kind.descriptor()) for kind in kinds if kind.name in used]
 
 
@@ -113,10 +142,10 @@ class Recorder:
         self._reader: Reader | None = None
         self._read_until = -1
         self._hosts = frozenset(wire.homes) - {TARGET}
-        self._sample_topics = [sample_key(node) for node in range(n + 1)]
-        self._samples_on, self._states_on, self._faults_on, self._checkpoints_on = (
+        self._sample_topics = [sample_topic(node) for node in range(n + 1)]
+        self._samples_on, self._states_on, self._link_events_on, self._checkpoints_on = (
             np.array([writer.numbers.get(key(node), _NONE) for node in range(n + 1)], np.uint16)
-            for key in (sample_key, state_key, fault_key, checkpoint_key)
+            for key in (sample_topic, state_topic, link_event_topic, checkpoint_topic)
         )
         """Channels, by node."""
 
@@ -181,8 +210,8 @@ class Recorder:
         checkpoints: list[bytes] = []
         for told in tick.told.values():
             parts.append(_columns(self._states_on, told.states))
-            if len(told.faults):
-                parts.append(_columns(self._faults_on, told.faults))
+            if len(told.link_events):
+                parts.append(_columns(self._link_events_on, told.link_events))
             checkpoints += told.checkpoints
         if checkpoints:
             messages = [_checkpoint(message) for message in checkpoints]
@@ -193,7 +222,7 @@ class Recorder:
         """Write tick k as another recording of the same run has it."""
         by_kind: defaultdict[str, list[bytes]] = defaultdict(list)
         for _, topic, _, data in batch:
-            by_kind[topic.partition("/")[0]].append(data)
+            by_kind[kind_of(topic)].append(data)
         samples = self._wire.samples.decode(by_kind["sample"])
         part = columns_of(batch, self._writer.numbers)
         self._put(k, [part], [samples], by_kind["checkpoint"])
@@ -246,8 +275,11 @@ class Recorder:
     def _has_channels(self, tick: Tick) -> bool:
         """Return whether what not every run has is of this one."""
         robots = [HEADER.unpack_from(message)[0] for message in tick.checkpoints]
-        faults, checkpoints = self._faults_on[tick.faults["robot"]], self._checkpoints_on[robots]
-        return bool(faults.all() and checkpoints.all())
+        events, checkpoints = (
+            self._link_events_on[tick.link_events["robot"]],
+            self._checkpoints_on[robots],
+        )
+        return bool(events.all() and checkpoints.all())
 
     @staticmethod
     def _expect_same(k: int, host: str, same: bool) -> None:
@@ -269,4 +301,4 @@ def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:
 
 def _checkpoint(message: bytes) -> Recorded:
     robot, k, time_ns = HEADER.unpack_from(message)
-    return time_ns, checkpoint_key(robot), k, message
+    return time_ns, checkpoint_topic(robot), k, message

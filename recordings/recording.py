@@ -2,7 +2,7 @@
 
     with Recording("first.mcap") as recording:
         states = recording.states(robots=[1, 2], start=10.0)
-        states["q"]    (rows, m), in the order of states["t"], then states["robot"]
+        states["position"]    (rows, m), in the order of states["t"], then states["robot"]
 
 Opening reads no message of an intact file; an array is read when it is asked for, from those parts
 of the file that overlap with its time range. Times are in s of simulated time, ranges half-open.
@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from nrs_cosim.recordings.container import Status
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES, Table, about, joints, robots, rows
+from nrs_cosim.recordings.tables import (
+    LINK_EVENTS,
+    SAMPLES,
+    STATES,
+    Table,
+    about,
+    joints,
+    robots,
+    rows,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -98,7 +107,7 @@ class Recording:
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
-        """Return rows of k, time_ns, t, robot, q, qd, tau, position, velocity: the output grid.
+        """Return rows of k, time_ns, t, robot, and five vectors: the output grid.
 
         They are of start <= t < end, s: the end is excluded. `robots` is one or several, all unless
         given; `ValueError` for one that there is not, and for a time that is none.
@@ -107,7 +116,7 @@ class Recording:
         """
         return self._array(STATES, robots, start, end)
 
-    def faults(
+    def link_events(
         self,
         robots: int | Collection[int] | None = None,
         start: float | None = None,
@@ -116,10 +125,10 @@ class Recording:
         """Return rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity.
 
         They are of start <= t < end, and of robots, as in `states`.
-        A row is what befell the sample of t_k from `source` to `robot`, which may not have arrived:
+        A row is what the link from `source` to `robot` did to the sample of t_k; it may be lost:
         then position and velocity are 0. A robot that is its own source was in an outage.
         """
-        return self._array(FAULTS, robots, start, end)
+        return self._array(LINK_EVENTS, robots, start, end)
 
     def chunks(
         self,

@@ -136,7 +136,7 @@ def _moves(
         for row in part:
             if (table is SAMPLES) == (row["robot"] == 0):
                 _, robots = found.setdefault(int(row["time_ns"]), (int(row["k"]), []))
-                robots.append((int(row["robot"]), row["position" if table is SAMPLES else "q"]))
+                robots.append((int(row["robot"]), row["position"]))
     return [
         (time_ns, TF, k, _transforms(time_ns, robots, figures, apart).SerializeToString())
         for time_ns, (k, robots) in found.items()

@@ -2,7 +2,7 @@
 
 A row has k, `time_ns` and `t` (the same in s), the robot, then what the message type has. Samples
 are left limits at t_k, of all nodes, robot 0 being the target; states are of robots on the output
-grid; faults tell what befell a sample of `source` on its way to the robot.
+grid; link events say what a link did to a sample of `source` on its way to the robot.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.keys import fault_key, sample_key, state_key
-from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec, MessageType
+from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
 from nrs_cosim.recordings.columns import Columns
 from nrs_cosim.recordings.container import DamageError
 from nrs_cosim.recordings.errors import UnreadableError
@@ -61,9 +61,15 @@ class Table:
         return np.dtype(layout + [(name, "f8", (m,)) for name in self.kind.vectors])
 
 
-SAMPLES = Table("samples", SAMPLE, sample_key, 0, ("k", "t", "robot"))
-STATES = Table("states", STATE, state_key, 1, ("t", "robot"))
-FAULTS = Table("faults", FAULT, fault_key, 1, ("k", "t", "robot", *FAULT.further))
+SAMPLES = Table("samples", SAMPLE, sample_topic, 0, ("k", "time_ns", "t", "robot"))
+STATES = Table("states", STATE, state_topic, 1, ("k", "time_ns", "t", "robot"))
+LINK_EVENTS = Table(
+    "link_events",
+    LINK_EVENT,
+    link_event_topic,
+    1,
+    ("k", "time_ns", "t", "robot", *LINK_EVENT.further),
+)
 
 
 def about(reader: Reader) -> About:
@@ -84,7 +90,7 @@ def expect_joints(reader: Reader) -> None:
     It reads the first message, before anything is made of that many.
     """
     m = joints(reader)
-    first = next(reader.columns([state_key(1)]), None)
+    first = next(reader.columns([state_topic(1)]), None)
     if first is not None and (size := int(first.stop[0] - first.start[0])) != Codec(STATE, m).size:
         raise UnreadableError(
             f"{reader.path}: {RUN}: joints: is {m}, but a state of robot 1 has {size} bytes"
@@ -146,5 +152,5 @@ def samples(reader: Reader, start_ns: int | None = None) -> Iterator[NDArray[np.
 
 
 def states(reader: Reader, start_ns: int | None = None) -> Iterator[NDArray[np.void]]:
-    """Yield rows of k, time_ns, t, robot, and q, qd, tau, position and velocity (m,)."""
+    """Yield rows of k, time_ns, t, robot, and the vectors of `nrs.State` (m,)."""
     return (found for _, found in rows(reader, [STATES], start_ns=start_ns))

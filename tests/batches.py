@@ -31,8 +31,8 @@ def samples(wire: Wire, host: str, k: int, value: float = 1.0) -> Message:
 def told(wire: Wire, host: str, k: int, *, value=1.0, faults=0, checkpoint=False) -> Message:
     """Return what a host puts of all else of a tick."""
     states = wire.states.blank(wire.homes[host])
-    states["k"], states["time_ns"], states["q"] = k, wire.times.t(k), value
-    met = wire.faults.blank(np.repeat(wire.homes[host], faults))
+    states["k"], states["time_ns"], states["position"] = k, wire.times.t(k), value
+    met = wire.link_events.blank(np.repeat(wire.homes[host], faults))
     met["k"], met["time_ns"], met["lost"] = k, wire.times.t(k), 1
     blobs = [CHECKPOINT.encode(Blob(ROBOTS[host], k, wire.times.t(k), b"s"))] if checkpoint else []
     return Message(wire_key(RECORDS, host), wire.pack_tick(host, k, Tick(states, met, blobs)))

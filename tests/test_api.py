@@ -24,7 +24,7 @@ from tests.guard import GUARD
 
 ROOT = Path(__file__).parents[1]
 PAPER = ROOT / "scenarios/paper_first_order.toml"
-DIGEST = "72cc87d4"
+DIGEST = "130b001e"
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +195,10 @@ class TestRecording:
         states, errors = recording.states(), recording.errors()
         t = states["t"]
         position = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
-        for quantity, value in (("position_tracking", "q"), ("position_estimate", "position")):
+        for quantity, value in (
+            ("position_tracking", "position"),
+            ("position_estimate", "reference_position"),
+        ):
             np.testing.assert_allclose(errors[quantity], states[value] - position, atol=1e-12)
         three = recording.errors(robots=3, start=10.0, end=20.0)
         assert set(three["robot"]) == {3}
@@ -207,12 +210,13 @@ class TestRecording:
     def test_a_table_of_pandas_has_a_column_for_each_number(self, recording):
         pytest.importorskip("pandas")
         table = recording.to_pandas()
-        assert list(table.columns[-4:]) == ["position_1", "position_2", "velocity_1", "velocity_2"]
-        assert (table["q_2"].to_numpy() == recording.states()["q"][:, 1]).all()
+        assert list(table.columns[4:6]) == ["position_1", "position_2"]
+        assert list(table.columns[-2:]) == ["reference_velocity_1", "reference_velocity_2"]
+        assert (table["position_2"].to_numpy() == recording.states()["position"][:, 1]).all()
 
     def test_it_says_in_a_line_what_it_is(self, recording):
         assert repr(recording) == (
-            "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 72cc87d4)"
+            "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 130b001e)"
         )
 
     def test_a_report_is_a_page(self, recording, tmp_path):

@@ -68,7 +68,7 @@ def test_modules_of_a_users_own_with_the_names_of_ours_break_nothing(site, tmp_p
     said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--hosts", "2")
     file, status, digest = said("script.py").split()
     assert Path(file) == site / "nrs_cosim/__init__.py"
-    assert (status, digest[:8]) == ("completed", "72cc87d4")
+    assert (status, digest[:8]) == ("completed", "130b001e")
 
 
 def test_a_users_type_checker_knows_our_types(site, tmp_path):

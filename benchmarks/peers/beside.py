@@ -111,7 +111,10 @@ def ours(work: Work, path: Path) -> Found:
     found = recorded_file(lambda: standing(work), work.ticks, 1, path)
     with Recording(path) as recording:
         last = recording.states(start=(work.ticks - 0.5) / 10)
-    return {"seconds": found["seconds"], "end": np.hstack([last["q"], last["qd"]]).tolist()}
+    return {
+        "seconds": found["seconds"],
+        "end": np.hstack([last["position"], last["velocity"]]).tolist(),
+    }
 
 
 def installed(python: str) -> dict[str, str]:

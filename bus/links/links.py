@@ -44,8 +44,8 @@ class LinkFault:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fate:
-    """What becomes of one tick's samples on the links that have faults, (F,) each."""
+class LinkOutcome:
+    """The outcome of one tick's samples on the links that have faults, (F,) each."""
 
     lost: Mask
     """By chance."""
@@ -146,7 +146,7 @@ class Links:
         """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
         return [int(robot) for robot in self._silences.at(k)]
 
-    def fate(self, k: int) -> Fate:
+    def outcome(self, k: int) -> LinkOutcome:
         """Return what becomes of the samples of t_k."""
         lost = np.zeros(len(self.sink), bool)
         lost[self._lossy] = self._losses.at(k) < self._loss
@@ -157,7 +157,7 @@ class Links:
         for periods in np.unique(delay[delay > 0]).tolist():
             then = self._silences.mask(k + periods, self._nodes)
             outage |= then[self.sink] & (delay == periods)
-        return Fate(lost, outage, delay, self._absent[self._exchange_at(k)])
+        return LinkOutcome(lost, outage, delay, self._absent[self._exchange_at(k)])
 
     def received(self, k: int, sent: Array) -> Array:
         """Return what arrives of the samples of t_k, where any does: (F, 2, m) as `sent`."""

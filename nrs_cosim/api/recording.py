@@ -82,10 +82,10 @@ class Recording(Tables):
         position, velocity = self.target(states["t"])
         kept = [(name, states.dtype[name]) for name in ("k", "time_ns", "t", "robot")]
         found = {
-            "position_estimate": states["position"] - position,
-            "velocity_estimate": states["velocity"] - velocity,
-            "position_tracking": states["q"] - position,
-            "velocity_tracking": states["qd"] - velocity,
+            "position_estimate": states["reference_position"] - position,
+            "velocity_estimate": states["reference_velocity"] - velocity,
+            "position_tracking": states["position"] - position,
+            "velocity_tracking": states["velocity"] - velocity,
         }
         vectors = [(name, np.float64, (self.joints,)) for name in found]
         rows = np.empty(len(states), np.dtype([*kept, *vectors]))
@@ -102,7 +102,7 @@ class Recording(Tables):
         return {**describe(self._reader), "theory": judged.as_json()}
 
     def to_pandas(self, table: Literal["samples", "states"] = "states") -> "pd.DataFrame":
-        """Return a table with a column a number: `q_1`, `q_2`, …; needs the extra `analysis`."""
+        """Return a table, a column a number: `position_1`, …; needs the extra `analysis`."""
         import pandas as pd  # noqa: PLC0415 (an extra)
 
         rows = self.samples() if table == "samples" else self.states()

@@ -96,6 +96,7 @@ class Told(Note):
     why: str
     sha256: str
     robots: tuple[int, ...]
+    joints: tuple[dict[str, str], ...]
 
 
 class Ready(Note):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.bus.wire import Records
 from nrs_cosim.orchestrator.replays.verifying import ABSENT, Difference, difference_in
@@ -126,7 +127,7 @@ def _ticks(reader: Reader) -> Iterator[list[Message]]:
 
 
 def _states(codec: Codec, tick: list[Message]) -> Records:
-    return codec.decode([data for _, topic, _, data in tick if topic.startswith("state/")])
+    return codec.decode([data for _, topic, _, data in tick if kind_of(topic) == "state"])
 
 
 def _apart(a: Records, b: Records) -> Iterator[tuple[int, Array, Array]]:

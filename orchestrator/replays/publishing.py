@@ -1,6 +1,6 @@
 """A recording is put back on the bus for live tools: the very bytes, each on its own key.
 
-Message by message in total order, on `nrs/<the digest's first 16 digits>/<topic>`; reliable, and
+Message by message in total order, on `nrs/<the digest's first 16 digits><topic>`; reliable, and
 blocking rather than dropping. Simulated time is paced by the wall clock, or not at all.
 """
 
@@ -33,7 +33,9 @@ def publish(
     """
     bus = ZenohBus(reader.digest_here[:16], endpoints)
     try:
-        puts = {channel.topic: bus.publisher(channel.topic) for channel in reader.channels}
+        puts = {
+            channel.topic: bus.publisher(channel.topic.lstrip("/")) for channel in reader.channels
+        }
         ready(bus)
         count, began, first = 0, monotonic(), None
         for batch in reader.batches(None, start_ns, end_ns):

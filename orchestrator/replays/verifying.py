@@ -15,9 +15,9 @@ from typing import Any, Never
 
 import numpy as np
 
-from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, node_of, wire_key
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
-from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.wire import Records
@@ -38,7 +38,7 @@ from nrs_cosim.recordings.tables import about
 
 HERE = "here"
 ABSENT, PRESENT = "absent", "present"
-_KINDS = {"sample": SAMPLE, "state": STATE, "fault": FAULT}
+_KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,9 @@ class RecordedPlants:
     def advance(self, start: float, step: float) -> None:  # noqa: ARG002
         """Go to the next output time."""
         states = next(self._coming)
-        self.q[:], self.qd[:], self.tau[:] = states["q"], states["qd"], states["tau"]
+        self.q[:], self.qd[:], self.tau[:] = (
+            states[name] for name in ("position", "velocity", "effort")
+        )
 
     def save(self) -> Never:
         """Refuse: they are not exact."""
@@ -200,7 +202,7 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
 
 def _unseen(reader: Reader, k: int) -> int:
     """Return how many messages of the run are here of ticks after tick k."""
-    numbers = [number for number, topic in reader.topics.items() if _kind_of(topic) in _KINDS]
+    numbers = [number for number, topic in reader.topics.items() if kind_of(topic) in _KINDS]
     parts = (columns.on(numbers) for columns in reader.columns())
     return sum(int(np.count_nonzero(part.sequence.astype(np.int64) > k)) for part in parts)
 
@@ -233,11 +235,7 @@ def _said(tick: list[Recorded]) -> list[Recorded]:
 
 
 def _kind(message: Recorded) -> str:
-    return _kind_of(message[1])
-
-
-def _kind_of(topic: str) -> str:
-    return topic.partition("/")[0]
+    return kind_of(message[1])
 
 
 def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | None) -> Difference:
@@ -263,4 +261,4 @@ def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | 
 
 def _about(message: Recorded) -> tuple[int, float, str, int]:
     time_ns, topic, k, _ = message
-    return k, seconds(time_ns), topic, int(topic.rpartition("/")[2])
+    return k, seconds(time_ns), topic, node_of(topic)

@@ -233,8 +233,8 @@ class Host:
 
     def _tell(self, k: int, states: Records, checkpoints: Sequence[bytes]) -> None:
         began = perf_counter()
-        faults = self.agents.faults if k else self._wire.none
-        self._put_records(self._wire.pack_tick(self.name, k, Tick(states, faults, checkpoints)))
+        events = self.agents.link_events if k else self._wire.none
+        self._put_records(self._wire.pack_tick(self.name, k, Tick(states, events, checkpoints)))
         self.spent.bus += perf_counter() - began
 
     def _checkpoints(self, k: int) -> Sequence[bytes]:
@@ -253,12 +253,10 @@ class Host:
     def _states(self, k: int, t: int) -> Records:
         records = self._state.copy()
         records["k"], records["time_ns"] = k, t
-        records["q"], records["qd"], records["tau"] = (
-            self.plants.q,
-            self.plants.qd,
-            self.plants.tau,
-        )
-        records["position"], records["velocity"] = self.left.position, self.left.velocity
+        records["position"], records["velocity"] = self.plants.q, self.plants.qd
+        records["effort"] = self.plants.tau
+        records["reference_position"] = self.left.position
+        records["reference_velocity"] = self.left.velocity
         return records
 
     def _expect_bounded(self, t: int) -> None:

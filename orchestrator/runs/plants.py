@@ -6,6 +6,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,20 @@ from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
 from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.drives.driving import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.drives.probing import ROBOTS
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fleet import Fleet
+from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
+from nrs_cosim.plant_fmu.joints import Joint
 from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
 
 Find = Callable[[str], Archive]
 """Returns the FMU that a scenario names; `FmuError` where there is none."""
+_NO_PARAMETERS: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +57,13 @@ class Group:
     def names(self) -> dict[str, Spec]:
         """What the scenario gives for quantities of ours."""
         return names_of(self.plant.variables)
+
+    def joints(self, parameters: Mapping[str, Any] = _NO_PARAMETERS) -> tuple[Joint, ...]:
+        """Return the joints of a robot whose FMU has these parameters; `FmuError` names a plant."""
+        sizes = sizes_of(assignments(self.archive, parameters))
+        with named(self.field):
+            q = find_quantity(self.archive, "q", self.names, sizes=sizes)
+        return joints_of(self.archive, q)
 
     @property
     def driving(self) -> Driving:

@@ -56,7 +56,8 @@ class Robots:
         scenario = file.scenario
         groups = group_by_archive(scenario, file.folder, numbers, find)
         alike = [bodies(scenario, group.alike) for group in groups]
-        fleet = open_fleet(stack, groups, bodies(scenario, numbers), alike)
+        of = bodies(scenario, numbers)
+        fleet = open_fleet(stack, groups, of, alike)
         told = [
             {
                 "fmu": group.plant.fmu,
@@ -67,6 +68,10 @@ class Robots:
                 "why": plants.why,
                 "sha256": group.archive.sha256,
                 "robots": [numbers[row] for row in group.rows],
+                "joints": [
+                    {"name": joint.name, "unit": joint.unit}
+                    for joint in group.joints(of[group.rows[0]].parameters)
+                ],
             }
             for group, plants in zip(groups, fleet.plants, strict=True)
         ]

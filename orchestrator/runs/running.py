@@ -99,16 +99,18 @@ def run(
     """
     scenario = file.scenario
     clock, n, every = clock_of(scenario), scenario.n, scenario.run.checkpoint_every
-    topics = channels(n, faulty_of(scenario), checkpoints=0 < every <= clock.ticks)
-    if len(topics) > MOST_CHANNELS:
+    checkpoints, faulty = 0 < every <= clock.ticks, faulty_of(scenario)
+    if (count := len(channels(n, faulty, checkpoints))) > MOST_CHANNELS:
         raise ScenarioError(
-            f"network: {n} robots would need {len(topics)} channels of a recording, which has room "
+            f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, hosts = (man or alone(file))(stack, clock, watch)
         wire = hosts.wire()
         target = TargetNode(bus, clock, wire, target_of(scenario))
+        plants = hosts.told()
+        topics = channels(n, faulty, checkpoints, plants)
         writer = stack.enter_context(
             Writer(
                 output,
@@ -116,7 +118,7 @@ def run(
                 channels=topics,
                 schemas=schemas(topics),
                 metadata={
-                    RUN: _about_run(file, clock, hosts.told()),
+                    RUN: _about_run(file, clock, plants),
                     VERSIONS: _versions(),
                     **(metadata or {}),
                 },

@@ -2,10 +2,9 @@
 
 from collections import defaultdict
 
-from nrs_cosim.orchestrator.runs.plants import group_by_archive, named
+from nrs_cosim.orchestrator.runs.plants import group_by_archive
 from nrs_cosim.orchestrator.scenario import numbers
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.plant_fmu.archives.variables import find_quantity, units_of
 
 
 def mixed_units(file: ScenarioFile) -> str:
@@ -17,9 +16,7 @@ def mixed_units(file: ScenarioFile) -> str:
         return ""
     robots: defaultdict[str, list[int]] = defaultdict(list)
     for group in group_by_archive(file.scenario, file.folder):
-        with named(group.field):
-            joints = find_quantity(group.archive, "q", group.names)
-        units = dict.fromkeys(filter(None, units_of(group.archive, joints)))
+        units = dict.fromkeys(j.unit for j in group.joints() if j.unit)
         if units:
             robots[" and ".join(units)] += [row + 1 for row in group.rows]
     if len(robots) < 2:

@@ -18,6 +18,7 @@ from nrs_cosim.plant_fmu.bundled.building import build, built_here
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.folders import own_folder
+from nrs_cosim.plant_fmu.joints import Joint, read_joints
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +32,8 @@ class Archive:
     description: ModelDescription
     obstacle: str = ""
     """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
+    joints: tuple[Joint, ...] = ()
+    """What it calls its joints; none where it does not say."""
 
     @property
     def name(self) -> str:
@@ -125,7 +128,8 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
     with _file(path, label) as file, opened(file, label) as archive:
         description = read_description(archive, label)
         why_not = obstacle(description, archive.namelist())
-        return Archive(label, path, _digest(file), description, why_not)
+        joints = read_joints(archive, label)
+        return Archive(label, path, _digest(file), description, why_not, joints)
 
 
 def open_archive(path: Path, label: str | None = None) -> Archive:

@@ -21,6 +21,7 @@ from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families, split_s
 from nrs_cosim.plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import si_factor, si_name, unit_of
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.joints import Joint
 
 MOST_NUMBERS = 1_000_000
 """That one variable may hold."""
@@ -66,6 +67,22 @@ def units_of(archive: Archive, quantity: Quantity) -> tuple[str, ...]:
     names = [unit_of(known[part.reference]) for part in quantity.parts]
     definitions = archive.description.unitDefinitions
     return tuple(si_name(name or "", definitions, UNITS[quantity.name]) for name in names)
+
+
+def joints_of(archive: Archive, q: Quantity) -> tuple[Joint, ...]:
+    """Return the joints whose coordinates a quantity is.
+
+    Where the FMU does not name them, a joint goes by the name of the number that is its coordinate.
+    """
+    if len(archive.joints) == q.size:
+        return archive.joints
+    known = {v.valueReference: v for v in archive.description.modelVariables if v.type in TYPES}
+    return tuple(
+        Joint(name if part.length == 1 else f"{name}[{at + 1}]", unit)
+        for part, unit in zip(q.parts, units_of(archive, q), strict=True)
+        for name in [known[part.reference].name]
+        for at in range(part.first, part.first + part.size)
+    )
 
 
 @lru_cache(maxsize=256)

@@ -15,6 +15,7 @@ from glob import escape
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from uuid import NAMESPACE_OID, uuid5
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -48,14 +49,21 @@ def build(name: str, fmi: int = 3) -> Path:
     )
 
 
-def build_model(model: Declaration, equations: Mapping[str, bytes], fmi: int = 3) -> Path:
+def build_model(
+    model: Declaration,
+    equations: Mapping[str, bytes],
+    fmi: int = 3,
+    extra: Mapping[str, bytes] = MappingProxyType({}),
+) -> Path:
     """The FMU of any model: its declaration, and C files that define what robot.h declares.
+
+    `extra` are further files of the archive, which its token covers too.
 
     Where it is kept, and what can be wrong, is as for `build`.
     """
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
-    files = _files(model, equations, fmi)
+    files = _files(model, equations, fmi, extra)
     kept = f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
     if path := cache.stored(kept):
         return path
@@ -107,11 +115,13 @@ def _unknown(name: str) -> str:
     return f"no bundled model {name!r}; {hint}there are {', '.join(known)}"
 
 
-def _files(model: Declaration, equations: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
+def _files(
+    model: Declaration, equations: Mapping[str, bytes], fmi: int, extra: Mapping[str, bytes]
+) -> dict[str, bytes]:
     """All of the archive but its binary. The token is a digest of these files without it."""
-    anonymous = _files_with_token(model, equations, fmi, "")
+    anonymous = {**_files_with_token(model, equations, fmi, ""), **extra}
     token = str(uuid5(NAMESPACE_OID, _digest(anonymous)))
-    return _files_with_token(model, equations, fmi, token)
+    return {**_files_with_token(model, equations, fmi, token), **extra}
 
 
 def _files_with_token(

@@ -13,6 +13,7 @@ from nrs_cosim.plant_fmu.bundled.building import build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot, Three
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.joints import JOINTS, Joint, write_joints
 
 GRAVITY: Three = (0.0, 0.0, -9.80665)
 """m/s2, in the frame of the base link."""
@@ -42,7 +43,8 @@ def build_urdf(
         "dynamics.c": c_code(function).encode(),
     }
     begin("compiling")
-    return build_model(_declaration(robot, gravity), equations, fmi)
+    joints = [Joint(j.name, "m" if j.kind == "prismatic" else "rad") for j in robot.axes]
+    return build_model(_declaration(robot, gravity), equations, fmi, {JOINTS: write_joints(joints)})
 
 
 def _declaration(robot: Robot, gravity: Three) -> Declaration:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.decimating import kept
-from nrs_cosim.recordings.report.story import KINDS, Befallen, Story
+from nrs_cosim.recordings.report.story import KINDS, LinkEvents, Story
 
 Array = NDArray[np.float64]
 Group = tuple[str, int | None]
@@ -81,7 +81,7 @@ def names(stories: Sequence[Story]) -> list[str]:
 
 def figures(stories: Sequence[Story]) -> list[Figure]:
     """Return all that is drawn over time; what nothing was recorded for has no panel."""
-    drawn = [_estimates(stories), _tracking(stories), _envelopes(stories), _faults(stories)]
+    drawn = [_estimates(stories), _tracking(stories), _envelopes(stories), _link_events(stories)]
     return [figure for figure in drawn if figure.panels]
 
 
@@ -91,7 +91,10 @@ def _estimates(stories: Sequence[Story]) -> Figure:
         "What the robots believe",
         "Each robot’s estimate of the target’s position ε_i and velocity υ_i, and the target "
         "itself (dashed). Estimates jump at the sampling times, and only there.",
-        (*_by_joint(stories, "position", "ε_i"), *_by_joint(stories, "velocity", "υ_i")),
+        (
+            *_by_joint(stories, "reference_position", "ε_i"),
+            *_by_joint(stories, "reference_velocity", "υ_i"),
+        ),
         _columns(stories),
     )
 
@@ -101,7 +104,7 @@ def _tracking(stories: Sequence[Story]) -> Figure:
         "tracking",
         "How the robots follow",
         "The tracking errors e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 of each robot’s joints.",
-        (*_by_joint(stories, "q", "e_i"), *_by_joint(stories, "qd", "ė_i")),
+        (*_by_joint(stories, "position", "e_i"), *_by_joint(stories, "velocity", "ė_i")),
         _columns(stories),
     )
 
@@ -111,12 +114,10 @@ def _columns(stories: Sequence[Story]) -> int:
     return 3 if max(story.m for story in stories) == 3 else 2
 
 
-_OF = {"q": "position", "qd": "velocity"}
-
-
 def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Panel]:
     """Yield a panel a joint: estimates beside the target, or joints less the target."""
-    rate = "/s" if name in {"velocity", "qd"} else ""
+    quantity = name.removeprefix("reference_")
+    rate = "/s" if quantity == "velocity" else ""
     several = len(stories) > 1
     for joint in range(max(story.m for story in stories)):
         curves = []
@@ -124,15 +125,17 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
             if joint >= story.m or not len(story.t):
                 continue
             y = story.vectors[name][:, :, joint]
-            if name in _OF:
-                y = y - story.target[_OF[name]][:, joint, None]
+            if name == quantity:
+                y = y - story.target[quantity][:, joint, None]
             for row, robot in enumerate(story.drawn):
                 who = f"robot {robot}"
                 group, ink = (said, at) if several else (who, row)
                 label = f"{said}, {who}" if several else who
                 curves.append(_curve(label, group, story.t, y[:, row], ink))
-            if name not in _OF:
-                line = _curve(TARGET, TARGET, story.t, story.target[name][:, joint], None, "dash")
+            if name != quantity:
+                line = _curve(
+                    TARGET, TARGET, story.t, story.target[quantity][:, joint], None, "dash"
+                )
                 if not any(_same(line, other) for other in curves):
                     curves.append(line)
         if curves:
@@ -230,25 +233,25 @@ _LOOKS = {"lost": (5, 5.0), "outage": (1, 5.0), "late": (0, 5.0), "altered": (7,
 """The colour and the width of each kind."""
 
 
-def _faults(stories: Sequence[Story]) -> Figure:
+def _link_events(stories: Sequence[Story]) -> Figure:
     several = len(stories) > 1
     panels = []
     for story, said in zip(stories, names(stories), strict=True):
-        if len(story.befallen.k):
+        if len(story.link_events.k):
             label = f"{said}: " if several else ""
             panels.append(_fault_panel(story, f"{label}robot ← whom it hears"))
     return Figure(
-        "faults",
-        "What befell the samples",
-        "A line a link, at the sampling times at which a sample met a fault on its way.",
+        "link_events",
+        "Link events",
+        "A line a link, at the sampling times at which the link lost, delayed or altered a sample.",
         tuple(panels),
         columns=1,
     )
 
 
 def _fault_panel(story: Story, label: str) -> Panel:
-    """Return a row a link, or a robot that was silent itself, and a stretch a row of faults."""
-    met = story.befallen
+    """Return a row a link, or a robot that was silent itself, and a stretch of events."""
+    met = story.link_events
     links = np.unique(np.stack([met.robot, met.source]), axis=1).T
     row_of = {(int(i), int(j)): row for row, (i, j) in enumerate(links)}
     rows = tuple(_link(int(i), int(j)) for i, j in links)
@@ -275,8 +278,8 @@ def _link(robot: int, source: int) -> str:
     return f"{robot} ← {source or TARGET}"
 
 
-def _stretches(met: Befallen, kind: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield robot, source, first and last k of each unbroken row of faults of a kind."""
+def _stretches(met: LinkEvents, kind: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield robot, source, first and last k of each unbroken row of events of a kind."""
     those = met.kind == kind
     k, source, robot = met.k[those], met.source[those], met.robot[those]
     order = np.lexsort((k, source, robot))

@@ -17,8 +17,8 @@ def motion(story: Story, arrays: Arrays) -> dict[str, Any]:
     arms = [story.subject.arms[robot - 1] for robot in story.drawn]
     return {
         "t": arrays.put(story.t[rows]),
-        "q": arrays.put(story.vectors["q"][rows].astype(np.float32)),
-        "estimates": arrays.put(story.vectors["position"][rows].astype(np.float32)),
+        "q": arrays.put(story.vectors["position"][rows].astype(np.float32)),
+        "estimates": arrays.put(story.vectors["reference_position"][rows].astype(np.float32)),
         "target": arrays.put(story.target["position"][rows].astype(np.float32)),
         "lengths": [arm.lengths for arm in arms],
         "known": all(arm.known for arm in arms),

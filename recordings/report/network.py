@@ -45,9 +45,14 @@ def drawn(story: Story) -> str:
 
 def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
     topology = story.subject.topology
-    befallen = story.befallen
+    events = story.link_events
     met = Counter(
-        zip(befallen.source.tolist(), befallen.robot.tolist(), befallen.kind.tolist(), strict=True)
+        zip(
+            events.source.tolist(),
+            events.robot.tolist(),
+            events.kind.tolist(),
+            strict=True,
+        )
     )
     widest = float(topology.weight.max(initial=1.0))
     for j, i, weight in zip(

@@ -11,7 +11,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.wire import Times
 from nrs_cosim.recordings.container import END_FIELDS, Status
 from nrs_cosim.recordings.measuring import SteadyState, steady_state
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MOST_DRAWN = 24
 """Robots."""
 KINDS = ("lost", "outage", "late", "altered")
-"""What may befall a sample: the first that is true of it; an altered one is noisy or rounded."""
+"""What a link may do to a sample: the first that is true; an altered one is noisy or rounded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,8 @@ class Envelope:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Befallen:
-    """What befell samples, (rows,) each, in the order of the recording."""
+class LinkEvents:
+    """What links did to samples, (rows,) each, in the order of the recording."""
 
     k: NDArray[np.int64]
     source: NDArray[np.int64]
@@ -72,12 +72,12 @@ class Story:
     t_k: Array
     """(K,) the sampling times from t_1 on, s."""
     vectors: dict[str, Array]
-    """(T, r, m) q, qd, position and velocity."""
+    """(T, r, m) of the joints and of the estimates that they follow: `VECTORS`."""
     target: dict[str, Array]
     """(T, m) position and velocity."""
     envelopes: dict[str, Envelope]
     """By the fields of `SteadyState`, in the norms of `measuring`."""
-    befallen: Befallen
+    link_events: LinkEvents
     steady: SteadyState
 
     @property
@@ -86,7 +86,7 @@ class Story:
         return float(self.t_k[-1]) if len(self.t_k) else 0.0
 
 
-VECTORS = ("q", "qd", "position", "velocity")
+VECTORS = ("position", "velocity", "reference_position", "reference_velocity")
 
 
 def read_story(reader: Reader, subject: Subject) -> Story:
@@ -113,7 +113,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
     kinds = {channel.topic: channel.schema_name for channel in reader.channels}
-    codecs = {kind.name: Codec(kind, m) for kind in (SAMPLE, STATE, FAULT)}
+    codecs = {kind.name: Codec(kind, m) for kind in (SAMPLE, STATE, LINK_EVENT)}
     for batch in reader.batches():
         payloads: dict[str, list[bytes]] = {}
         for _, topic, _, data in batch:
@@ -133,14 +133,14 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             table = tables[STATE.name]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
             at = np.searchsorted(told, table["time_ns"])
-            note("position_tracking", at, table["q"] - position, 2)
-            note("velocity_tracking", at, table["qd"] - velocity, 2)
+            note("position_tracking", at, table["position"] - position, 2)
+            note("velocity_tracking", at, table["velocity"] - velocity, 2)
             rows = row_of[table["robot"]]
             shown = rows >= 0
             for name, array in vectors.items():
                 array[at[shown], rows[shown]] = table[name][shown]
-        if FAULT.name in tables:
-            met.append(_met(tables[FAULT.name]))
+        if LINK_EVENT.name in tables:
+            met.append(_met(tables[LINK_EVENT.name]))
     position, velocity = subject.target_at(t)
     return Story(
         subject=subject,
@@ -168,7 +168,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             )
             for name, norms in largest.items()
         },
-        befallen=Befallen(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
+        link_events=LinkEvents(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
         steady=steady_state(reader, subject.target_at),
     )
 

@@ -35,12 +35,12 @@ def everywhere(**given):
 
 def story(made, ticks=range(1, 200)):
     """Return lost, outage, delay (ticks, F) and what zeros become (ticks, F, 2, m)."""
-    fates = [made.fate(k) for k in ticks]
+    outcomes = [made.outcome(k) for k in ticks]
     zeros = np.zeros((len(made.sink), 2, 2))
     return (
-        np.array([fate.lost for fate in fates]),
-        np.array([fate.outage for fate in fates]),
-        np.array([fate.delay for fate in fates]),
+        np.array([outcome.lost for outcome in outcomes]),
+        np.array([outcome.outage for outcome in outcomes]),
+        np.array([outcome.delay for outcome in outcomes]),
         np.array([made.received(k, zeros) for k in ticks]),
     )
 
@@ -48,7 +48,7 @@ def story(made, ticks=range(1, 200)):
 def test_links_without_faults_are_not_kept():
     made = links({(3, 6): LinkFault(loss=0.5), (2, 5): LinkFault(), (3, 4): LinkFault()})
     assert (made.source.tolist(), made.sink.tolist()) == ([3], [6])
-    assert len(links({}).sink) == len(links({}).fate(1).lost) == 0
+    assert len(links({}).sink) == len(links({}).outcome(1).lost) == 0
     assert links({}).received(1, np.zeros((0, 2, 2))).shape == (0, 2, 2)
 
 
@@ -133,7 +133,7 @@ def test_an_outage_begins_and_ends_with_sampling_times():
     """With t_k = 10 k ns: [20, 40) is k = 2, 3; [21, 40) and [11, 31) begin and end between."""
     for span, ticks in {(20, 40): [2, 3], (21, 40): [3], (11, 31): [2, 3], (11, 20): []}.items():
         made = links({(3, 6): LinkFault(outages=(span,))})
-        assert [k for k in range(8) if made.fate(k).outage.any()] == ticks
+        assert [k for k in range(8) if made.outcome(k).outage.any()] == ticks
         made = links({}, {6: (span, (60, 10**30))})
         assert [k for k in range(8) if made.silent(k)] == [*ticks, 6, 7]
     assert Outages.of({}, CLOCK.since).at(3).tolist() == []
@@ -143,19 +143,19 @@ def test_an_outage_begins_and_ends_with_sampling_times():
 
 def test_a_robot_in_an_outage_neither_sends_nor_hears():
     made = links({}, {3: ((20, 30),)})
-    gone = {(made.source[f], made.sink[f]) for f in np.flatnonzero(made.fate(2).gone)}
+    gone = {(made.source[f], made.sink[f]) for f in np.flatnonzero(made.outcome(2).gone)}
     assert gone == {(0, 3), (3, 1), (3, 4), (3, 5), (3, 6)}
-    assert not made.fate(1).gone.any()
-    assert not made.fate(3).gone.any()
+    assert not made.outcome(1).gone.any()
+    assert not made.outcome(3).gone.any()
 
 
 @pytest.mark.parametrize("delay", [1, 2, 4])
 def test_what_arrives_during_an_outage_is_gone_when_it_is_sent(delay):
     made = links({(3, 6): LinkFault(delay=(delay, delay))}, {6: ((50, 60),)})
-    assert [k for k in range(1, 8) if made.fate(k).outage.any()] == [5 - delay, 5]
+    assert [k for k in range(1, 8) if made.outcome(k).outage.any()] == [5 - delay, 5]
     sender = links({(3, 6): LinkFault(delay=(delay, delay))}, {3: ((50, 60),)})
     late = sender.sink.tolist().index(6)
-    assert [k for k in range(1, 8) if sender.fate(k).outage[late]] == [5]
+    assert [k for k in range(1, 8) if sender.outcome(k).outage[late]] == [5]
 
 
 def test_numbers_are_rounded_to_multiples_after_the_noise():

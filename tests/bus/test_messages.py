@@ -9,8 +9,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.messages import (
     CHECKPOINT,
-    FAULT,
     HEADER,
+    LINK_EVENT,
     SAMPLE,
     STATE,
     Blob,
@@ -42,7 +42,7 @@ def filled(kind: MessageType, m: int, robots: list[int]) -> tuple[Codec, np.ndar
     return codec, records
 
 
-@pytest.mark.parametrize("kind", [SAMPLE, STATE, FAULT], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [SAMPLE, STATE, LINK_EVENT], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("m", [1, 2, 15, 16, 300])
 def test_bytes_are_those_of_protobuf(kind, m):
     codec, records = filled(kind, m, [0, 1, 70_000])
@@ -137,3 +137,13 @@ def test_a_blob_that_is_cut_or_is_another_message_is_refused():
     for other in (*Codec(SAMPLE, 2).encode(records), b"\0" + payload[1:], payload + b"\0"):
         with pytest.raises(BusError, match="refused"):
             CHECKPOINT.decode(other)
+
+
+@pytest.mark.parametrize("kind", [SAMPLE, STATE, LINK_EVENT, CHECKPOINT], ids=lambda k: k.name)
+def test_every_field_has_a_comment_where_protobuf_looks_for_it(kind):
+    (file,) = descriptor_pb2.FileDescriptorSet.FromString(kind.descriptor()).file
+    of = {tuple(at.path): at.leading_comments for at in file.source_code_info.location}
+    fields = file.message_type[0].field
+    # descriptor.proto: 4 is message_type of a file, 2 is field of a message
+    assert set(of) == {(4, 0, 2, number) for number in range(len(fields))}
+    assert all(comment.strip() for comment in of.values())

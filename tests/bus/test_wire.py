@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
-from nrs_cosim.bus.messages import CHECKPOINT, FAULT, STATE, Blob, Codec
+from nrs_cosim.bus.messages import CHECKPOINT, LINK_EVENT, STATE, Blob, Codec
 from nrs_cosim.bus.parts import joined
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.wire import RefusedError, Tick, Wire
@@ -52,7 +52,7 @@ def states_of(wire, k=K):
 
 
 def faults_of(wire, robots=(4, 2)):
-    records = wire.faults.blank(np.array(robots))
+    records = wire.link_events.blank(np.array(robots))
     records["k"], records["time_ns"] = K, 100 * K
     records["source"], records["lost"] = 1, 1
     return records
@@ -91,7 +91,7 @@ def test_a_tick_is_what_was_put(k):
     got_k, got = wire.unpack_tick(HOST, wire.pack_tick(HOST, k, told))
     assert got_k == k
     assert got.states.tobytes() == told.states.tobytes()
-    assert len(got.faults) == 0
+    assert len(got.link_events) == 0
     assert got.checkpoints == told.checkpoints
 
 
@@ -99,7 +99,7 @@ def test_faults_are_what_was_put_and_checkpoints_may_be_missing():
     wire = new_wire()
     told = Tick(states_of(wire), faults_of(wire), ())
     _, got = wire.unpack_tick(HOST, wire.pack_tick(HOST, K, told))
-    assert got.faults.tobytes() == told.faults.tobytes()
+    assert got.link_events.tobytes() == told.link_events.tobytes()
     assert list(got.checkpoints) == []
 
 
@@ -111,7 +111,7 @@ def changed(records, name, value, row=0):
 
 
 WIRE = new_wire()
-STATES, FAULTS, CHECKPOINTS = states_of(WIRE), faults_of(WIRE), checkpoints_of()
+STATES, LINK_EVENTS, CHECKPOINTS = states_of(WIRE), faults_of(WIRE), checkpoints_of()
 GOOD_SAMPLES = samples_of(WIRE)
 
 HEARD = {
@@ -190,21 +190,25 @@ TOLD = {
     "states of another robot": ("robot", HOST, tick_of(changed(STATES, "robot", 3, 3))),
     "states of another tick": ("tick", HOST, tick_of(changed(STATES, "k", 2, 3))),
     "states of another time": ("time", HOST, tick_of(changed(STATES, "time_ns", 300, 0))),
-    "states of another form": ("form", HOST, tick_of(changed(STATES, "tag_tau", 9, 3))),
+    "states of another form": ("form", HOST, tick_of(changed(STATES, "tag_effort", 9, 3))),
     "a torque that is no number": (
         "value",
         HOST,
-        tick_of(changed(STATES, "tau", [0.0, np.nan], 3)),
+        tick_of(changed(STATES, "effort", [0.0, np.nan], 3)),
     ),
-    "a fault that is cut": ("size", HOST, tick_of(met=FAULTS.tobytes()[:-1])),
+    "a fault that is cut": ("size", HOST, tick_of(met=LINK_EVENTS.tobytes()[:-1])),
     "a fault that is no number": (
         "value",
         HOST,
-        tick_of(met=changed(FAULTS, "position", [np.nan, 0.0], 1)),
+        tick_of(met=changed(LINK_EVENTS, "position", [np.nan, 0.0], 1)),
     ),
-    "a fault of another form": ("value", HOST, tick_of(met=changed(FAULTS, "tag_lost", 9, 1))),
-    "a fault of another tick": ("tick", HOST, tick_of(met=changed(FAULTS, "k", 2, 1))),
-    "a fault of another host's robot": ("robot", HOST, tick_of(met=changed(FAULTS, "robot", 3))),
+    "a fault of another form": ("value", HOST, tick_of(met=changed(LINK_EVENTS, "tag_lost", 9, 1))),
+    "a fault of another tick": ("tick", HOST, tick_of(met=changed(LINK_EVENTS, "k", 2, 1))),
+    "a fault of another host's robot": (
+        "robot",
+        HOST,
+        tick_of(met=changed(LINK_EVENTS, "robot", 3)),
+    ),
     "a checkpoint that is cut": (
         "size",
         HOST,
@@ -248,4 +252,4 @@ def test_without_a_secret_there_is_no_seal():
 
 
 def test_the_codec_of_faults_is_the_wires():
-    assert WIRE.none.dtype == Codec(FAULT, M).dtype
+    assert WIRE.none.dtype == Codec(LINK_EVENT, M).dtype

@@ -174,7 +174,7 @@ def test_agents_without_faults_have_no_memory():
     agents = lone()
     assert agents.memory(0) == agents.memory(1) == b""
     assert agents.silent(3) == agents.faulty == []
-    assert len(agents.faults) == 0
+    assert len(agents.link_events) == 0
     agents.recall(1, b"")
     with pytest.raises(InputError, match="the memory of robot 5 has 3 bytes, and without faults"):
         agents.recall(1, b"abc")

@@ -166,9 +166,9 @@ def test_agents_do_what_plain_python_does_to_the_bit(network, order):
         advance([agents], k, targets[k])
         theirs = np.array([now[i] for i in range(1, n + 1)]).swapaxes(0, 1)
         assert together([agents]).tolist() == theirs.tolist(), f"at k = {k}"
-        assert told(agents.faults) == faults
-        assert set(agents.faults["k"].tolist()) <= {k}
-        assert set(agents.faults["time_ns"].tolist()) <= {network.t(k)}
+        assert told(agents.link_events) == faults
+        assert set(agents.link_events["k"].tolist()) <= {k}
+        assert set(agents.link_events["time_ns"].tolist()) <= {network.t(k)}
 
 
 @settings(FUZZ, max_examples=50)
@@ -213,9 +213,9 @@ def test_any_partition_and_any_restart_give_the_same_bits(network, data):
         bits = together(whole).tobytes()
         assert together(apart).tobytes() == bits, f"at k = {k}"
         assert together(mixed).tobytes() == bits, f"at k = {k}"
-        faults = told(whole[0].faults)
+        faults = told(whole[0].link_events)
         for parts in (apart, mixed):
-            assert sorted(fault for part in parts for fault in told(part.faults)) == faults
+            assert sorted(fault for part in parts for fault in told(part.link_events)) == faults
 
 
 def plain(missing="hold", **given):
@@ -273,7 +273,7 @@ def test_links_that_have_no_faults_leave_every_bit_alone():
     for k in range(1, 20):
         for agents in (with_links, without):
             advance([agents], k, targets[k])
-            assert len(agents.faults) == 0
+            assert len(agents.link_events) == 0
             assert [agents.memory(row) for row in (0, 1)] == [b"", b""]
         assert together([with_links]).tobytes() == together([without]).tobytes()
     assert without.silent(1) == []

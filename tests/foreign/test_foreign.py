@@ -84,9 +84,17 @@ def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, keys, change, bound):
     table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
     first = table[0]
     _, q, _ = simulate(
-        1, 0.9, 1.1, 0.1, 3, first["position"], first["velocity"], first["q"], first["qd"]
+        1,
+        0.9,
+        1.1,
+        0.1,
+        3,
+        first["reference_position"],
+        first["reference_velocity"],
+        first["position"],
+        first["velocity"],
     )
-    assert np.abs(table["q"] - q).max() < bound
+    assert np.abs(table["position"] - q).max() < bound
 
 
 FLEET = """
@@ -139,20 +147,28 @@ def test_six_robots_on_five_different_fmus(tmp_path):
     table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
     first = table[0]
     _, q, _ = simulate(
-        1, 0.9, 1.1, 0.1, 2, first["position"], first["velocity"], first["q"], first["qd"]
+        1,
+        0.9,
+        1.1,
+        0.1,
+        2,
+        first["reference_position"],
+        first["reference_velocity"],
+        first["position"],
+        first["velocity"],
     )
-    error = np.abs(table["q"] - q).max(axis=(0, 2))
+    error = np.abs(table["position"] - q).max(axis=(0, 2))
     bounds = {1: 1e-7, 3: 5e-3, 4: 1e-6, 5: 1e-6, 6: 1e-6}
     assert all(error[robot - 1] < bound for robot, bound in bounds.items()), error
-    assert np.abs(table["q"][:, 1] - point_mass(table[:, 1])).max() < 1e-7
+    assert np.abs(table["position"][:, 1] - point_mass(table[:, 1])).max() < 1e-7
 
 
 def point_mass(rows):
     """Return q at t_k of m q̈ = kp (ε − q) + kd (υ − q̇) − d q̇ under the references recorded."""
-    x, story = np.concatenate([rows["q"][0], rows["qd"][0]]), [rows["q"][0]]
+    x, story = np.concatenate([rows["position"][0], rows["velocity"][0]]), [rows["position"][0]]
     for k in range(len(rows) - 1):
-        velocity = rows["velocity"][k + 1]
-        start = rows["position"][k + 1] - 0.1 * velocity
+        velocity = rows["reference_velocity"][k + 1]
+        start = rows["reference_position"][k + 1] - 0.1 * velocity
 
         def rates(t, x, start=start, velocity=velocity):
             effort = 200 * (start + t * velocity - x[:2]) + 300 * (velocity - x[2:])

@@ -94,6 +94,7 @@ class Spread:
         self.look = lambda _time: None
         self._file, self._clock = file, clock_of(file.scenario)
         self._todo = defaultdict(list)
+        self._signalled = set()
         self._man = here(file, hosts, Handling(restart, wait, self.said.append))
 
     def at(self, k, act):
@@ -102,12 +103,13 @@ class Spread:
         return self
 
     def kill(self, k, *numbers, by=signal.SIGKILL):
-        """Send hosts a signal as soon as tick k is closed and they are there."""
+        """Send hosts a signal as soon as tick k is closed and they are there, each process once."""
 
         def act():
-            alive = hosts_of()
+            alive = {name: pid for name, pid in hosts_of().items() if pid not in self._signalled}
             if {f"local-{number}" for number in numbers} <= alive.keys():
                 for number in numbers:
+                    self._signalled.add(alive[f"local-{number}"])
                     os.kill(alive[f"local-{number}"], by)
             else:
                 self.at(k, act)
@@ -139,4 +141,4 @@ def digest(path):
 def story(path):
     """Return all messages of a recording but the checkpoints, in order."""
     with Reader(path) as reader:
-        return [m for m in reader.messages() if not m[1].startswith("checkpoint/")]
+        return [m for m in reader.messages() if not m[1].endswith("/checkpoint")]

@@ -100,8 +100,8 @@ def test_a_plant_without_checkpoints_comes_back_from_the_beginning(tmp_path):
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 2)
     assert digest(outcome.path) == digest(tmp_path / "1.mcap")
     with Reader(outcome.path) as reader:
-        told = {m[1] for m in reader.messages() if m[1].startswith("checkpoint/")}
-    assert told == {f"checkpoint/{robot}" for robot in (1, 2, 5, 6)}
+        told = {m[1] for m in reader.messages() if m[1].endswith("/checkpoint")}
+    assert told == {f"/robot_{robot}/checkpoint" for robot in (1, 2, 5, 6)}
 
 
 def test_without_restart_a_death_ends_the_run(tmp_path):

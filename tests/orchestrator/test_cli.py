@@ -15,6 +15,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.orchestrator.commands import performing
 from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
@@ -102,10 +103,10 @@ def test_other_readers_decode_every_message(recording):
     assert len(decoded) == 376
     assert attachment.name == "scenario.toml"
     for schema, channel, message, value in decoded:
-        kind, _, number = channel.topic.partition("/")
+        kind, number = kind_of(channel.topic), node_of(channel.topic)
         assert schema.name == {"sample": "nrs.Sample", "state": "nrs.State"}[kind]
         assert (value.robot, value.k, value.time_ns) == (
-            int(number), message.sequence, message.log_time,
+            number, message.sequence, message.log_time,
         )  # fmt: skip
 
 
@@ -117,17 +118,18 @@ def test_export_writes_tables_that_read_back_to_the_same_bits(recording, tmp_pat
         decoded = list(
             make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
         )
-    for name, header, vectors in (
-        ("sample", ["k", "t", "robot"], ["position", "velocity"]),
-        ("state", ["t", "robot"], ["q", "qd", "tau", "position", "velocity"]),
-    ):
+    joints = ["position", "velocity", "effort", "reference_position", "reference_velocity"]
+    for name, vectors in (("sample", ["position", "velocity"]), ("state", joints)):
         with (tmp_path / "tables" / f"{name}s.csv").open(newline="") as file:
             columns, *rows = csv.reader(file)
-        assert columns == header + [f"{v}_{i}" for v in vectors for i in (1, 2)]
-        values = [value for _, channel, _, value in decoded if channel.topic.startswith(name)]
+        assert columns == ["k", "time_ns", "t", "robot"] + [
+            f"{v}_{i}" for v in vectors for i in (1, 2)
+        ]
+        values = [value for _, channel, _, value in decoded if kind_of(channel.topic) == name]
         expected = sorted(
             [
-                *([v.k] if name == "sample" else []),
+                v.k,
+                v.time_ns,
                 v.time_ns / 1e9,
                 v.robot,
                 *(x for vector in vectors for x in getattr(v, vector)),

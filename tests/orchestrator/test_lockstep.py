@@ -119,9 +119,10 @@ def test_ticks_close_in_order_and_each_is_whole(case):
         run.hosts.at(0.0, *run.robots(k))
     assert run.run() == [0, 1, 2, 3]
     assert run.hosts.advanced == [0, 1, 2, 3]
-    assert run.writer.ticks[0] == [("state/1", 0, 0), ("state/2", 0, 0)]
+    assert run.writer.ticks[0] == [("/robot_1/state", 0, 0), ("/robot_2/state", 0, 0)]
     for k in (1, 2, 3):
-        topics = ["sample/0", "sample/1", "sample/2", "state/1", "state/2"]
+        robots = [f"/robot_{robot}/{kind}" for robot in (1, 2) for kind in ("sample", "state")]
+        topics = [*robots, "/target/sample"]
         assert run.writer.ticks[k] == [(topic, k * H, k) for topic in topics]
     assert run.time.now == 0
 

@@ -322,15 +322,18 @@ def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
         mine = table[table["robot"] == robot]
         t = mine["time_ns"] / 1e9
         motion = target_of(file.scenario).at(t)
-        e, ed = mine["q"] - motion.position, mine["qd"] - motion.velocity
+        e, ed = mine["position"] - motion.position, mine["velocity"] - motion.velocity
         x, y, z = (np.linalg.norm(v, axis=1) for v in (e, ed, np.tanh(e)))
-        off = [mine["position"] - motion.position, mine["velocity"] - motion.velocity]
+        off = [
+            mine["reference_position"] - motion.position,
+            mine["reference_velocity"] - motion.velocity,
+        ]
         rho_3 = of.mu_1 + sum(
             K * np.linalg.norm(v, axis=1) for K, v in zip((200, 300), off, strict=True)
         )
         slope = -((drive.kd_min - of.rho_2) * y - rho_3) * y
         slope -= ((drive.kp_min - of.rho_1) * x / np.sqrt(2) - rho_3) * z
-        V = [value(*row) for row in zip(mine["q"], e, ed, strict=True)]
+        V = [value(*row) for row in zip(mine["position"], e, ed, strict=True)]
         down = (slope[:-1] < 0) & (slope[1:] < 0)
         assert np.all(np.diff(V)[down] < 0)
         looked += int(down.sum())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.keys import node_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.transport import Message
@@ -74,7 +75,7 @@ def test_every_small_scenario_is_identical_when_it_is_run_again(path, tmp_path):
             assert verdict.difference is None
             assert verdict.ticks == outcome.ticks
             assert verdict.messages == sum(
-                not topic.startswith("checkpoint/")
+                not topic.endswith("/checkpoint")
                 for batch in reader.batches()
                 for _, topic, *_ in batch
             )
@@ -82,9 +83,9 @@ def test_every_small_scenario_is_identical_when_it_is_run_again(path, tmp_path):
 
 FLIPS = {
     # topic, byte, field: a sample is 19 bytes of header, then tag, length and doubles twice
-    "an agent's sample": ("sample/4", 22, "position"),
-    "the target's": ("sample/0", 41, "velocity"),
-    "a state": ("state/2", 22, "q"),
+    "an agent's sample": ("/robot_4/sample", 22, "position"),
+    "the target's": ("/target/sample", 41, "velocity"),
+    "a state": ("/robot_2/state", 22, "position"),
 }
 
 
@@ -96,10 +97,10 @@ def test_one_bit_is_found_where_it_was_flipped(paper, tmp_path, plants, topic, a
     with Reader(tmp_path / "bad.mcap", verify=True) as reader:
         assert reader.damage == []
         found = verify(reader, scenario_of(reader), plants=plants).difference
-    if topic == "state/2" and not plants:
+    if topic == "/robot_2/state" and not plants:
         assert found is None  # without the plants, what they did is taken as recorded
         return
-    assert (found.topic, found.k, found.field, found.robot) == (topic, 7, field, int(topic[-1]))
+    assert (found.topic, found.k, found.field, found.robot) == (topic, 7, field, node_of(topic))
     assert found.recorded != found.replayed
     assert np.allclose(found.recorded, found.replayed)
 
@@ -109,14 +110,14 @@ def test_a_message_that_is_missing_or_too_many_is_found(paper, tmp_path):
     rewritten(
         tmp_path / "run.mcap",
         tmp_path / "less.mcap",
-        lambda tick: [m for m in tick if (m[1], m[2]) != ("state/3", 4)],
+        lambda tick: [m for m in tick if (m[1], m[2]) != ("/robot_3/state", 4)],
     )
     with Reader(tmp_path / "less.mcap") as reader:
         found = verify(reader, scenario_of(reader), plants=True).difference
-        assert (found.topic, found.k, found.recorded) == ("state/3", 4, "absent")
+        assert (found.topic, found.k, found.recorded) == ("/robot_3/state", 4, "absent")
         with Reader(tmp_path / "run.mcap") as whole:
             first = compare(whole, reader).first
-            assert (first.topic, first.k, first.replayed) == ("state/3", 4, "absent")
+            assert (first.topic, first.k, first.replayed) == ("/robot_3/state", 4, "absent")
 
 
 ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
@@ -193,15 +194,15 @@ def test_distances_are_those_of_the_states(paper, tmp_path):
             rows = {}
             for batch in reader.batches():
                 for time_ns, topic, _, data in batch:
-                    if topic == "state/5":
+                    if topic == "/robot_5/state":
                         rows[time_ns] = np.frombuffer(data[21:37], "<f8")  # q
             tables[name] = rows
     apart = {t: np.linalg.norm(q - tables["b"][t]) for t, q in tables["a"].items()}
-    (q,) = [d for d in found.distances if (d.robot, d.quantity) == (5, "q")]
+    (q,) = [d for d in found.distances if (d.robot, d.quantity) == (5, "position")]
     assert q.largest == pytest.approx(max(apart.values()), rel=1e-12)
     assert q.at == max(apart, key=apart.get) / 1e9
     assert q.rms == pytest.approx(np.sqrt(np.mean(np.square([*apart.values()]))), rel=1e-12)
-    assert found.first.topic == "state/1"
+    assert found.first.topic == "/robot_1/state"
     assert found.first.t == pytest.approx(0.12)
 
 
@@ -237,7 +238,7 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
                     speed=1e9,
                     start_ns=200_000_000,
                     end_ns=800_000_000,
-                    ready=lambda bus: bus.wait_for_listener("state/1", 60.0),
+                    ready=lambda bus: bus.wait_for_listener("robot_1/state", 60.0),
                     wait=waits.append,
                 )
             )
@@ -256,7 +257,7 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
                 break
         thread.join()
         ear.close()
-    assert heard == wanted
+    assert [(f"/{key}", data) for key, data in heard] == wanted
     assert outcome == [len(wanted)]
     assert sum(waits) < 1e-6
 

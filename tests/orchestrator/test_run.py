@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
@@ -58,19 +59,27 @@ def test_twenty_seconds_agree_with_dop853(paper, tmp_path, order, start):
     alpha, beta = (0.9, 1.1) if order == 1 else (1.1, 0.9)
     first = at_t_k[0]
     times, q, estimates = simulate(
-        order, alpha, beta, 0.1, 20, first["position"], first["velocity"], first["q"], first["qd"]
+        order,
+        alpha,
+        beta,
+        0.1,
+        20,
+        first["reference_position"],
+        first["reference_velocity"],
+        first["position"],
+        first["velocity"],
     )
     np.testing.assert_allclose(at_t_k["time_ns"][:, 0] / 1e9, times, atol=1e-12)
-    assert np.abs(at_t_k["q"] - q).max() < 1e-7
+    assert np.abs(at_t_k["position"] - q).max() < 1e-7
     for name, ours in (("position", 0), ("velocity", 1)):
         scale = np.abs(estimates[1:, ours]).max()
         np.testing.assert_allclose(
             sampled[name][:, 1:], estimates[1:, ours], rtol=1e-12, atol=1e-12 * scale
         )
-        assert sampled[name][:, 1:].tolist() == at_t_k[name][1:].tolist()
+        assert sampled[name][:, 1:].tolist() == at_t_k[f"reference_{name}"][1:].tolist()
     if start is EXPLICIT:
-        assert first["q"][1].tolist() == [3, 1]
-        assert first["velocity"][3].tolist() == [10, -10]
+        assert first["position"][1].tolist() == [3, 1]
+        assert first["reference_velocity"][3].tolist() == [10, -10]
 
 
 STEADY = {  # paper.md's table: sup of position and velocity estimates, of e and e-dot
@@ -131,7 +140,9 @@ def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(paper, tmp_path):
         assert (reader.status, reader.reason) == ("failed", outcome.reason)
         assert reader.damage == []
         assert reader.ticks == outcome.ticks > 10
-        assert np.concatenate(list(states(reader)))["q"].size == (1 + 5 * reader.ticks) * 6 * 2
+        assert (
+            np.concatenate(list(states(reader)))["position"].size == (1 + 5 * reader.ticks) * 6 * 2
+        )
 
 
 @pytest.mark.parametrize(
@@ -209,7 +220,7 @@ plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
     q = {}
     for name, file in (("driven", driven), ("alone", paper(SHORT))):
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
-            q[name] = rows_of(states(reader), 6)["q"]
+            q[name] = rows_of(states(reader), 6)["position"]
             told = describe(reader)
             lines_of = lines(told, measure(reader))
         if name == "driven":
@@ -279,9 +290,13 @@ def test_who_received_what_and_when(paper):
                 continue
             spoken = {}
             for time_ns, topic, sequence, data in kept.batches[k]:
-                if topic.startswith("sample/"):
+                if topic.endswith("/sample"):
                     robot = HEADER.unpack_from(data)[0]
-                    assert (topic, sequence, time_ns) == (f"sample/{robot}", k, k * 100_000_000)
+                    assert (topic, sequence, time_ns) == (
+                        sample_topic(robot),
+                        k,
+                        k * 100_000_000,
+                    )
                     record = codec.decode([data])[0]
                     spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
             assert spoken.keys() == {*range(7)}
@@ -317,7 +332,9 @@ def test_a_tick_is_recorded_in_total_order_with_left_limits(paper):
         for time_ns, topic, *_ in batch:
             assert (time_ns, topic) > last
             last = (time_ns, topic)
-    sample = Codec(SAMPLE, 2).decode([d for _, t, _, d in kept.batches[1] if t == "sample/4"])[0]
+    sample = Codec(SAMPLE, 2).decode(
+        [d for _, t, _, d in kept.batches[1] if t == "/robot_4/sample"]
+    )[0]
     expected = Estimate(initial.position[3], initial.velocity[3]).after(0.1)
     assert sample["position"].tolist() == expected.position.tolist()
     assert last[0] == 1_000_000_000
@@ -447,8 +464,8 @@ def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
     outcome = run(parse_scenario(text, "planar", SCENARIOS, "planar"), tmp_path / "run.mcap")
     with Reader(outcome.path) as reader:
         last = rows_of(states(reader), 6)[-1]
-    np.testing.assert_allclose(last["q"], np.tile([4.0, -1.0], (6, 1)), atol=1e-6)
-    np.testing.assert_allclose(last["tau"], 0, atol=1e-3)
+    np.testing.assert_allclose(last["position"], np.tile([4.0, -1.0], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(last["effort"], 0, atol=1e-3)
 
 
 def test_links_of_an_arm_are_as_many_as_the_scenario_says(tmp_path):
@@ -481,7 +498,7 @@ qd = { uniform = [-1, 1] }
     outcome = run(parse_scenario(text, "links", SCENARIOS, "links"), tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
-        q = rows_of(states(reader), 2)["q"]
+        q = rows_of(states(reader), 2)["position"]
     assert q.shape == (61, 2, 7)
     assert np.abs(q[0]).max() > 0.5
     assert np.abs(q[-1]).max() < 0.05
@@ -492,7 +509,7 @@ def test_a_robots_own_disturbance_is_its_own(paper, tmp_path):
     tables = []
     for name, change in (("all", ()), ("own", (("# [[robots]]", own),))):
         with Reader(run(paper(SHORT, *change), tmp_path / f"{name}.mcap").path) as reader:
-            tables.append(rows_of(states(reader), 6)["q"])
+            tables.append(rows_of(states(reader), 6)["position"])
     moved = (tables[0][1:] != tables[1][1:]).all(axis=(0, 2))
     assert moved.tolist() == [False, False, True, False, False, False]
 
@@ -508,7 +525,7 @@ def test_robots_of_different_models_run_together(paper, tmp_path):
     assert samples_a.tobytes() == samples_b.tobytes()
     others = [0, 1, 3, 4, 5]
     assert states_a[:, others].tobytes() == states_b[:, others].tobytes()
-    assert (states_a["q"][1:, 2] != states_b["q"][1:, 2]).all()
+    assert (states_a["position"][1:, 2] != states_b["position"][1:, 2]).all()
 
 
 def test_robots_that_a_recording_has_no_channels_for_are_refused_before_they_are_opened(

@@ -24,6 +24,7 @@ from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.archives.archive import open_archive
+from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.checking import built
@@ -310,6 +311,17 @@ def test_fmpy_finds_no_fault(fmi: int) -> None:
     assert q.unit is None
     units = {v.name: v.unit for v in description.modelVariables}
     assert units["time"] == "s"
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_an_fmu_says_what_its_joints_are_called_and_whether_each_turns(fmi: int) -> None:
+    archive = open_archive(build_urdf(read_urdf(GANTRY), fmi))
+    named = joints_of(archive, find_quantity(archive, "q"))
+    names = ["right wrist", "left slide", "bridge", "left pivot"]
+    kinds = {joint.name: joint.kind for joint in read_urdf(GANTRY).joints}
+    units = ["m" if kinds[name] == "prismatic" else "rad" for name in names]
+    assert [(joint.name, joint.unit) for joint in named] == list(zip(names, units, strict=True))
+    assert set(units) == {"rad", "m"}
 
 
 def test_units_follow_the_joints() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.bus.keys import fault_key, sample_key, state_key
-from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings.container import Channel, Message
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
@@ -59,6 +59,7 @@ def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
         "why": "",
         "sha256": "0" * 64,
         "robots": [*range(1, n + 1)],
+        "joints": [{"name": f"joint_{j}", "unit": "rad"} for j in range(1, m + 1)],
     }
     run = {"name": "made_up", "folder": "/", "seed": 1, "robots": n, "joints": m, "ticks": ticks}
     run |= {"sampling_period_ns": H, "output_step_ns": H // 2, "plants": json.dumps([plant])}
@@ -68,7 +69,7 @@ def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
 def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
     """Tick k of n robots: samples at t_k, states at the two output times, some faults."""
     rng = np.random.default_rng(k)
-    samples, states, faults = (Codec(kind, m) for kind in (SAMPLE, STATE, FAULT))
+    samples, states, faults = (Codec(kind, m) for kind in (SAMPLE, STATE, LINK_EVENT))
     made: list[Message] = []
 
     def put(codec: Codec, robots: Sequence[int], time_ns: int, key: Any) -> None:
@@ -82,11 +83,11 @@ def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
         made.extend((time_ns, key(robot), k, data) for robot, data in payloads)
 
     for time_ns in (k * H - H // 2, k * H) if k else (0,):
-        put(states, range(1, n + 1), time_ns, state_key)
+        put(states, range(1, n + 1), time_ns, state_topic)
     if k:
-        put(samples, range(n + 1), k * H, sample_key)
+        put(samples, range(n + 1), k * H, sample_topic)
         if faulty and k % 3 == 0:
-            put(faults, faulty, k * H, fault_key)
+            put(faults, faulty, k * H, link_event_topic)
     return made
 
 

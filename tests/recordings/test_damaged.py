@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.orchestrator.runs.summary import describe, measure
 from nrs_cosim.recordings import Recording
@@ -62,12 +63,12 @@ def tables(messages: list[Message]) -> dict[str, dict]:
     """By table, time and robot, the numbers of a row."""
     found: dict[str, dict] = {"samples": {}, "states": {}}
     for time_ns, topic, _, data in messages:
-        kind, _, robot = topic.partition("/")
-        if kind != "fault":
+        kind, node = kind_of(topic), node_of(topic)
+        if kind != "link_event":
             codec = Codec(SAMPLE if kind == "sample" else STATE, M)
             (row,) = codec.decode([data])
             numbers = np.concatenate([row[name] for name in codec.kind.vectors])
-            found[f"{kind}s"][time_ns / 1e9, int(robot)] = numbers.tolist()
+            found[f"{kind}s"][time_ns / 1e9, node] = numbers.tolist()
     return found
 
 

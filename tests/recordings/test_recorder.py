@@ -3,7 +3,7 @@
 import pytest
 
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.keys import EVERYONE, TARGET, wire_key
+from nrs_cosim.bus.keys import EVERYONE, TARGET, sample_topic, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
 from nrs_cosim.recordings.recorder import channels
@@ -58,10 +58,12 @@ def test_a_tick_is_written_whole_with_its_faults_and_checkpoints(wire):
     recorder, writer = recorder_of(wire, faulty=(1, 2), checkpoints=True)
     closed(recorder, wire, 0)
     closed(recorder, wire, 1, faults=2, checkpoint=True)
-    kinds = ["checkpoint", "fault", "fault", "sample", "state"]
-    topics = sorted(["sample/0", *(f"{kind}/{robot}" for kind in kinds for robot in (1, 2))])
+    kinds = ["checkpoint", "link_event", "link_event", "sample", "state"]
+    topics = sorted(
+        ["/target/sample", *(f"/robot_{robot}/{kind}" for kind in kinds for robot in (1, 2))]
+    )
     assert writer.ticks == [
-        [("state/1", 0, 0), ("state/2", 0, 0)],
+        [("/robot_1/state", 0, 0), ("/robot_2/state", 0, 0)],
         [(topic, H, 1) for topic in topics],
     ]
     assert recorder.messages == 2 + len(topics)
@@ -149,16 +151,17 @@ def test_samples_of_open_ticks_are_by_host(wire):
 def test_channels_are_those_of_each_robot_and_what_is_beside_the_digest_is_not_counted():
     found = channels(2, (2,), checkpoints=True)
     assert [channel.topic for channel in found if channel.counted] == [
-        *("sample/0", "sample/1", "sample/2", "state/1", "state/2")
+        *(sample_topic(node) for node in range(3)),
+        *("/robot_1/state", "/robot_2/state"),
     ]
     assert [channel.topic for channel in found if not channel.counted] == [
-        *("fault/2", "checkpoint/1", "checkpoint/2")
+        *("/robot_2/link_event", "/robot_1/checkpoint", "/robot_2/checkpoint")
     ]
-    kinds = {channel.topic.split("/")[0]: channel.schema_name for channel in found}
+    kinds = {channel.topic.split("/")[2]: channel.schema_name for channel in found}
     assert kinds == {
         "sample": "nrs.Sample",
         "state": "nrs.State",
-        "fault": "nrs.Fault",
+        "link_event": "nrs.LinkEvent",
         "checkpoint": "nrs.Checkpoint",
     }
 
@@ -171,14 +174,14 @@ class Read:
         opened.append(self)
 
     def batches(self, topics, start, end):
-        assert topics == ["sample/0", "sample/1", "sample/2"]
+        assert topics == ["/target/sample", "/robot_1/sample", "/robot_2/sample"]
         for k in range(-(-start // H), -(-end // H)):
             of_all = [
                 self.wire.unpack_samples(host, samples(self.wire, host, k).payload)[1]
                 for host in ("left", "right", TARGET)
             ]
             yield [
-                (k * H, f"sample/{robot}", k, data)
+                (k * H, sample_topic(robot), k, data)
                 for records in of_all
                 for robot, data in zip(
                     records["robot"], self.wire.samples.encode(records), strict=True
@@ -222,11 +225,13 @@ def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(
     first, _ = recorder_of(wire, checkpoints=True)
     closed(first, wire, 3, checkpoint=True)
     batch = [
-        (3 * H, f"sample/{robot}", 3, data)
+        (3 * H, sample_topic(robot), 3, data)
         for _, records, _ in first.samples(3, 3)
         for robot, data in zip(records["robot"], wire.samples.encode(records), strict=True)
     ]
-    batch += [(3 * H, f"checkpoint/{r}", 3, data) for r, (_, data) in first.checkpoints.items()]
+    batch += [
+        (3 * H, f"/robot_{r}/checkpoint", 3, data) for r, (_, data) in first.checkpoints.items()
+    ]
     again, writer = recorder_of(wire, checkpoints=True)
     again.copy(3, batch)
     assert again.checkpoints == first.checkpoints
@@ -234,3 +239,25 @@ def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(
     assert writer.ticks == [sorted((topic, time, k) for time, topic, k, _ in batch)]
     ((k, records, host),) = again.samples(3, 3)
     assert (k, host, sorted(records["robot"].tolist())) == (3, EVERYONE, [0, 1, 2])
+
+
+def test_channels_tell_each_robots_joints_units_fmu_and_drive():
+    arm = [{"name": "shoulder", "unit": "rad"}, {"name": "slide", "unit": "m"}]
+    plants = [
+        {"robots": [2], "joints": arm, "fmu": "arm.fmu", "drive": "one step an interval"},
+        {"robots": [1], "joints": [{"name": "x", "unit": ""}] * 2, "fmu": "a.fmu", "drive": "held"},
+    ]
+    found = {channel.topic: channel.metadata for channel in channels(2, (2,), True, plants)}
+    assert found["/robot_2/state"] == {
+        "joints": '["shoulder", "slide"]',
+        "unit.position": '["rad", "m"]',
+        "unit.velocity": '["rad/s", "m/s"]',
+        "unit.effort": '["N m", "N"]',
+        "unit.reference_position": '["rad", "m"]',
+        "unit.reference_velocity": '["rad/s", "m/s"]',
+        "fmu": "arm.fmu",
+        "drive": "one step an interval",
+    }
+    assert found["/robot_2/link_event"]["unit.velocity"] == '["rad/s", "m/s"]'
+    assert found["/robot_1/sample"]["unit.position"] == '["", ""]'
+    assert found["/target/sample"] == found["/robot_2/checkpoint"] == {}

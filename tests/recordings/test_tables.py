@@ -9,19 +9,20 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from nrs_cosim.bus.messages import FAULT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.keys import kind_of, node_of
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.columns import columns
 from nrs_cosim.recordings.container import DamageError, Message
 from nrs_cosim.recordings.errors import InputError, UnreadableError
 from nrs_cosim.recordings.export import export
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import FAULTS, SAMPLES, STATES
+from nrs_cosim.recordings.tables import LINK_EVENTS, SAMPLES, STATES
 from nrs_cosim.recordings.writing import Writer
 from tests.recordings.runs import about, create, recorded, scenario, tick
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
-KINDS = {"sample": SAMPLE, "state": STATE, "fault": FAULT}
+KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +36,11 @@ def expected(messages: list[Message], kind: str, robots: set[int], start: int, e
     """Rows of (k, t, robot, everything else), by one message after the other."""
     codec, rows = Codec(KINDS[kind], M), []
     for time_ns, topic, k, data in messages:
-        name, _, robot = topic.partition("/")
-        if name == kind and int(robot) in robots and start <= time_ns < end:
+        node = node_of(topic)
+        if kind_of(topic) == kind and node in robots and start <= time_ns < end:
             (record,) = codec.decode([data])
             names = (*codec.kind.further, *codec.kind.vectors)
-            rows.append((time_ns, int(robot), k, [record[name].tolist() for name in names]))
+            rows.append((time_ns, node, k, [record[name].tolist() for name in names]))
     return sorted(rows)
 
 
@@ -55,7 +56,7 @@ def test_arrays_are_the_messages(run, robots, within) -> None:
         for kind, read in (
             ("sample", recording.samples),
             ("state", recording.states),
-            ("fault", recording.faults),
+            ("link_event", recording.link_events),
         ):
             found = read(robots, *within)
             names = (*KINDS[kind].further, *KINDS[kind].vectors)
@@ -133,7 +134,7 @@ def test_a_layout_that_is_guessed_wrong_changes_nothing(run) -> None:
 
 def test_a_dataset_has_what_was_recorded_and_nan_elsewhere(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    silent = {(3, "sample/2"), (4, "sample/2"), (4, "state/1")}
+    silent = {(3, "/robot_2/sample"), (4, "/robot_2/sample"), (4, "/robot_1/state")}
     made = [
         [message for message in tick(k, 2, 2) if (k, message[1]) not in silent] for k in range(6)
     ]
@@ -143,7 +144,7 @@ def test_a_dataset_has_what_was_recorded_and_nan_elsewhere(tmp_path: Path) -> No
         writer.finish("completed")
     with Recording(path) as recording:
         data = recording.dataset()
-        for name, table in (("q", recording.states()), ("tau", recording.states())):
+        for name, table in (("position", recording.states()), ("effort", recording.states())):
             for row in table:
                 at = data[name].sel(time=row["t"], robot=row["robot"])
                 assert (at.to_numpy() == row[name]).all()
@@ -154,8 +155,8 @@ def test_a_dataset_has_what_was_recorded_and_nan_elsewhere(tmp_path: Path) -> No
                 at = data.target_velocity.sel(sampling_time=row["t"])
             assert (at.to_numpy() == row["velocity"]).all()
     assert dict(data.sizes) == {"time": 11, "sampling_time": 5, "robot": 2, "joint": 2}
-    assert data.q.dims == ("time", "robot", "joint")
-    assert int(data.q.isnull().sum()) == 2 * 2
+    assert data.position.dims == ("time", "robot", "joint")
+    assert int(data.position.isnull().sum()) == 2 * 2
     assert int(data.sample_position.isnull().sum()) == 2 * 2
     assert not data.target_position.isnull().any()
     assert np.isnan(data.sample_position.sel(sampling_time=0.3, robot=2)).all()
@@ -174,7 +175,7 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
         arrays = {
             SAMPLES: recording.samples(),
             STATES: recording.states(),
-            FAULTS: recording.faults(),
+            LINK_EVENTS: recording.link_events(),
         }
         names = [f"{table.name}.csv" for table in arrays]
         assert [path.name for path in export(reader, tmp_path)] == names

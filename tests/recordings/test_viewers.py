@@ -45,10 +45,10 @@ def test_the_reference_decoder_gives_our_numbers(example: Path) -> None:
         for kind, table in (
             ("sample", recording.samples()),
             ("state", recording.states()),
-            ("fault", recording.faults()),
+            ("link_event", recording.link_events()),
         ):
             mine = sorted(
-                (value for topic, _, value in found if topic.startswith(f"{kind}/")),
+                (value for topic, _, value in found if topic.endswith(f"/{kind}")),
                 key=lambda value: (value.time_ns, value.robot, getattr(value, "source", 0)),
             )
             assert len(mine) == len(table)
@@ -112,7 +112,7 @@ def test_a_scene_shows_the_arms_where_they_are(example: Path, tmp_path: Path) ->
             assert (made[first].parent_frame_id, made[second].parent_frame_id) == ("world", first)
             assert (lengths[first], lengths[second]) == (1.0, 0.8)
             end = matrix(made[first]) @ matrix(made[second]) @ [0.8, 0, 0, 1]
-            one, both = row["q"][0], row["q"].sum()
+            one, both = row["position"][0], row["position"].sum()
             x, z = np.cos(one) + 0.8 * np.cos(both), np.sin(one) + 0.8 * np.sin(both)
             assert end[[0, 2]] == pytest.approx([x, z], abs=1e-9)
 
@@ -123,7 +123,7 @@ def test_points_move_in_the_plane(tmp_path: Path) -> None:
     with Reader(path) as reader:
         write_scene(reader, tmp_path / "b.mcap", {2: Shape()})
     with Recording(path) as recording:
-        places = {(row["time_ns"], 2): row["q"] for row in recording.states([2])}
+        places = {(row["time_ns"], 2): row["position"] for row in recording.states([2])}
         places |= {(row["time_ns"], 0): row["position"] for row in recording.samples([0])}
     shown = {
         (message.log_time, int(move.child_frame_id[-1])): [move.translation.x, move.translation.y]

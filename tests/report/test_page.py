@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nrs_cosim.bus.messages import FAULT, Codec
+from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.commands.cli import app
 from nrs_cosim.orchestrator.reports.reporting import arm_of, subject_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
@@ -47,9 +47,9 @@ def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
     path = recorded("fine", ("output_step = 0.02", "output_step = 0.005"))
     data, rows = told(page([story(path)])), table_of(path, states)
     seen = 0
-    for figure, name in (("estimates", "position"), ("estimates", "velocity")):
+    for figure, name in (("estimates", "reference_position"), ("estimates", "reference_velocity")):
         panels = next(f for f in data["figures"] if f["name"] == figure)["panels"]
-        symbol = {"position": "ε_i", "velocity": "υ_i"}[name]
+        symbol = {"reference_position": "ε_i", "reference_velocity": "υ_i"}[name]
         for panel in (panel for panel in panels if panel["label"].startswith(symbol)):
             for curve in panel["curves"]:
                 if curve["group"] == "target":
@@ -74,7 +74,7 @@ def test_tracking_errors_are_joints_less_the_target(paper):
     for panel in panels[:2]:
         for robot, curve in enumerate(panel["curves"], start=1):
             mine = rows["robot"] == robot
-            errors = (rows["q"] - target)[mine, panel["joint"]]
+            errors = (rows["position"] - target)[mine, panel["joint"]]
             np.testing.assert_allclose(numbers(data, curve["y"]), errors, atol=1e-12)
 
 
@@ -173,11 +173,11 @@ def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
 
 def test_faults_are_those_of_the_recording(lossy):
     data = told(page([story(lossy)]))
-    (figure,) = (f for f in data["figures"] if f["name"] == "faults")
+    (figure,) = (f for f in data["figures"] if f["name"] == "link_events")
     (panel,) = figure["panels"]
     with Reader(lossy) as reader:
-        topics = [f"fault/{robot}" for robot in range(1, 7)]
-        met = Codec(FAULT, 2).decode([m[3] for m in reader.messages(topics)])
+        topics = [f"/robot_{robot}/link_event" for robot in range(1, 7)]
+        met = Codec(LINK_EVENT, 2).decode([m[3] for m in reader.messages(topics)])
     lost = met[met["lost"] > 0]
     expected = Counter(zip(lost["robot"].tolist(), lost["source"].tolist(), strict=True))
     (curve,) = (c for c in panel["curves"] if c["name"] == "lost")
@@ -220,7 +220,7 @@ def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
     path.write_bytes(damaged)
     gap = story(path)
     assert gap.damage
-    missing = np.isnan(gap.vectors["q"][:, 0, 0])
+    missing = np.isnan(gap.vectors["position"][:, 0, 0])
     assert 0 < missing.sum() < len(missing) / 2
     estimates = figures([gap])[0].panels[0].curves[0]
     assert np.isnan(estimates.y).sum() == missing.sum()

@@ -1,4 +1,4 @@
-"""What is told of faults: a message for each sample that one befell, and each robot in an outage.
+"""Link events: a message for each sample that a link lost, delayed or altered, and each outage.
 
 It follows from the samples of t_k alone, with no memory of earlier ones: whoever has them can tell.
 """
@@ -6,33 +6,33 @@ It follows from the samples of t_k alone, with no memory of earlier ones: whoeve
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.links.links import Fate, Links
+from nrs_cosim.bus.links.links import LinkOutcome, Links
 from nrs_cosim.bus.messages import Codec
 
 
-def told(
+def link_events(
     codec: Codec,
     links: Links,
     robots: NDArray[np.integer],
     k: int,
-    fate: Fate,
+    outcome: LinkOutcome,
     sent: NDArray[np.float64],
     received: NDArray[np.float64],
 ) -> NDArray[np.void]:
-    """Return records of `FAULT`, by robot and source, on the links into some robots at t_k.
+    """Return records of `LINK_EVENT`, by robot and source, on the links into some robots at t_k.
 
-    `sent` and `received` are (F, 2, m); a sample is told of when it is gone, late or altered.
+    `sent` and `received` are (F, 2, m); a sample has one when it is gone, late or altered.
     """
     altered = (received != sent).any(axis=(1, 2))
-    of = np.flatnonzero((fate.gone | (fate.delay > 0) | altered) & ~fate.absent)
+    of = np.flatnonzero((outcome.gone | (outcome.delay > 0) | altered) & ~outcome.absent)
     silent = np.intersect1d(robots, links.silent(k))
     records = codec.blank(np.concatenate([links.sink[of], silent]))
     records["k"], records["time_ns"] = k, links.ticks.t(k)
     records["source"] = np.concatenate([links.source[of], silent])
     on_links, alone = records[: len(of)], records[len(of) :]
-    on_links["lost"], on_links["outage"] = fate.lost[of], fate.outage[of]
-    on_links["delay"] = fate.delay[of]
-    arriving = np.where(fate.gone[of, None, None], 0, received[of])
+    on_links["lost"], on_links["outage"] = outcome.lost[of], outcome.outage[of]
+    on_links["delay"] = outcome.delay[of]
+    arriving = np.where(outcome.gone[of, None, None], 0, received[of])
     on_links["position"], on_links["velocity"] = arriving[:, 0], arriving[:, 1]
     alone["outage"] = 1
     return records[np.lexsort((records["source"], records["robot"]))]
