@@ -9,6 +9,7 @@ any size.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from struct import Struct
 from typing import Any
 
@@ -154,27 +155,34 @@ class Codec:
         self.kind = kind
         self.m = m
         layout: list[tuple[Any, ...]] = []
-        template: list[int | bytes] = []
-        for number, (name, dtype, wire, _) in enumerate(kind.scalars, start=1):
+        for name, dtype, _, _ in kind.scalars:
             layout += [(f"tag_{name}", "u1"), (name, dtype)]
-            template += [number << 3 | wire, 0]
-        length = _varint(8 * m)
-        for number, name in enumerate(kind.vectors, start=len(kind.scalars) + 1):
-            layout += [(f"tag_{name}", "u1"), (f"len_{name}", "u1", len(length))]
+        self._length = _varint(8 * m)
+        for name in kind.vectors:
+            layout += [(f"tag_{name}", "u1"), (f"len_{name}", "u1", len(self._length))]
             layout += [(name, "<f8", (m,))]
-            template += [number << 3 | _BYTES, length, bytes(8 * m)]
         self.dtype = np.dtype(layout)
         self.size = self.dtype.itemsize
-        flat = b"".join(
-            part if isinstance(part, bytes) else part.to_bytes(self.dtype[i].itemsize, "little")
-            for i, part in enumerate(template)
-        )
-        self._template = np.frombuffer(flat, np.uint8)
-        numbers = {name for name, *_ in kind.scalars} | set(kind.vectors)
-        self._fixed = np.ones(self.size, bool)
-        for name in numbers:
+
+    @cached_property
+    def _template(self) -> NDArray[np.uint8]:
+        """(size,) bytes of a message of zeros; made when there are messages, for it may be long."""
+        blank = np.zeros(1, self.dtype)
+        for number, (name, _, wire, _) in enumerate(self.kind.scalars, start=1):
+            blank[f"tag_{name}"] = number << 3 | wire
+        for number, name in enumerate(self.kind.vectors, start=len(self.kind.scalars) + 1):
+            blank[f"tag_{name}"] = number << 3 | _BYTES
+            blank[f"len_{name}"] = np.frombuffer(self._length, np.uint8)
+        return blank.view(np.uint8)
+
+    @cached_property
+    def _fixed(self) -> NDArray[np.bool_]:
+        """(size,) whether a byte is the same in every message."""
+        fixed = np.ones(self.size, bool)
+        for name in (*(name for name, *_ in self.kind.scalars), *self.kind.vectors):
             column, offset = self.dtype.fields[name][:2]  # type: ignore[index]
-            self._fixed[offset : offset + column.itemsize] = False
+            fixed[offset : offset + column.itemsize] = False
+        return fixed
 
     def blank(self, robots: NDArray[np.integer]) -> NDArray[np.void]:
         """Return records for the given robots (n,), all else zero, to be filled at each tick."""

@@ -3,7 +3,9 @@
     Chunk    start, end, size, CRC of the records, compression, the records
     MessageIndex    for each channel in it: (log_time, offset among the records) of its messages
 
-Its records are messages and nothing else. Here alone is there work for each message or channel, so
+Its records are messages and nothing else. What it decompresses to is in proportion to what stands
+in the file, so that a small file takes little memory whatever it says: a reader believes no more,
+and a writer compresses no further. Here alone is there work for each message or channel, so
 it is done for all at once, as it is in `columns`, where messages are taken apart again; everything
 else in a file is left to mcap's own record classes.
 """
@@ -21,7 +23,15 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.columns import HEAD, Columns, put_rows, windows
-from nrs_cosim.recordings.container import LIMIT, RECORD, Compression, DamageError, demand, encoded
+from nrs_cosim.recordings.container import (
+    LIMIT,
+    RECORD,
+    Compression,
+    DamageError,
+    demand,
+    encoded,
+    in_proportion,
+)
 
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
 _INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
@@ -30,6 +40,8 @@ _LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk
 _REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
 _SIZES = struct.Struct("<QQ")  # compressed, uncompressed
 _ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
+INDEXED = _ENTRY.itemsize
+"""Bytes that a message takes in a file at least: its place in an index, which is not compressed."""
 _ZSTD = 2
 """The level: the next takes two thirds longer for a fortieth less, the one below adds a sixth."""
 _COMPRESS: Mapping[Compression, Callable[..., bytes]] = {
@@ -60,8 +72,11 @@ def closed(offset: int, messages: Columns, compression: Compression) -> tuple[by
     summary.
     """
     records = messages.data
-    name = "" if compression == "none" else compression
     data = _COMPRESS[compression](records)
+    if not in_proportion(len(records), len(data)):
+        compression = "lz4"  # which makes at most 255 bytes one
+        data = _COMPRESS[compression](records)
+    name = "" if compression == "none" else compression
     start, end = int(messages.time[0]), int(messages.time[-1])
     chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
     channels, index, places = _index(messages)
@@ -108,25 +123,30 @@ def opened(chunk: bytes) -> bytes:
     decompress = _DECOMPRESS.get(chunk[_CHUNK.size : _CHUNK.size + n])
     if decompress is None:
         raise DamageError("its compression is unknown")
+    data = memoryview(chunk)[_CHUNK.size + n + 8 :]
+    demand(
+        in_proportion(size, len(data)),
+        f"it is refused, for its {len(data)} bytes decompress to {size}",
+    )
     try:
-        records = decompress(chunk[_CHUNK.size + n + 8 :], size)
+        records = decompress(data, size)
     except (zstandard.ZstdError, RuntimeError) as error:
         raise DamageError(f"it does not decompress ({error})") from error
     demand(len(records) == size and zlib.crc32(records) == crc, "its checksum differs")
     return records
 
 
-def _unzstd(data: bytes, size: int) -> bytes:
+def _unzstd(data: memoryview, size: int) -> bytes:
     demand(zstandard.frame_content_size(data) == size, "its size differs")
     return zstandard.decompress(data)
 
 
-def _unlz4(data: bytes, size: int) -> bytes:
+def _unlz4(data: memoryview, size: int) -> bytes:
     return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
 
 
-_DECOMPRESS: Mapping[bytes, Callable[[bytes, int], bytes]] = {
+_DECOMPRESS: Mapping[bytes, Callable[[memoryview, int], bytes]] = {
     b"zstd": _unzstd,
     b"lz4": _unlz4,
-    b"": lambda data, _: data,
+    b"": lambda data, _: bytes(data),
 }

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.recordings.container import MOST_CHANNELS, Message, demand
 
-_LENGTH = Struct("<Q")
+_OPENING = Struct("<BQ")  # opcode, length
 HEAD = np.dtype(
     [
         ("kind", "u1"),
@@ -28,6 +28,8 @@ HEAD = np.dtype(
     ]
 )
 """What stands before a message's own bytes: opcode, length of what follows, and so on."""
+_LEAST = HEAD.itemsize - _OPENING.size
+"""What the length of a message without bytes of its own is."""
 MANY = MOST_CHANNELS + 1
 """Channel numbers: u16."""
 _OTHER = "it holds more than messages of this recording"
@@ -134,7 +136,7 @@ def columns(
     heads = rows_at(records, begins, HEAD.itemsize).view(HEAD)
     known = np.zeros(MANY, bool)
     known[list(channels)] = True
-    sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= HEAD.itemsize - 9)
+    sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= _LEAST)
     demand(bool((sound & known[heads["channel"]]).all()), _OTHER)
     return Columns(
         records,
@@ -147,22 +149,29 @@ def columns(
 
 
 def _begins(records: bytes, like: NDArray[np.int64] | None) -> NDArray[np.int64]:
-    """Return where records begin; DamageError unless they fill all the bytes."""
+    """Return where records begin; DamageError unless they fill all the bytes.
+
+    The first that is no message ends the walk: nobody knows how many follow.
+    """
     stop, at, known = len(records), 0, np.empty(0, np.int64)
     if like is not None and len(like) and stop >= HEAD.itemsize:
         tried = like - HEAD.itemsize
         tried = tried[: np.searchsorted(tried, stop - HEAD.itemsize, "right")]
-        lengths = rows_at(records, tried + 1, _LENGTH.size).view("<u8")
+        lengths = rows_at(records, tried + 1, 8).view("<u8")
         after = tried + 9 + np.minimum(lengths, stop).astype(np.int64)
         wrong = np.flatnonzero(after[:-1] != tried[1:])
         known = tried[: wrong[0] + 1] if len(wrong) else tried
         at = int(after[len(known) - 1])
     begins: list[int] = []
-    note, length_at = begins.append, _LENGTH.unpack_from
+    note, opening_at = begins.append, _OPENING.unpack_from
+    message, least = int(Opcode.MESSAGE), _LEAST  # an enumeration compares slowly
     try:
         while at < stop:
+            kind, length = opening_at(records, at)
+            if kind != message or length < least:
+                break
             note(at)
-            at += 9 + length_at(records, at + 1)[0]
+            at += 9 + length
     except error:
         at = -1
     found = np.concatenate([known, np.array(begins, np.int64)])

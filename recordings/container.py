@@ -32,6 +32,10 @@ PART = "part_of"
 """Is said at the end of what was recovered of a run: the digest of all of it, empty if unknown."""
 LIMIT = 2**30
 """No chunk, decompressed or not, and no record of the head is longer: 1 GiB."""
+FREE = 2**23
+"""Whatever decompresses to so much is read: twice the largest chunk that mcap's tools write."""
+RATIO = 256
+"""Beyond that, so many times what stands in the file. LZ4 never comes to it, and runs do not."""
 
 MOST_CHANNELS = 2**16 - 1
 """MCAP numbers them by u16, and 0 is none."""
@@ -58,6 +62,11 @@ def demand(holds: bool, otherwise: str) -> None:
     """Raise DamageError when what a sound file has does not hold."""
     if not holds:
         raise DamageError(otherwise)
+
+
+def in_proportion(size: int, stored: int) -> bool:
+    """Return whether `stored` bytes of a file may stand for `size` in memory."""
+    return size <= max(FREE, RATIO * stored)
 
 
 @dataclass(frozen=True, slots=True)

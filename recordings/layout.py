@@ -1,5 +1,6 @@
 """Where things stand in a file: by its summary if that is intact, else by walking from record to
-record. Neither reads a message, and neither believes a length beyond the end of the file.
+record. Neither reads a message, neither believes a length beyond the end of the file, and neither
+finds a byte in two chunks.
 """
 
 import struct
@@ -102,12 +103,12 @@ def parsed(read: Callable[[ReadDataStream], _Record], record: bytes) -> _Record:
 def find(file: RecordFile, after_head: int) -> Layout:
     """What stands after the head."""
     try:
-        return _indexed(file)
+        return _indexed(file, after_head)
     except (DamageError, struct.error):
         return _scanned(file, after_head)
 
 
-def _indexed(file: RecordFile) -> Layout:
+def _indexed(file: RecordFile, after_head: int) -> Layout:
     """By the summary; DamageError or struct.error if it is not intact."""
     crc_at = file.size - len(MAGIC) - CRC.size
     footer_at = crc_at - FOOTER.size
@@ -116,12 +117,14 @@ def _indexed(file: RecordFile) -> Layout:
     demand(kind == Opcode.FOOTER and _DATA_END.size <= start <= footer_at, "no footer")
     (crc,) = CRC.unpack(file.read(crc_at, CRC.size))
     demand(crc == file.crc(start, crc_at), "the summary's checksum differs")
-    layout = Layout()
+    layout, free = Layout(), after_head
     for kind, span in file.walk(start, footer_at):
         if kind == Opcode.CHUNK_INDEX:
             _, _, *times, at, length = _CHUNK_INDEX.unpack(
                 file.read(span.offset, _CHUNK_INDEX.size)
             )
+            demand(free <= at and at + length <= start, "the summary's chunks are none")
+            free = at + length
             layout.chunks.append(Span(at, length, *times))
         elif kind == Opcode.METADATA_INDEX:
             index = parsed(mcap.MetadataIndex.read, file.read(span.offset, span.length))

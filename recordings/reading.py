@@ -20,7 +20,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.chunk import opened
+from nrs_cosim.recordings.chunk import INDEXED, opened
 from nrs_cosim.recordings.columns import Columns, columns
 from nrs_cosim.recordings.container import (
     BEGIN,
@@ -275,10 +275,12 @@ class Reader:
         self.ending = parse(self.path, END, End, self.end) if self.end else None
         if layout.intact and self.ending and not verify:
             self.message_count, self.ticks = self.ending.messages, self.ending.ticks
-            if self.message_count < len(self._chunks):
+            least, most = len(self._chunks), self._records.size // INDEXED
+            if not least <= self.message_count <= most or self.ticks > self.message_count:
                 raise UnreadableError(
-                    f"{self.path}: {END}: messages: is {self.message_count}, but there are "
-                    f"{len(self._chunks)} chunks, each of one at least"
+                    f"{self.path}: {END}: messages: is {self.message_count} in {self.ticks} ticks, "
+                    f"but {least} chunks have one each at least, a tick has one, and the file has "
+                    f"room for {most}"
                 )
             computed = self.ending.digest
         else:

@@ -1,0 +1,213 @@
+"""What a file makes us take of memory is in proportion to what stands in it.
+
+Each file is read by a process of its own, whose peak is held against that of reading a sound one.
+"""
+
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+from unittest.mock import patch
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap import records as mcap
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from nrs_cosim.bus.keys import sample_key
+from nrs_cosim.recordings import writing
+from nrs_cosim.recordings.chunk import opened
+from nrs_cosim.recordings.columns import HEAD, columns
+from nrs_cosim.recordings.container import (
+    DamageError,
+    encoded,
+    in_proportion,
+    tail,
+)
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.writing import Writer
+from tests.recordings.runs import about, create, recorded, scenario, tick
+
+ROOT = Path(__file__).parents[2]
+MIB = 2**20
+N, M, TICKS = 2, 2, 3
+COMPRESS = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}
+READ = """
+import sys
+from pathlib import Path
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.recordings import Recording, dataset
+from nrs_cosim.recordings.export import export
+from nrs_cosim.recordings.reading import Reader
+path = Path(sys.argv[1])
+
+def told():
+    with Reader(path) as reader:
+        describe(reader), measure(reader)
+
+def tables():
+    with Reader(path) as reader:
+        export(reader, path.with_suffix(""))
+
+def arrays():
+    with Recording(path) as recording:
+        recording.states(), recording.dataset()
+
+for read in (told, tables, arrays):
+    try:
+        read()
+    except InputError as error:
+        print(error)
+status = Path("/proc/self/status").read_text()
+print(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
+"""
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
+
+
+def peak(path: Path) -> float:
+    """MiB that a process had at most that read a recording in several ways."""
+    command = [sys.executable, "-c", READ, path]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    return int(done.stdout.splitlines()[-1]) / 1024
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[bytes], float]:
+    """A recording of a chunk a tick; its bytes up to the second chunk, and from it on; its peak."""
+    path = tmp_path_factory.mktemp("sound") / "run.mcap"
+    recorded(path, n=N, m=M, ticks=TICKS, chunk_bytes=1)
+    whole = path.read_bytes()
+    with Reader(path) as reader:
+        second = reader._chunks[1].offset
+    return path, [whole[:second], whole[second:]], peak(path)
+
+
+def chunk(compression: str, records: bytes) -> bytes:
+    """A chunk with right sizes and checksum."""
+    data = COMPRESS[compression](records)
+    return encoded(mcap.Chunk(compression, data, 0, 0, zlib.crc32(records), len(records)))
+
+
+def message(size: int) -> bytes:
+    """A record of a message of so many zeros."""
+    one = np.zeros(1, HEAD)
+    one["kind"], one["length"], one["channel"] = Opcode.MESSAGE, HEAD.itemsize - 9 + size, 1
+    return one.tobytes() + bytes(size)
+
+
+@pytest.mark.parametrize("records", [bytes(256 * MIB), message(MIB) * 256], ids=["zeros", "real"])
+def test_a_chunk_out_of_proportion_is_damage_and_all_else_is_read(sound, tmp_path, records):
+    path, (before, after), least = sound
+    bomb = tmp_path / "bomb.mcap"
+    bomb.write_bytes(before + chunk("zstd", records) + after)
+    assert bomb.stat().st_size < 40_000
+    with Reader(path) as was, Reader(bomb) as now:
+        assert list(now.messages()) == list(was.messages())
+        (damage, _) = now.damage
+        assert damage.startswith(f"chunk at byte {len(before)}: it is refused, for its ")
+        assert f"decompress to {len(records)};" in damage
+    assert peak(bomb) < least + 30
+
+
+def test_many_small_chunks_of_what_is_no_message_take_the_memory_of_one(sound, tmp_path):
+    _, (before, after), least = sound
+    bomb = tmp_path / "bomb.mcap"
+    bomb.write_bytes(before + chunk("zstd", bytes(8 * MIB)) * 50 + after)
+    assert peak(bomb) < least + 40
+
+
+@pytest.mark.parametrize("compression", COMPRESS)
+def test_a_chunk_of_another_tools_size_is_read_however_well_it_is_compressed(compression):
+    records = message(MIB - HEAD.itemsize) * 4
+    assert opened(chunk(compression, records)) == records
+    assert len(columns(records, [1]).time) == 4
+
+
+def test_the_rule_begins_where_lz4_ends():
+    records = bytes(64 * MIB)
+    assert opened(chunk("lz4", records)) == records
+    with pytest.raises(DamageError, match="is refused, for its"):
+        opened(chunk("zstd", records))
+    assert in_proportion(8 * MIB, 1)
+    assert not in_proportion(8 * MIB + 1, 1)
+    assert in_proportion(256 * 2**20, 2**20)
+    assert not in_proportion(256 * 2**20 + 1, 2**20)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path, compression):
+    path = tmp_path / "rest.mcap"
+    said = [(0, sample_key(node), 0, bytes(16 * MIB)) for node in range(2)]
+    with create(path, N, M, TICKS, (), compression=compression) as writer:
+        writer.write(said)
+        writer.finish("failed")
+    with Reader(path, verify=True) as reader:
+        assert reader.damage == []
+        assert list(reader.messages()) == said
+    with path.open("rb") as file:
+        read = [
+            (m.log_time, c.topic, m.sequence, m.data)
+            for _, c, m in make_reader(file).iter_messages()
+        ]
+        assert read == said
+        file.seek(0)
+        names = [
+            r.compression
+            for r in StreamReader(file, emit_chunks=True).records
+            if isinstance(r, mcap.Chunk)
+        ]
+    assert names == [{"none": ""}.get(compression, "lz4")]
+
+
+def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
+    """Write a run with right seals and checksums that says of itself what it is asked to."""
+    used = channels(N, (), False)
+    attachments = {"scenario.toml": ("application/toml", scenario(N, M, TICKS).encode())}
+
+    def other(*, fields, chunk_indexes, **rest):
+        fields = fields | {name: str(value) for name, value in said.items()}
+        return tail(fields=fields, chunk_indexes=[*chunk_indexes] * spans, **rest)
+
+    with (
+        patch.object(writing, "tail", other),
+        Writer(
+            path,
+            version="1.2",
+            channels=used,
+            schemas=schemas(used),
+            metadata=about(N, m, TICKS),
+            attachments=attachments,
+        ) as writer,
+    ):
+        for k in range(TICKS + 1):
+            writer.write(tick(k, N, M))
+        writer.finish("completed")
+    return path
+
+
+def test_joints_that_no_message_has_take_no_memory(sound, tmp_path):
+    path = sealed(tmp_path / "joints.mcap", m=2**20)
+    assert peak(path) < sound[2] + 30
+
+
+def test_a_chunk_that_the_summary_names_again_and_again_is_read_once(sound, tmp_path):
+    path = sealed(tmp_path / "again.mcap", spans=100)
+    with Reader(path) as reader, Reader(sound[0]) as was:
+        assert list(reader.messages()) == list(was.messages())
+        assert reader.damage == [
+            "a checksum differs or is missing, yet every message is as written"
+        ]
+
+
+@pytest.mark.parametrize("said", [{"messages": 10**6}, {"ticks": 10**6}], ids=str)
+def test_a_file_says_of_no_more_than_it_has_room_for(tmp_path, said):
+    with pytest.raises(UnreadableError, match=r"nrs\.end: messages: is .* room for"):
+        Reader(sealed(tmp_path / "many.mcap", **said))
