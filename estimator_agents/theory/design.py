@@ -18,8 +18,9 @@ that is not, and the inequality is checked with the very κ of the h that is ret
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import sqrt
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,7 +37,8 @@ LARGEST = 1e12
 """The factor beyond which no gains are looked for."""
 
 BoundOf = Callable[[float], Pair | None]
-"""Returns bounds on the estimates for a period in s; None where they do not converge."""
+"""Returns bounds on the estimates for a period in s; None where they are not known."""
+Status = Literal["found", "no bounds", "no period is short enough", "not computed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,22 @@ class Gains:
     kd: float
     """N m s/rad"""
     period: float | None
-    """s; None where no period is short enough for the bounds."""
+    """s; None where none is found."""
+    bounds_from: float | None
+    """s; the shortest of the periods that were tried whose bounds are known; None if of none."""
+
+    @property
+    def status(self) -> Status:
+        """Whether a period is found, none is short enough, or bounds of short ones are missing."""
+        if self.period is not None:
+            return "found"
+        if self.bounds_from is None:
+            return "no bounds"
+        return "no period is short enough" if self.bounds_from == SHORTEST else "not computed"
+
+    def as_json(self) -> dict[str, float | str | None]:
+        """Return the gains for JSON."""
+        return {**asdict(self), "status": self.status}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +77,11 @@ class Design:
     """None where λ_m of a robot is not known, or no gains are found."""
     paper: Gains
     """By (6.1) or (6.2): not proven."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the design for JSON."""
+        proven = self.proven.as_json() if self.proven else None
+        return {"epsilon": self.epsilon, "proven": proven, "paper": self.paper.as_json()}
 
 
 def design(
@@ -79,7 +101,7 @@ def design(
     kd = max(of.mu_1 / (epsilon * wanted.velocity) + of.rho_2 for of in robots)
     kp, kd = kp * (1 + MARGIN), kd * (1 + MARGIN)
     room = min(of.mu_1 * (1 - epsilon) / (epsilon * sqrt(of.m)) for of in robots)
-    stated = Gains(kp, kd, _longest(paper, lambda b: kp * b.position + kd * b.velocity <= room))
+    stated = Gains(kp, kd, *_longest(paper, lambda b: kp * b.position + kd * b.velocity <= room))
     return Design(epsilon, _proven(robots, wanted, epsilon, always), stated)
 
 
@@ -115,7 +137,7 @@ def _proven(
     def kept(bound: Pair) -> bool:
         return _within(proven(of, best, bound), wanted)
 
-    return Gains(best.kp_min, best.kd_min, _longest(always, kept))
+    return Gains(best.kp_min, best.kd_min, *_longest(always, kept))
 
 
 def _worst(robots: Sequence[Constants]) -> Constants:
@@ -133,19 +155,26 @@ def _within(ball: Pair | None, wanted: Pair) -> bool:
     )
 
 
-def _longest(bound_of: BoundOf, kept: Callable[[Pair], bool]) -> float | None:
-    """Return the longest period for whose bounds it is kept; None where there is none."""
+def _longest(bound_of: BoundOf, kept: Callable[[Pair], bool]) -> tuple[float | None, float | None]:
+    """Return the longest period for whose bounds it is kept, and the shortest that has bounds.
+
+    The shorter a period, the longer forgetting takes in periods: a sum over them may be given up.
+    """
 
     def fits(h: float) -> bool:
         bound = bound_of(h)
         return bound is not None and kept(bound)
 
-    low, high = SHORTEST, LONGEST
-    while not fits(low):
+    low, high, known = SHORTEST, LONGEST, None
+    while True:
+        bound = bound_of(low)
+        known = low if known is None and bound is not None else known
+        if bound is not None and kept(bound):
+            break
         low *= 10
         if low >= LONGEST:
-            return None
+            return None, known
     for _ in range(HALVINGS):
         middle = sqrt(low * high)
         low, high = (middle, high) if fits(middle) else (low, middle)
-    return low
+    return low, known

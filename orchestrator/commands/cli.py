@@ -10,7 +10,6 @@ called, for a user waits for all that is loaded.
 import logging
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -267,7 +266,7 @@ def check(
     wanted = Pair(*accuracy) if accuracy else None
     found = designed(file.scenario, wanted, share, find) if wanted else None
     if as_json:
-        design = {"design": asdict(found) if found else None} if wanted else {}
+        design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})
         return
     showing.check(out, checked, promised, bounds(promised))

@@ -151,8 +151,18 @@ def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled:
 def _gains(found: "Gains | None") -> str:
     if found is None:
         return "no gains are found"
-    period = "no period is short enough" if found.period is None else f"h <= {found.period:.4g} s"
-    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {period}"
+    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {_period(found)}"
+
+
+def _period(found: "Gains") -> str:
+    if found.period is not None:
+        return f"h <= {found.period:.4g} s"
+    if found.bounds_from is None:
+        return "no bounds are known, whatever h is"
+    if found.status != "not computed":
+        return found.status
+    tried = f"{found.bounds_from:.4g} s"
+    return f"h not computed: of {tried} and more none is short enough, of less no bounds are known"
 
 
 def _number(value: float | None) -> str:

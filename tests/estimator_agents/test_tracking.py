@@ -87,6 +87,22 @@ def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(shar
     assert paper.kp * paper.period + paper.kd * 2 * paper.period <= room
     assert paper.kp * longer + paper.kd * 2 * longer > room
     assert found.proven.period is None
+    assert (found.proven.status, found.proven.bounds_from) == ("no bounds", None)
+
+
+@pytest.mark.parametrize(
+    ("known_from", "status"), [(0, "no period is short enough"), (0.5e-3, "not computed")]
+)
+def test_no_period_is_said_to_be_short_enough_only_where_short_ones_have_bounds(known_from, status):
+    """With bounds that stay as large at any period, and of short ones are known or not."""
+    found = design(
+        [OF], Pair(0.7, 0.9), 0.5, *[lambda h: Pair(10, 10) if h >= known_from else None] * 2
+    )
+    for gains in (found.paper, found.proven):
+        assert (gains.period, gains.status) == (None, status)
+        assert gains.bounds_from == pytest.approx((known_from and 1e-3) or 1e-9)
+    near = design([OF], Pair(0.7, 0.9), 0.5, *[lambda h: Pair(h, h) if h >= 1e-6 else None] * 2)
+    assert near.paper.status == near.proven.status == "found"
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
