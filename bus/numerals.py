@@ -6,6 +6,8 @@ these is a number in a table or on a command line, so none of them is one here.
 
 import re
 
+from nrs_cosim.bus.text import quoted
+
 _WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -13,7 +15,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 def whole(text: str) -> int:
     """Return the whole number that a text is, blanks around it aside; `ValueError` for another."""
     if not _WHOLE.fullmatch(text.strip(" \t\r\n")):
-        raise ValueError(f"{text!r} is no whole number")
+        raise ValueError(f"{quoted(text)} is no whole number")
     return int(text)
 
 
@@ -23,5 +25,5 @@ def decimal(text: str) -> float:
     Blanks around it are passed over; `ValueError` for any other text.
     """
     if not _DECIMAL.fullmatch(text.strip(" \t\r\n")):
-        raise ValueError(f"{text!r} is no decimal number")
+        raise ValueError(f"{quoted(text)} is no decimal number")
     return float(text)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.foreign import Foreign, loaded
@@ -147,6 +148,6 @@ def _entry(name: str) -> EntryPoint:
     found = entry_points(group=GROUP, name=name)
     if not found:
         raise InputError(
-            f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {name!r}"
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {quoted(name)}"
         )
     return next(iter(found))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
@@ -25,7 +26,7 @@ Spectrum = NDArray[np.complex128]
 
 def loaded(entry: EntryPoint) -> Any:
     """Return the class of an entry point; `AlgorithmError` where it cannot be imported."""
-    return _done(f"{entry.name} from {entry.value!r}", None, entry.load)
+    return _done(f"{entry.name} from {quoted(entry.value)}", None, entry.load)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,5 +122,5 @@ def _alike(after: Any, before: Estimate) -> Estimate:
 def _conditions(found: Any) -> Sequence[Condition]:
     for condition in found:
         if not isinstance(condition, Condition):
-            raise TypeError(f"expected each to be a Condition, got {condition!r}")
+            raise TypeError(f"expected each to be a Condition, got {quoted(condition)}")
     return tuple(found)

@@ -10,6 +10,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from nrs_cosim.bus.text import bounded
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -28,7 +30,7 @@ err = Terminal(soft_wrap=True, highlight=False, emoji=False, stderr=True)
 
 def say(colour: str, kind: str, text: str) -> None:
     """Tell the user of an error, a warning or damage."""
-    prose(err, f"[{colour}]{kind}:[/] {escape(text)}")
+    prose(err, f"[{colour}]{kind}:[/] {escape(bounded(text))}")
 
 
 def prose(console: Console, markup: str) -> None:

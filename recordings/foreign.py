@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
+from nrs_cosim.bus.text import quoted, shortened
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -42,10 +43,12 @@ def _csv(path: Path) -> Columns:
     if len(names) == 1 and re.search("[;\t]", names[0]):
         raise InputError(
             f"{path}: expected columns separated by commas in its first line, and a point in "
-            f"numbers, got {names[0]!r}"
+            f"numbers, got {quoted(names[0])}"
         )
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: expected columns of different names, got {', '.join(names)}")
+        raise InputError(
+            f"{path}: expected columns of different names, got {shortened(', '.join(names))}"
+        )
     found = np.empty((len(rows), len(names)))
     for i, (line, row) in enumerate(rows):
         if len(row) != len(names):
@@ -58,7 +61,8 @@ def _csv(path: Path) -> Columns:
                 found[i, j] = decimal(value)
             except ValueError:
                 raise InputError(
-                    f"{path}, line {line}: {names[j]}: expected a number, got {value!r}"
+                    f"{path}, line {line}: {shortened(names[j])}: expected a number, got "
+                    f"{quoted(value)}"
                 ) from None
     return {name: found[:, j] for j, name in enumerate(names)}
 

@@ -10,6 +10,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.columns import Columns
 from nrs_cosim.recordings.container import Message
 
@@ -31,7 +32,7 @@ def columns_of(messages: Sequence[Message], numbers: Mapping[str, int]) -> Colum
     """
     times, topics, sequences, data = zip(*messages, strict=True)
     if unknown := set(topics).difference(numbers):
-        raise ValueError(f"topic {min(unknown)!r} has no channel")
+        raise ValueError(f"topic {quoted(min(unknown))} has no channel")
     if min(*times, *sequences) < 0 or max(times) >= 2**64 or max(sequences) >= 2**32:
         raise ValueError("a log_time or sequence is out of range")
     stops = np.fromiter(accumulate(map(len, data)), np.int64, len(data))

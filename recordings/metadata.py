@@ -22,6 +22,7 @@ from pydantic import (
 from nrs_cosim.bus.errors import Cause
 from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.numerals import whole
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.container import Closing
 from nrs_cosim.recordings.errors import UnreadableError
 
@@ -176,10 +177,9 @@ def parse(path: object, name: str, model: type[_Model], fields: Mapping[str, str
             raise _wrong(path, f"{name}: {field}", "this field, got none") from None
         field, *inner = map(str, fault["loc"])
         what = fault["msg"][0].lower() + fault["msg"][1:]
-        got = repr(fault["input"])
-        shown = got if len(got) <= _SHOWN else f"{got[:_SHOWN]}…"
         raise UnreadableError(
-            f"{path}: {name}: {'.'.join([field, *inner])}: {what}, got {shown}{_ADVICE}"
+            f"{path}: {name}: {'.'.join([field, *inner])}: {what}, got "
+            f"{quoted(fault['input'])}{_ADVICE}"
         ) from None
 
 

@@ -20,6 +20,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.chunk import INDEXED, opened
 from nrs_cosim.recordings.columns import Columns, columns
 from nrs_cosim.recordings.container import (
@@ -234,9 +235,10 @@ class Reader:
         demand(kind == Opcode.HEADER, "there is no header")
         header = parsed(mcap.Header.read, record)
         if header.profile != PROFILE:
-            profile = f"profile {header.profile!r}" if header.profile else "no profile"
+            profile = f"profile {quoted(header.profile)}" if header.profile else "no profile"
             raise UnreadableError(
-                f"{self.path}: is an MCAP file of {profile}, written by {header.library!r}; give a "
+                f"{self.path}: is an MCAP file of {profile}, written by "
+                f"{quoted(header.library)}; give a "
                 f"recording of a run, which has profile {PROFILE!r}"
             )
         self.library = header.library

@@ -25,7 +25,7 @@ import numpy as np
 from mcap import records as mcap
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.text import storable
+from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.recordings.chunk import closed, packed
 from nrs_cosim.recordings.columns import HEAD, MANY, Columns
 from nrs_cosim.recordings.container import (
@@ -185,7 +185,7 @@ class Writer:
         if self._file.closed:
             raise UnwritableError(f"{self.path}: is closed already")
         if status not in get_args(Closing) or not END_FIELDS.isdisjoint(extra or ()):
-            raise ValueError(f"{self.path}: status {status!r}, extra {extra!r}")
+            raise ValueError(f"{self.path}: status {quoted(status)}, extra {quoted(extra)}")
         refused: UnwritableError | None = None
         try:
             try:

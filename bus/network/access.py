@@ -17,6 +17,7 @@ from collections.abc import Collection
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 
 RESERVED = frozenset({"target", "orchestrator"})
 _ALL = (
@@ -33,7 +34,7 @@ def expect_host_name(name: str, where: str) -> str:
     if wrong or name != name.strip() or name in RESERVED:
         raise InputError(
             f"{where}: expected the name of a host without / * $ ? # @ that is none of "
-            f"{', '.join(sorted(RESERVED))}, got {name!r}"
+            f"{', '.join(sorted(RESERVED))}, got {quoted(name)}"
         )
     return name
 

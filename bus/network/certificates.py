@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 
 OPTIONS = {"ca": "--tls-ca", "certificate": "--tls-certificate", "key": "--tls-key"}
 _MARKS = {
@@ -67,7 +68,7 @@ def _expect_pem(name: str, path: Path, mark: str) -> None:
     except OSError as error:
         raise InputError(f"{where(name)}: {path}: cannot be read: {error.strerror}") from None
     if mark not in text:
-        raise InputError(f"{where(name)}: {path}: expected a PEM file that has {mark!r}")
+        raise InputError(f"{where(name)}: {path}: expected a PEM file that has {quoted(mark)}")
     if name == "key" and "ENCRYPTED" in text:
         raise InputError(
             f"{where(name)}: {path}: wants a passphrase; openssl pkey -in {path} -out key.pem "

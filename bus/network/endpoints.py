@@ -20,6 +20,7 @@ from typing import Any
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import access_control
 from nrs_cosim.bus.network.certificates import Tls, context
+from nrs_cosim.bus.text import quoted
 
 NETWORK_LEASE, LOCAL_LEASE = 0.8, 3600.0
 """s; a lost link is noticed within 1 s, and a local process that is stopped is waited for."""
@@ -57,7 +58,8 @@ class Endpoints:
     def __post_init__(self) -> None:
         if self.listen and self.connect:
             raise InputError(
-                f"--connect: {self.connect[0]!r} and --listen {self.listen[0]!r} exclude each "
+                f"--connect: {quoted(self.connect[0])} and --listen {quoted(self.listen[0])} "
+                "exclude each "
                 "other; a run has one place where its hosts meet"
             )
         for option, endpoints in (("--listen", self.listen), ("--connect", self.connect)):
@@ -65,7 +67,7 @@ class Endpoints:
                 _expect_allowed(option, Address.of(option, endpoint), self)
         for name, value in (("lease", self.lease), ("--wait", self.wait)):
             if value is not None and not 0.01 <= value <= 1e6:
-                raise InputError(f"{name}: expected 0.01 to 1000000 s, got {value!r}")
+                raise InputError(f"{name}: expected 0.01 to 1000000 s, got {quoted(value)}")
         if self.tls:
             context(self.tls)
 
@@ -91,7 +93,7 @@ class Address:
     def of(cls, option: str, text: str) -> "Address":
         """Parse an endpoint; `InputError` names the option that gave it."""
         protocol, slash, rest = text.partition("/")
-        wrong = f"{option}: expected {_FORM}, got {text!r}"
+        wrong = f"{option}: expected {_FORM}, got {quoted(text)}"
         if not slash or protocol not in {"tls", "tcp", "unixsock-stream"}:
             raise InputError(wrong)
         if any(sign in rest for sign in "?#;") or not rest.isprintable() or " " in rest:
@@ -103,7 +105,9 @@ class Address:
         if not colon or not host or ("/" in host) or (":" in host) != bracketed:
             raise InputError(wrong)
         if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
-            raise InputError(f"{option}: expected a port from 1 to 65535, got {port!r} in {text!r}")
+            raise InputError(
+                f"{option}: expected a port from 1 to 65535, got {quoted(port)} in {quoted(text)}"
+            )
         return cls(protocol, host.strip("[]"), int(port), text)
 
 
@@ -162,12 +166,14 @@ def _tls_settings(tls: Tls) -> dict[str, Any]:
 def _expect_allowed(option: str, address: Address, endpoints: Endpoints) -> None:
     if address.protocol == "tls" and endpoints.tls is None:
         raise InputError(
-            f"{option}: {address.text!r} needs certificates; give --tls-ca, --tls-certificate and "
+            f"{option}: {quoted(address.text)} needs certificates; give --tls-ca, "
+            "--tls-certificate and "
             "--tls-key, or bus.tls in the scenario"
         )
     if address.protocol == "tcp" and not endpoints.insecure_tcp:
         raise InputError(
-            f"{option}: {address.text!r} is plain TCP, where anyone who reaches it may listen and "
+            f"{option}: {quoted(address.text)} is plain TCP, where anyone who reaches it may "
+            "listen and "
             "speak, on this machine every user; use tls/… or unixsock-stream/…, or ask for it with "
             "--insecure-tcp"
         )
@@ -177,10 +183,10 @@ def _socket_path(option: str, text: str, path: str) -> str:
     if not Path(path).is_absolute() or len(path.encode()) > _LONGEST_SOCKET_PATH:
         raise InputError(
             f"{option}: expected an absolute path of at most {_LONGEST_SOCKET_PATH} bytes after "
-            f"unixsock-stream/, got {text!r}"
+            f"unixsock-stream/, got {quoted(text)}"
         )
     if not Path(path).parent.is_dir():
-        raise InputError(f"{option}: {text!r} is in a folder that does not exist")
+        raise InputError(f"{option}: {quoted(text)} is in a folder that does not exist")
     return path
 
 

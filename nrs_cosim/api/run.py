@@ -14,6 +14,7 @@ from typing import Literal
 from nrs_cosim.api.recording import Recording
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.commands.performing import resumable
 from nrs_cosim.orchestrator.commands.places import Place, place_for
 from nrs_cosim.orchestrator.errors import Interrupted
@@ -112,7 +113,7 @@ def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Manning:
     count = hosts_worth_it(n) if workers == "auto" else workers
     if not (isinstance(count, int) and 1 <= count <= n):
         raise InputError(
-            f"workers: expected auto or 1 to {n}, a robot each at least, got {workers!r}"
+            f"workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
     return alone(file) if count == 1 else here(file, count, Handling(True, WAIT, _LOG.info))
 

@@ -10,6 +10,7 @@ called, for a user waits for all that is loaded.
 import logging
 from collections.abc import Callable
 from contextlib import ExitStack
+from errno import ENAMETOOLONG
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +19,7 @@ import typer
 from typer.core import TyperArgument, TyperGroup
 
 from nrs_cosim.bus.errors import CosimError, InputError
+from nrs_cosim.bus.text import bounded
 from nrs_cosim.orchestrator.commands import replay_cli, run_cli
 from nrs_cosim.orchestrator.commands.fmu_cli import fmu
 from nrs_cosim.orchestrator.commands.options import (
@@ -34,6 +36,8 @@ from nrs_cosim.orchestrator.commands.report_cli import report
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+UsageError: Any = typer.BadParameter.__base__
+"""Of click, or of Typer's own copy of it; only its subclass has a public name."""
 
 
 def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]:
@@ -72,6 +76,17 @@ class Commands(TyperGroup):
         except KeyboardInterrupt as interrupt:
             say("red", "interrupted", str(interrupt) or "by the user")
             raise typer.Exit(INTERRUPTED) from None
+        except UsageError as error:
+            error.message = bounded(error.message)
+            raise
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take the options before a command's name."""
+        try:
+            return super().parse_args(ctx, args)
+        except UsageError as error:
+            error.message = bounded(error.message)
+            raise
 
 
 app = typer.Typer(
@@ -310,7 +325,7 @@ def main() -> None:
         app()
     except OSError as error:
         say("red", "error", str(error))
-        raise SystemExit(FAILED) from None
+        raise SystemExit(BAD_INPUT if error.errno == ENAMETOOLONG else FAILED) from None
     except (RuntimeError, MemoryError) as error:
         if isinstance(error, RuntimeError) and str(error) != "can't start new thread":
             raise

@@ -8,6 +8,7 @@ import typer
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     except ValueError:
         x = y = z = nan
     if not isfinite(x + y + z):
-        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {text!r}")
+        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {quoted(text)}")
     return x, y, z
 
 

@@ -9,6 +9,7 @@ import typer
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal, whole
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.commands.formats import expect_ending
 
 LONGEST = 2**63 / 1e9
@@ -27,7 +28,7 @@ def number(option: str) -> Callable[[str | float], float]:
         except ValueError:
             found = inf
         if not isfinite(found):
-            raise InputError(f"{option}: expected a number, got {text!r}")
+            raise InputError(f"{option}: expected a number, got {quoted(text)}")
         return found
 
     return read
@@ -39,7 +40,7 @@ def moment(option: str) -> Callable[[str | float], float]:
     def read(text: str | float) -> float:
         found = number(option)(text)
         if not 0 <= found < LONGEST:
-            raise InputError(f"{option}: expected 0 to {LONGEST:g} s, got {text!r}")
+            raise InputError(f"{option}: expected 0 to {LONGEST:g} s, got {quoted(text)}")
         return found
 
     return read
@@ -55,7 +56,9 @@ def whole_number(option: str, least: int, most: float = inf) -> Callable[[str | 
             found = least - 1
         if not least <= found <= most:
             upto = f" to {most:g}" if most < inf else " or more"
-            raise InputError(f"{option}: expected a whole number, {least}{upto}, got {text!r}")
+            raise InputError(
+                f"{option}: expected a whole number, {least}{upto}, got {quoted(text)}"
+            )
         return found
 
     return read

@@ -11,6 +11,7 @@ import typer
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.commands import progress, showing
 from nrs_cosim.orchestrator.commands.locks import expect_unlocked
 from nrs_cosim.orchestrator.commands.places import place_for
@@ -76,7 +77,9 @@ def manning_of(
     elif hosts is None or (hosts.isascii() and hosts.isdecimal() and 1 <= int(hosts) <= n):
         count = int(hosts or 1)
     else:
-        raise InputError(f"--hosts: expected auto or 1 to {n}, a robot each at least, got {hosts}")
+        raise InputError(
+            f"--hosts: expected auto or 1 to {n}, a robot each at least, got {quoted(hosts)}"
+        )
     return alone(file) if count == 1 else here(file, count, handling)
 
 

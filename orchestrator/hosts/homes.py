@@ -6,6 +6,7 @@ from importlib.metadata import version
 from time import monotonic
 from typing import Any
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.transport import Put
 from nrs_cosim.orchestrator.hosts.local import LocalHost
 from nrs_cosim.orchestrator.hosts.notes import Hello, Report
@@ -113,10 +114,10 @@ class Homes(dict[str, Home]):
             home = self._new(hello)
             self[name] = home
         elif home.incarnation is not None and not home.process:
-            raise NotLetInError(f"there is a host of the name {name!r} already", final=False)
+            raise NotLetInError(f"there is a host of the name {quoted(name)} already", final=False)
         elif hello.robots is not None and tuple(home.robots) != hello.robots:
             raise NotLetInError(
-                f"--robots: {name!r} has {named(home.robots)} in this run, not "
+                f"--robots: {quoted(name)} has {named(home.robots)} in this run, not "
                 f"{named(hello.robots)}",
                 final=True,
             )

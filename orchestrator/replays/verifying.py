@@ -19,6 +19,7 @@ from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, node_of, wir
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.wire import Records
 from nrs_cosim.orchestrator.runs.host import Heard
@@ -58,7 +59,7 @@ class Difference:
         """Return it as a sentence on two recordings."""
         return (
             f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
-            f"is {self.recorded!r} in {one}, {self.replayed!r} in {other}"
+            f"is {quoted(self.recorded)} in {one}, {quoted(self.replayed)} in {other}"
         )
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import tomlkit
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.text import storable
+from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
@@ -49,16 +49,20 @@ class Change:
         for part in _parts(text):
             name, equals, given = part.partition("=")
             if not equals or not name.strip():
-                raise InputError(f"{option}: expected key=value, got {part!r} in {text!r}")
+                raise InputError(
+                    f"{option}: expected key=value, got {quoted(part)} in {quoted(text)}"
+                )
             if name.strip() == "robots":
                 robots = parse_robots(given.strip(), f"{option} robots")
                 continue
             for key, value in _leaves(_table(option, name, given, part)):
                 if any(key[: len(old)] == old or old[: len(key)] == key for old in values):
-                    raise InputError(f"{option}: {'.'.join(key)}: is given twice in {text!r}")
+                    raise InputError(
+                        f"{option}: {shortened('.'.join(key))}: is given twice in {quoted(text)}"
+                    )
                 values[key] = _found(key, value)
         if not values:
-            raise InputError(f"{option}: changes nothing: {text!r}")
+            raise InputError(f"{option}: changes nothing: {quoted(text)}")
         return cls(option, text, robots, values)
 
 
@@ -105,7 +109,8 @@ def _table(option: str, name: str, given: str, part: str) -> Mapping[str, Any]:
         return tomllib.loads(part)
     if given.lstrip()[:1] in {"[", "{", '"', "'"} or not _is_toml(f"{name} = 0"):
         raise InputError(
-            f"{option}: {name.strip()}: expected a key and a value of TOML, got {part!r}"
+            f"{option}: {shortened(name.strip())}: expected a key and a value of TOML, got "
+            f"{quoted(part)}"
         )
     table: dict[str, Any] = tomllib.loads(f"{name} = 0")
     inner = table

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from nrs_cosim.bus.numerals import decimal, whole
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 
 
@@ -26,7 +27,7 @@ def node_number(text: str, where: str, least: int = 0) -> int:
         number = -1
     if number < least:
         target = "" if least else "0, the target, or "
-        raise ScenarioError(f"{where}: expected {target}the number of a robot, got {text!r}")
+        raise ScenarioError(f"{where}: expected {target}the number of a robot, got {quoted(text)}")
     return number
 
 
@@ -37,7 +38,7 @@ def positive(text: str, where: str) -> float:
     except ValueError:
         number = 0.0
     if not 0 < number < float("inf"):
-        raise ScenarioError(f"{where}: expected a number above 0, got {text!r}")
+        raise ScenarioError(f"{where}: expected a number above 0, got {quoted(text)}")
     return number
 
 

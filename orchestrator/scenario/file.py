@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from nrs_cosim.bus.text import storable
+from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.graphs import with_edges
 from nrs_cosim.orchestrator.scenario.inlining import inline_target
@@ -120,7 +120,7 @@ def _describe(fault: Any) -> str:
         keys = _required(_type_at(fault["loc"]))
         hint = f"; give {' and '.join(f'{field}.{key}' for key in keys)}" if keys else ""
         return f"{field}: missing, it has no default{hint}"
-    return f"{field}: expected {_expected(fault)}, got {value!r}"
+    return f"{field}: expected {_expected(fault)}, got {quoted(value)}"
 
 
 def _expected(fault: Any) -> str:
@@ -152,7 +152,7 @@ def _forms(fault: Any) -> str:
 
 def _dotted(path: Sequence[int | str]) -> str:
     """Return `robots[2].initial.q` of ("robots", 2, "initial", "q")."""
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in path)
     return "".join(parts).removeprefix(".")
 
 

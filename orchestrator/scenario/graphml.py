@@ -15,6 +15,7 @@ from typing import Any
 
 from lxml import etree
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.edges import Arrow, node_number, positive
 
@@ -80,7 +81,9 @@ def arrows_of(data: bytes, where: str) -> list[Arrow]:
     """Return the directed edges of a GraphML file; `ScenarioError` begins with `where`."""
     root = _parsed(data, where)
     if _name(root) != "graphml":
-        raise ScenarioError(f"{where}: not valid GraphML: its root is {root.tag!r}, not 'graphml'")
+        raise ScenarioError(
+            f"{where}: not valid GraphML: its root is {quoted(root.tag)}, not 'graphml'"
+        )
     _expect_known(root, where)
     keys = _keys(root, where)
     graphs = [child for child in root if _name(child) == "graph"]
@@ -118,7 +121,7 @@ def _expect_known(element: Any, where: str) -> None:
         known = attribute in _ATTRIBUTES[name] or attribute.startswith(("{", "parse."))
         if not known:
             hint = "; give it as <data> of a <key>" if attribute.lower() == "weight" else ""
-            raise ScenarioError(f"{here}: {name}: unknown attribute {attribute!r}{hint}")
+            raise ScenarioError(f"{here}: {name}: unknown attribute {quoted(attribute)}{hint}")
     for child in element.iterchildren(tag=etree.Element):
         if _name(child) not in _CHILDREN.get(name, ()):
             why = _WHY_NOT.get(_name(child), "no such element is known there")
@@ -137,17 +140,17 @@ def _keys(root: Any, where: str) -> dict[str, _Key]:
         ident, scope = _given(element, "id", here), told.get("for", "all")
         kind, name = told.get("attr.type", "string"), told.get("attr.name", "")
         if ident in keys:
-            raise ScenarioError(f"{here}: {ident!r} has been declared before")
+            raise ScenarioError(f"{here}: {quoted(ident)} has been declared before")
         for said, value, known in (("for", scope, _SCOPES), ("attr.type", kind, _TYPES)):
             if value not in known:
-                raise ScenarioError(f"{here}: {said}: expected {_any(known)}, got {value!r}")
+                raise ScenarioError(f"{here}: {said}: expected {_any(known)}, got {quoted(value)}")
         default = next((child for child in element if _name(child) == "default"), None)
         key = keys[ident] = _Key(
             name, scope, kind, None if default is None else _text(default, where)
         )
         if key.is_weight and kind not in _NUMBERS:
             raise ScenarioError(
-                f"{here}: weight: expected attr.type {_any(_NUMBERS)}, got {kind!r}"
+                f"{here}: weight: expected attr.type {_any(_NUMBERS)}, got {quoted(kind)}"
             )
     weights = [ident for ident, key in keys.items() if key.is_weight]
     if len(weights) > 1:
@@ -167,9 +170,9 @@ def _values(element: Any, keys: Mapping[str, _Key], where: str) -> str | None:
         key = keys.get(ident)
         if key is None or not key.is_of(name):
             why = "is declared nowhere" if key is None else f"is of {key.scope}, not of {name}"
-            raise ScenarioError(f"{here}: data of the key {ident!r}, which {why}")
+            raise ScenarioError(f"{here}: data of the key {quoted(ident)}, which {why}")
         if ident in own:
-            raise ScenarioError(f"{here}: has two data of the key {ident!r}")
+            raise ScenarioError(f"{here}: has two data of the key {quoted(ident)}")
         own[ident] = "" if key.says_nothing else _text(data, where)
     weight = None
     for ident, key in keys.items():
@@ -177,14 +180,14 @@ def _values(element: Any, keys: Mapping[str, _Key], where: str) -> str | None:
         if value is None or not key.is_of(name) or key.says_nothing:
             continue
         if not (key.is_weight and name == "edge"):
-            raise ScenarioError(f"{here}: {_unknown(name, key, ident)}, got {value!r}")
+            raise ScenarioError(f"{here}: {_unknown(name, key, ident)}, got {quoted(value)}")
         weight = value
     return weight
 
 
 def _unknown(element: str, key: _Key, ident: str) -> str:
     """Say what an attribute is that might be a part of the network, and is none we know."""
-    named = f"attribute {key.name or ident!r}"
+    named = f"attribute {quoted(key.name or ident)}"
     if element == "edge":
         return f"{named}: an edge has a number 'weight' and no other; rename it, or leave it out"
     if element == "node":
@@ -204,7 +207,7 @@ def _arrows(graph: Any, keys: Mapping[str, _Key], where: str) -> list[Arrow]:
             ident = _given(element, "id", here)
             number = node_number(ident, here)
             if number in numbers:
-                raise ScenarioError(f"{here}: {ident!r} has been given before")
+                raise ScenarioError(f"{here}: {quoted(ident)} has been given before")
             nodes[ident] = number
             numbers.add(number)
         elif _name(element) == "edge":
@@ -212,7 +215,7 @@ def _arrows(graph: Any, keys: Mapping[str, _Key], where: str) -> list[Arrow]:
     for what, there in (("nodes", len(nodes)), ("edges", len(edges))):
         if graph.get(f"parse.{what}", str(there)) != str(there):
             raise ScenarioError(
-                f"{where}: graph: parse.{what} = {graph.get(f'parse.{what}')!r}, but it has "
+                f"{where}: graph: parse.{what} = {quoted(graph.get(f'parse.{what}'))}, but it has "
                 f"{there}; is the file whole?"
             )
     arrows = [arrow for edge in edges for arrow in _ways(edge, nodes, by_default, keys, where)]
@@ -231,7 +234,7 @@ def _ways(
     named = [_given(element, end, here) for end in ("source", "target")]
     for name in named:
         if name not in nodes:
-            raise ScenarioError(f"{here}: {name!r} is no node of the graph")
+            raise ScenarioError(f"{here}: {quoted(name)} is no node of the graph")
     source, sink = (nodes[name] for name in named)
     here = f"{here} {source} to {sink}"
     weight = positive("1" if text is None else text, f"{here}: weight")
@@ -250,7 +253,7 @@ def _either(element: Any, attribute: str, known: Mapping[str, bool], where: str)
     here = f"{where}: line {element.sourceline}: {_name(element)}"
     given = _given(element, attribute, here).strip()
     if given not in known:
-        raise ScenarioError(f"{here}: {attribute}: expected {_any([*known])}, got {given!r}")
+        raise ScenarioError(f"{here}: {attribute}: expected {_any([*known])}, got {quoted(given)}")
     return known[given]
 
 

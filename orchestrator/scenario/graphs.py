@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.edges import Arrow, expect_distinct, node_number, positive
 
@@ -107,14 +108,14 @@ def _of_csv(data: bytes, where: str) -> list[Arrow]:
     if sorted(head) not in (["sink", "source"], ["sink", "source", "weight"]):
         raise ScenarioError(
             f"{where}: expected the columns source,sink or source,sink,weight in its first line, "
-            f"separated by commas, got {','.join(head)!r}"
+            f"separated by commas, got {quoted(','.join(head))}"
         )
     return [_arrow(line, head, row, f"{where}: line {line}") for line, row in table[1:]]
 
 
 def _arrow(line: int, head: Sequence[str], row: Sequence[str], here: str) -> Arrow:
     if len(row) != len(head):
-        raise ScenarioError(f"{here}: expected {len(head)} values, got {','.join(row)!r}")
+        raise ScenarioError(f"{here}: expected {len(head)} values, got {quoted(','.join(row))}")
     cell = dict(zip(head, row, strict=True))
     return Arrow(
         node_number(cell["source"], f"{here}: source"),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.target import Sampled
 from nrs_cosim.orchestrator.errors import ScenarioError
 
@@ -45,7 +46,7 @@ def inline_target(text: str, folder: Path, origin: str) -> str:
     given = [key for key in ("times", "positions") if key in target]
     if given:
         raise ScenarioError(
-            f"{origin}: target.file: got {name!r} and target.{given[0]} too; give one of them"
+            f"{origin}: target.file: got {quoted(name)} and target.{given[0]} too; give one of them"
         )
     del target["file"]
     target["times"] = tomlkit.value(written(times.tolist()))

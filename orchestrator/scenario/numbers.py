@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
 
@@ -20,17 +21,19 @@ def parse_robots(text: str, where: str, most: int | None = None) -> tuple[int, .
     for part in (part.strip() for part in text.split(",")):
         match = _PART.fullmatch(part)
         if match is None:
-            raise InputError(f"{where}: expected robots like 1-3,7, got {part!r} in {text!r}")
+            raise InputError(
+                f"{where}: expected robots like 1-3,7, got {quoted(part)} in {quoted(text)}"
+            )
         first, last = int(match[1]), int(match[2] or match[1])
         if not 1 <= first <= last:
             why = "robots count from 1" if first < 1 else f"{first} is more than {last}"
-            raise InputError(f"{where}: expected robots like 1-3,7, got {part!r}: {why}")
+            raise InputError(f"{where}: expected robots like 1-3,7, got {quoted(part)}: {why}")
         if last > (most or 1_000_000):
             there = f"there are robots 1 to {most}" if most else "at most robot 1000000"
-            raise InputError(f"{where}: got {part!r} in {text!r}, but {there}")
+            raise InputError(f"{where}: got {quoted(part)} in {quoted(text)}, but {there}")
         again = named.intersection(range(first, last + 1))
         if again:
-            raise InputError(f"{where}: robot {min(again)} is named twice in {text!r}")
+            raise InputError(f"{where}: robot {min(again)} is named twice in {quoted(text)}")
         named.update(range(first, last + 1))
     return tuple(sorted(named))
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.target import Sampled
 from nrs_cosim.orchestrator.scenario.clock import seconds
 from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
@@ -72,7 +73,8 @@ def _not_there(target: SampledTarget | FmuTarget) -> Iterator[str]:
     if isinstance(target, FmuTarget):
         if not target.times and not target.positions:
             yield (
-                f"target.fmu: {target.fmu!r} was not run, which is done where a scenario file "
+                f"target.fmu: {quoted(target.fmu)} was not run, which is done where a scenario "
+                "file "
                 f"is read"
             )
             return
@@ -80,7 +82,8 @@ def _not_there(target: SampledTarget | FmuTarget) -> Iterator[str]:
     else:
         if target.file is not None:
             yield (
-                f"target.file: {target.file!r} was not read, which is done where a scenario file "
+                f"target.file: {quoted(target.file)} was not read, which is done where a "
+                "scenario file "
                 f"is; give times and positions instead"
             )
             return

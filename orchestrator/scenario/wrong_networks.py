@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
 from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
@@ -60,7 +61,7 @@ def _wrong_digraph_form(where: str, digraph: Digraph) -> Iterator[str]:
         if getattr(digraph, form) is not None:
             yield (
                 f"{where}.{form}: a file is read when a scenario is read from a file of its own, "
-                f"and this text is from elsewhere, got {getattr(digraph, form)!r}; give "
+                f"and this text is from elsewhere, got {quoted(getattr(digraph, form))}; give "
                 f"{where}.edge_list"
             )
 

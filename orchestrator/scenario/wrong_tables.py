@@ -5,6 +5,7 @@ from typing import Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at, topologies_of
@@ -97,7 +98,7 @@ def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
             continue
         for robot in robots:
             if robot in taken:
-                yield f"{here}: robot {robot} is already {taken[robot]!r}'s"
+                yield f"{here}: robot {robot} is already {quoted(taken[robot])}'s"
                 break
             taken[robot] = host
 
@@ -106,7 +107,7 @@ def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
     if scenario.algorithm.name not in algorithm_names():
         yield (
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
-            f"got {scenario.algorithm.name!r}"
+            f"got {quoted(scenario.algorithm.name)}"
         )
         return
     apart, why = hetero_at(scenario.network), why_one_digraph(scenario.algorithm.name)
@@ -119,7 +120,7 @@ def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
     if scenario.algorithm.missing and scenario.algorithm.missing not in known:
         yield (
             f"algorithm.missing: expected one of {', '.join(known)}, which "
-            f"{scenario.algorithm.name} knows, got {scenario.algorithm.missing!r}"
+            f"{scenario.algorithm.name} knows, got {quoted(scenario.algorithm.missing)}"
         )
 
 

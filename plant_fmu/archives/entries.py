@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.errors import FmuError
 
 GIB = 1 << 30
@@ -53,7 +54,9 @@ def opened(file: BinaryIO, label: str) -> Iterator[ZipFile]:
         except _DAMAGE as error:
             raise FmuError(f"{label}: is a damaged zip archive: {error}") from None
         if damaged is not None:
-            raise FmuError(f"{label}: is a damaged zip archive: {damaged!r} has a bad checksum")
+            raise FmuError(
+                f"{label}: is a damaged zip archive: {quoted(damaged)} has a bad checksum"
+            )
         yield archive
 
 
@@ -78,9 +81,11 @@ def _fault(archive: ZipFile, size: int) -> str | None:
         return f"its {size} bytes unpack to {total}, more than {BOMB_RATIO} times as many"
     twice = [name for name, n in Counter(e.orig_filename for e in entries).items() if n > 1]
     if twice:
-        return f"its entry {twice[0]!r} is there more than once"
+        return f"its entry {quoted(twice[0])} is there more than once"
     faults = ((entry, _entry_fault(entry)) for entry in entries)
-    return next((f"its entry {e.orig_filename!r} {fault}" for e, fault in faults if fault), None)
+    return next(
+        (f"its entry {quoted(e.orig_filename)} {fault}" for e, fault in faults if fault), None
+    )
 
 
 def _entry_fault(entry: ZipInfo) -> str | None:

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 from fmpy.model_description import ModelVariable
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.naming import Family, families
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -31,7 +32,7 @@ def only(
         different.setdefault(tuple(map(identity, variables)), (family, variables))
     if len(different) > 1:
         entries = " or ".join(listed(family.entries, 3) for family, _ in different.values())
-        raise FmuError(f"{archive.label}: {stem!r} may be {entries}; {advice}")
+        raise FmuError(f"{archive.label}: {quoted(stem)} may be {entries}; {advice}")
     return next((variables for _, variables in different.values()), ())
 
 
@@ -48,10 +49,10 @@ def named(archive: Archive, name: str) -> ModelVariable:
     """Return the variable of a name; `FmuError` when there is none, or more than one."""
     variables = by_name(archive).get(name, ())
     if len(variables) > 1:
-        raise FmuError(f"{archive.label}: has {len(variables)} variables named {name!r}")
+        raise FmuError(f"{archive.label}: has {len(variables)} variables named {quoted(name)}")
     if not variables:
         raise FmuError(
-            f"{archive.label}: has no variable {name!r}{suggestion(name, by_name(archive))}"
+            f"{archive.label}: has no variable {quoted(name)}{suggestion(name, by_name(archive))}"
         )
     return variables[0]
 
@@ -60,7 +61,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     """Return the nearest known names, or all without their indices, as the end of a sentence."""
     known = list(known)
     if close := get_close_matches(name, known, n=3, cutoff=0.5):
-        return f"; did you mean {' or '.join(map(repr, close))}?"
+        return f"; did you mean {' or '.join(map(quoted, close))}?"
     return f"; it has {listed(list(dict.fromkeys(k.partition('[')[0] for k in known)))}."
 
 

@@ -14,6 +14,7 @@ import fmpy
 from fmpy.model_description import ModelDescription
 from lxml import etree
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.errors import FmuError
 
 NAME = "modelDescription.xml"
@@ -65,13 +66,13 @@ def _faults(root: Any) -> Iterator[str]:
         yield f"it is of FMI {version or 'without version'}; FMI 2.0 and 3.0 can be run"
     types = _TYPES[version[0]]
     for variable in root.iterfind("ModelVariables/*"):
-        here = f"line {variable.sourceline}: variable {variable.get('name')!r}"
+        here = f"line {variable.sourceline}: variable {quoted(variable.get('name'))}"
         given = variable.iterchildren(etree.Element) if version == "2.0" else [variable]
         if not any(element.tag in types for element in given):
             yield f"{here} has no type of FMI {version}"
         reference = variable.get("valueReference", "")
         if not re.fullmatch(r"\s*\d{1,10}\s*", reference) or int(reference) > MOST_REFERENCE:
-            yield f"{here} has the value reference {reference!r}"
+            yield f"{here} has the value reference {quoted(reference)}"
 
 
 def _dangling(root: Any) -> Iterator[str]:

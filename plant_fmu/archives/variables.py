@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 from fmpy.model_description import ModelVariable
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
 from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families, split_slice
@@ -132,7 +133,7 @@ def shape_of(
     )
     if any(length < 0 for length in shape) or prod(shape) > MOST_NUMBERS:
         raise FmuError(
-            f"{archive.label}: variable {variable.name!r} has the dimensions {list(shape)}, "
+            f"{archive.label}: variable {quoted(variable.name)} has the dimensions {list(shape)}, "
             f"expected up to {MOST_NUMBERS} numbers"
         )
     return shape
@@ -172,7 +173,9 @@ def _cut(archive: Archive, spec: str, picks: Sequence[Pick], cut: slice) -> tupl
     if len(picks) == 1:
         return ((picks[0][0], cut),)
     if not picks[cut] or (cut.stop or 0) > len(picks):
-        raise FmuError(f"{archive.label}: {spec!r} is beyond the {len(picks)} entries that it has")
+        raise FmuError(
+            f"{archive.label}: {quoted(spec)} is beyond the {len(picks)} entries that it has"
+        )
     return tuple(picks[cut])
 
 
@@ -189,7 +192,7 @@ def _part(archive: Archive, ours: str, pick: Pick, sizes: Mapping[int, int]) -> 
     if variable.type not in TYPES:
         reason = ", whose 7 digits are too few for a run" if variable.type == "Float32" else ""
         raise FmuError(
-            f"{archive.label}: variable {variable.name!r} for {ours} is of type "
+            f"{archive.label}: variable {quoted(variable.name)} for {ours} is of type "
             f"{variable.type}{reason}; expected Real or Float64"
         )
     length = prod(shape_of(archive, variable, sizes))
@@ -197,7 +200,7 @@ def _part(archive: Archive, ours: str, pick: Pick, sizes: Mapping[int, int]) -> 
     if cut != slice(None) and (first >= last or (cut.stop or 0) > length):
         raise FmuError(
             f"{archive.label}: {variable.name}[{cut.start}:{cut.stop or ''}] for {ours} is "
-            f"beyond the {length} numbers of {variable.name!r}"
+            f"beyond the {length} numbers of {quoted(variable.name)}"
         )
     start = () if last - first == length else _start(variable, length)
     factor = _factor(archive, ours, variable)
@@ -219,7 +222,8 @@ def _factor(archive: Archive, ours: str, variable: ModelVariable) -> float:
         return _unit_factor(archive, ours, unit) if unit else 1.0
     except ValueError as error:
         raise FmuError(
-            f"{archive.label}: variable {variable.name!r} for {ours} is in {unit!r}: {error}"
+            f"{archive.label}: variable {quoted(variable.name)} for {ours} is in {quoted(unit)}: "
+            f"{error}"
         ) from None
 
 
@@ -233,7 +237,7 @@ def _unit_factor(archive: Archive, ours: str, unit: str) -> float:
 def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
     """Say that there is no such quantity, what is near, and what to write."""
     looked_for = spec.pattern if isinstance(spec, Pattern) else spec
-    what = f"variable {looked_for!r}" + (f" for {ours}" if spec != ours else "")
+    what = f"variable {quoted(looked_for)}" + (f" for {ours}" if spec != ours else "")
     near = suggestion(str(looked_for), _moving(archive) if ours in MOTION else by_name(archive))
     write = f'"its name", or a list of names, or {{ pattern = "{ours}[{{i}}]", base = 1 }}'
     if joints := _joints(archive, ours):

@@ -21,6 +21,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import fmpy
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu import cache
 from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
@@ -112,7 +113,7 @@ def _unknown(name: str) -> str:
     known = bundled_models()
     close = get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    return f"no bundled model {name!r}; {hint}there are {', '.join(known)}"
+    return f"no bundled model {quoted(name)}; {hint}there are {', '.join(known)}"
 
 
 def _files(

@@ -7,6 +7,7 @@ nothing that they depend on is guessed.
 from dataclasses import replace
 from pathlib import Path
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_elements import named, read_joint, read_link, writable
 from nrs_cosim.plant_fmu.bundled.urdf_inertia import SOME_INERTIA, judge_inertias
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
@@ -70,7 +71,7 @@ def _name(root: Element, stem: str, faults: Remarks, warnings: Remarks) -> str:
     name = str(root.get("name", "")).strip()
     if not name:
         name = stem if writable(stem) else "robot"
-        warnings.add(f"its <robot> has no name; it is called {name!r}")
+        warnings.add(f"its <robot> has no name; it is called {quoted(name)}")
     elif not writable(name):
         faults.add("a name is made of printable characters other than *", "robot", name)
     return name

@@ -9,6 +9,7 @@ from typing import cast, get_args
 
 import numpy as np
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import ZERO, Inertial, Joint, Kind, Link, Pose, Three
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element
@@ -73,12 +74,13 @@ def read_joint(
     kind = element.get("type", "")
     if kind in _FREE:
         read.fault(
-            f"type {kind!r} is not supported, for the base is fixed; remove the joint and the link "
+            f"type {quoted(kind)} is not supported, for the base is fixed; remove the joint and "
+            "the link "
             'above it, or give it type="fixed"'
         )
     elif kind not in get_args(Kind):
         expected = "revolute, continuous, prismatic or fixed"
-        read.fault(f"type: expected {expected}, got {kind!r}")
+        read.fault(f"type: expected {expected}, got {quoted(kind)}")
     if element.find("mimic") is not None:
         read.fault("<mimic> is not supported; remove it, or make the joint fixed")
     parent, child = (_end(element, tag, read, links) for tag in ("parent", "child"))
@@ -135,10 +137,10 @@ class _Reading:
             numbers = []
         expected = "a number" if n == 1 else f"{n} numbers"
         if len(numbers) != n or not np.isfinite(numbers).all() or not _is_plain(text):
-            self.fault(f"{where}{key}: expected {expected}, got {text!r}")
+            self.fault(f"{where}{key}: expected {expected}, got {quoted(text)}")
             return instead
         if max(map(abs, numbers)) > LARGEST:
-            self.fault(f"{where}{key}: expected {expected} up to {LARGEST:g}, got {text!r}")
+            self.fault(f"{where}{key}: expected {expected} up to {LARGEST:g}, got {quoted(text)}")
             return instead
         return numbers
 
@@ -152,7 +154,7 @@ def _end(element: Element, tag: str, read: _Reading, links: dict[str, Link]) -> 
     end = element.find(tag)
     link = "" if end is None else str(end.get("link", "")).strip()
     if link not in links:
-        read.fault(f"<{tag}>: there is no link {link!r}")
+        read.fault(f"<{tag}>: there is no link {quoted(link)}")
     return link
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Joint, Link
 
@@ -26,7 +27,8 @@ def from_the_base(
     for joint in joints:
         if joint.child in above:
             faults.add(
-                f"joints {above[joint.child].name!r} and {joint.name!r} both lead to it: a closed "
+                f"joints {quoted(above[joint.child].name)} and {quoted(joint.name)} both lead to "
+                "it: a closed "
                 "loop; expected an open chain or tree",
                 "link",
                 joint.child,

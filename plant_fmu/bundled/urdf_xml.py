@@ -12,6 +12,7 @@ from typing import Any
 
 from lxml import etree
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.errors import FmuError
 
@@ -95,5 +96,6 @@ def _name_as_written(root: Element, warnings: Remarks) -> None:
         undeclared |= dict.fromkeys(filter(None, map(prefix, (element.tag, *element.keys()))))
     for name in undeclared:
         warnings.add(
-            f"the prefix {name!r} is declared nowhere; what bears it is left out of the dynamics"
+            f"the prefix {quoted(name)} is declared nowhere; what bears it is left out of the "
+            "dynamics"
         )

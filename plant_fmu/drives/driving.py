@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.naming import Spec
 from nrs_cosim.plant_fmu.archives.presence import has, takes, why_not
@@ -108,8 +109,8 @@ def choose(
     """
     if driving.solver and driving.control:
         raise FmuError(
-            f"{archive.label}: plant.solver = {driving.solver!r} and plant.control = "
-            f"{driving.control!r} exclude each other: one is of Model Exchange, the other of "
+            f"{archive.label}: plant.solver = {quoted(driving.solver)} and plant.control = "
+            f"{quoted(driving.control)} exclude each other: one is of Model Exchange, the other of "
             f"Co-Simulation"
         )
     offered = offers(archive, names, sizes)
@@ -134,7 +135,7 @@ def _refusal(
     """Say what an FMU offers, and what it would have to have for more."""
     asked = driving.solver or driving.control
     ways = ", ".join(offer.way for offer in offered) or "none"
-    wanted = f"cannot be driven by {asked!r}" if asked else "cannot be driven"
+    wanted = f"cannot be driven by {quoted(asked)}" if asked else "cannot be driven"
     lacking = [
         f"{name} (an input)"
         for name in ("tau", "position_ref", "velocity_ref")
@@ -164,5 +165,5 @@ def _expect_use(archive: Archive, offer: Offer, driving: Driving) -> None:
             ways = [repr(way) for way, its in _OPTIONS.items() if its == option]
             raise FmuError(
                 f"{archive.label}: plant.{option} = {value:g} has no use, for the FMU is driven "
-                f"by {offer.way!r}; it is of {' and '.join(ways)}"
+                f"by {quoted(offer.way)}; it is of {' and '.join(ways)}"
             )

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from fmpy.model_description import ModelVariable
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.lookup import find_variables, listed, suggestion
 from nrs_cosim.plant_fmu.archives.variables import shape_of
@@ -80,10 +81,12 @@ def _settable(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     variables = find_variables(archive, name)
     if not variables:
         known = [v.name for v in archive.description.modelVariables if not _unsettable(v)]
-        raise FmuError(f"{archive.label}: has no parameter {name!r}{suggestion(name, known)}")
+        raise FmuError(f"{archive.label}: has no parameter {quoted(name)}{suggestion(name, known)}")
     for variable in variables:
         if reason := _unsettable(variable):
-            raise FmuError(f"{archive.label}: {variable.name!r} cannot be set, for it is {reason}")
+            raise FmuError(
+                f"{archive.label}: {quoted(variable.name)} cannot be set, for it is {reason}"
+            )
     return variables
 
 
@@ -162,7 +165,7 @@ def _encoding(archive: Archive, variable: ModelVariable) -> tuple[Callable[[Any]
 
 def _number(entry: Any) -> float:
     if isinstance(entry, bool | np.bool_) or not isinstance(entry, Real):
-        raise TypeError(f"expected a number, got {entry!r}")
+        raise TypeError(f"expected a number, got {quoted(entry)}")
     try:
         return float(entry)
     except OverflowError:
@@ -171,21 +174,23 @@ def _number(entry: Any) -> float:
 
 def _integer(entry: Any, c_type: Any) -> int:
     if isinstance(entry, bool) or not isinstance(entry, Integral):
-        raise TypeError(f"expected a whole number, got {entry!r}")
+        raise TypeError(f"expected a whole number, got {quoted(entry)}")
     if c_type(int(entry)).value != entry:
-        raise ValueError(f"expected a number of {8 * ctypes.sizeof(c_type)} bits, got {entry!r}")
+        raise ValueError(
+            f"expected a number of {8 * ctypes.sizeof(c_type)} bits, got {quoted(entry)}"
+        )
     return int(entry)
 
 
 def _truth(entry: Any) -> bool:
     if not isinstance(entry, bool | np.bool_):
-        raise TypeError(f"expected true or false, got {entry!r}")
+        raise TypeError(f"expected true or false, got {quoted(entry)}")
     return bool(entry)
 
 
 def _text(entry: Any) -> bytes:
     if not isinstance(entry, str) or "\0" in entry:
-        raise ValueError(f"expected a text, got {entry!r}")
+        raise ValueError(f"expected a text, got {quoted(entry)}")
     return entry.encode()
 
 
@@ -198,4 +203,4 @@ def _item(variable: ModelVariable, entry: Any) -> int:
     whole = isinstance(entry, Integral) and not isinstance(entry, bool)
     if whole and (not numbers or int(entry) in numbers.values()):
         return int(entry)
-    raise ValueError(f"expected {listed(list(numbers)) or 'a whole number'}, got {entry!r}")
+    raise ValueError(f"expected {listed(list(numbers)) or 'a whole number'}, got {quoted(entry)}")

@@ -20,10 +20,13 @@ def toml(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--hosts", "0"], "--hosts: expected auto or 1 to 6, a robot each at least, got 0"),
-        (["--hosts", "7"], "--hosts: expected auto or 1 to 6, a robot each at least, got 7"),
-        (["--hosts", "٢"], "--hosts: expected auto or 1 to 6, a robot each at least, got ٢"),
-        (["--hosts", "many"], "--hosts: expected auto or 1 to 6, a robot each at least, got many"),
+        (["--hosts", "0"], "--hosts: expected auto or 1 to 6, a robot each at least, got '0'"),
+        (["--hosts", "7"], "--hosts: expected auto or 1 to 6, a robot each at least, got '7'"),
+        (["--hosts", "٢"], "--hosts: expected auto or 1 to 6, a robot each at least, got '٢'"),
+        (
+            ["--hosts", "many"],
+            "--hosts: expected auto or 1 to 6, a robot each at least, got 'many'",
+        ),
         (
             ["--hosts", "2", "--listen", "tcp/127.0.0.1:7447"],
             "--hosts 2: starts hosts here, --listen waits for others",
