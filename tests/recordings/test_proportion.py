@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from nrs_cosim.bus.keys import sample_key
+from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.recordings import writing
 from nrs_cosim.recordings.chunk import opened
 from nrs_cosim.recordings.columns import HEAD, columns
@@ -29,6 +29,7 @@ from nrs_cosim.recordings.container import (
     tail,
 )
 from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.writing import Writer
@@ -145,7 +146,7 @@ def test_the_rule_begins_where_lz4_ends():
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path, compression):
     path = tmp_path / "rest.mcap"
-    said = [(0, sample_key(node), 0, bytes(16 * MIB)) for node in range(2)]
+    said = sorted((0, sample_topic(node), 0, bytes(16 * MIB)) for node in range(2))
     with create(path, N, M, TICKS, (), compression=compression) as writer:
         writer.write(said)
         writer.finish("failed")
@@ -171,6 +172,8 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
     """Write a run with right seals and checksums that says of itself what it is asked to."""
     used = channels(N, (), False)
     attachments = {"scenario.toml": ("application/toml", scenario(N, M, TICKS).encode())}
+    metadata = about(N, M, TICKS)
+    metadata[RUN]["joints"] = str(m)
 
     def other(*, fields, chunk_indexes, **rest):
         fields = fields | {name: str(value) for name, value in said.items()}
@@ -183,7 +186,7 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
             version="1.2",
             channels=used,
             schemas=schemas(used),
-            metadata=about(N, m, TICKS),
+            metadata=metadata,
             attachments=attachments,
         ) as writer,
     ):
