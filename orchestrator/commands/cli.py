@@ -261,6 +261,7 @@ def check(
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     from nrs_cosim.estimator_agents.theory.estimates import Pair
     from nrs_cosim.orchestrator.commands import showing
+    from nrs_cosim.orchestrator.commands.progress import stages
     from nrs_cosim.orchestrator.promises.checking import check as theory_of
     from nrs_cosim.orchestrator.promises.probing import Sampling
     from nrs_cosim.orchestrator.promises.promising import bounds, designed, promises
@@ -270,16 +271,22 @@ def check(
     from nrs_cosim.orchestrator.scenario.setting import bodies
 
     file = read_scenario(scenario)
-    with named(str(scenario)), ExitStack() as stack:
-        groups = group_by_archive(file.scenario, file.folder)
-        open_fleet(stack, groups, bodies(file.scenario))
-        if mixed := mixed_units(file):
-            say("yellow", "warning", mixed)
-    find = Sampling(file)
-    checked = theory_of(file.scenario, find)
-    promised = promises(file.scenario, checked.growth, find)
     wanted = Pair(*accuracy) if accuracy else None
-    found = designed(file.scenario, wanted, share, find) if wanted else None
+    with stages(err) as begin:
+        begin("opening the plants")
+        with named(str(scenario)), ExitStack() as stack:
+            groups = group_by_archive(file.scenario, file.folder)
+            open_fleet(stack, groups, bodies(file.scenario))
+            if mixed := mixed_units(file):
+                say("yellow", "warning", mixed)
+        find = Sampling(file)
+        begin("whether the estimates converge")
+        checked = theory_of(file.scenario, find)
+        begin("bounds of the long run")
+        promised = promises(file.scenario, checked.growth, find)
+        if wanted:
+            begin("gains and a period for the accuracy")
+        found = designed(file.scenario, wanted, share, find) if wanted else None
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})

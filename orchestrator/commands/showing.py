@@ -78,8 +78,7 @@ def check(
         table.add_column(title, justify="right")
     for row in rows:
         name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
-        unproven = ", [yellow]unproven[/]" * (row.unproven and row.paper is not None)
-        numbers = (_number(row.exact), _number(row.sharp), _number(row.paper) + unproven)
+        numbers = (_number(row.exact), _number(row.sharp), _stated(row))
         table.add_row(name, *numbers)
     console.print()
     console.print(table)
@@ -96,8 +95,9 @@ def judgement(console: Console, judged: "Judgement") -> None:
         table.add_column(title, justify="right")
     table.add_column("")
     for row in judged.quantities:
-        numbers = map(_number, (row.measured, *row.bounds.values()))
-        table.add_row(row.bound.name, *numbers, _status(row))
+        bound = row.bound
+        numbers = map(_number, (row.measured, bound.exact, bound.sharp))
+        table.add_row(bound.name, *numbers, _stated(bound), _status(row))
     if judged.measured_factor is not None and judged.factor is not None:
         factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
         table.add_row("factor", *factors, "", "", "each tick")
@@ -163,6 +163,12 @@ def _period(found: "Gains") -> str:
         return found.status
     tried = f"{found.bounds_from:.4g} s"
     return f"h not computed: of {tried} and more none is short enough, of less no bounds are known"
+
+
+def _stated(row: "Bound") -> str:
+    """Show the paper's bound, and whether it does not follow from the paper's proof."""
+    unproven = ", [yellow]unproven[/]" * (row.unproven and row.paper is not None)
+    return _number(row.paper) + unproven
 
 
 def _number(value: float | None) -> str:

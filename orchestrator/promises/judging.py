@@ -123,6 +123,7 @@ class Judgement:
                 "tick": row.tick,
                 "bounds": {law: finite(bound) for law, bound in row.bounds.items()},
                 "sampled": row.bound.sampled,
+                "unproven": [PAPER] if row.bound.unproven else [],
                 "transient": finite(row.rest),
                 "rounding": finite(row.rounding),
                 "status": row.status,

@@ -1,6 +1,8 @@
 """Long reading is seen on a terminal, after two seconds, and on nothing else."""
 
+from contextlib import contextmanager
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -8,6 +10,7 @@ from rich.console import Console
 from nrs_cosim.orchestrator.commands.progress import reading, stages
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.recordings.reading import Reader
+from tests.command import nrs
 
 
 def console(*, terminal):
@@ -81,3 +84,21 @@ def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(paper, tmp_pa
             assert parts == opening == sorted(parts)
             assert 0 < parts[0] < parts[-1] <= 1
             assert parts[-1] > 0.9
+
+
+def test_check_tells_each_of_its_stages(monkeypatch):
+    told = []
+
+    @contextmanager
+    def listening(_screen):
+        yield told.append
+
+    monkeypatch.setattr("nrs_cosim.orchestrator.commands.progress.stages", listening)
+    paper = Path(__file__).parents[2] / "scenarios" / "paper_first_order.toml"
+    assert nrs("check", paper, "--accuracy", "0.5", "0.5").returncode == 0
+    assert told == [
+        "opening the plants",
+        "whether the estimates converge",
+        "bounds of the long run",
+        "gains and a period for the accuracy",
+    ]

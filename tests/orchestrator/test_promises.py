@@ -137,7 +137,12 @@ def test_a_verdict_says_what_it_is_within(measured, verdict, above, word):
     assert row.above == above
     assert word.startswith(row.status)
     assert Judgement("", (row,), None, None).as_json()["quantities"][0]["status"] == row.status
+    told = replace(row, bound=replace(bound, unproven=True))
+    assert "0.1675, unproven" in shown(Judgement("", (told,), None, None))
+    assert Judgement("", (told,), None, None).as_json()["quantities"][0]["unproven"] == ["paper"]
+    assert Judgement("", (row,), None, None).as_json()["quantities"][0]["unproven"] == []
     words = shown(Judgement("", (row,), 0.1, 0.1021))
+    assert "0.1675, unproven" not in words
     assert re.search(rf"{word} *$", words.splitlines()[1])
     assert ("not proven" in words) == (above == ("paper",))
     assert ("long run" in words) is False
