@@ -49,13 +49,14 @@ def _csv(path: Path) -> Columns:
         raise InputError(
             f"{path}: expected columns of different names, got {shortened(', '.join(names))}"
         )
-    found = np.empty((len(rows), len(names)))
-    for i, (line, row) in enumerate(rows):
+    for line, row in rows:
         if len(row) != len(names):
             raise InputError(
                 f"{path}, line {line}: expected {len(names)} values, as in the header, "
                 f"got {len(row)}"
             )
+    found = np.empty((len(rows), len(names)))  # as large as the text is, now that all are there
+    for i, (line, row) in enumerate(rows):
         for j, value in enumerate(row):
             try:
                 found[i, j] = decimal(value)

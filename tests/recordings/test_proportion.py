@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.recordings import writing
 from nrs_cosim.recordings.chunk import opened
@@ -29,6 +30,7 @@ from nrs_cosim.recordings.container import (
     tail,
 )
 from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.foreign import read_columns
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import channels, schemas
@@ -214,3 +216,11 @@ def test_a_chunk_that_the_summary_names_again_and_again_is_read_once(sound, tmp_
 def test_a_file_says_of_no_more_than_it_has_room_for(tmp_path, said):
     with pytest.raises(UnreadableError, match=r"nrs\.end: messages: is .* room for"):
         Reader(sealed(tmp_path / "many.mcap", **said))
+
+
+def test_rows_that_lack_what_the_header_names_are_refused_before_there_is_room_for_them(tmp_path):
+    path = tmp_path / "target.csv"
+    names = ",".join(f"c{i}" for i in range(10**6))
+    path.write_text(names + "\n" + "1\n" * 10**5, "utf-8")
+    with pytest.raises(InputError, match="line 2: expected 1000000 values"):
+        read_columns(path)
