@@ -169,6 +169,32 @@ def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
     assert done.returncode == 1
 
 
+@pytest.mark.parametrize("layout", [(), ("--hosts", "2")])
+def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed, layout):
+    module = installed / "leaky.py"
+    was, many = (
+        "        return Estimate(",
+        "estimate.position.ndim == 2 and np.ptp(estimate.position)",
+    )
+    now = f"        if {many}:\n            estimate.position[...] = np.inf\n{was}"
+    module.write_text(module.read_text("utf-8").replace(was, now), "utf-8")
+    text = PAPER.replace('"dcea1"', '"leaky"')
+    (installed / "s.toml").write_text(text, "utf-8")
+    paths = os.pathsep.join(filter(None, [str(installed), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(
+        [NRS, "run", "s.toml", "-o", "s.mcap", *layout],
+        check=False,
+        cwd=installed,
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert re.search(r"algorithm leaky: jump returned \S+ for robot \d+ at tick \d+", done.stderr)
+    assert "Traceback" not in done.stderr + done.stdout
+    assert "FMU" not in done.stderr
+
+
 def test_the_guide_s_table_names_all_algorithms():
     rows = re.findall(r"^\| `(\w+)` \|", GUIDE, re.MULTILINE)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
