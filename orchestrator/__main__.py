@@ -1,5 +1,8 @@
 """The command's entry: an interrupt while the modules load is an interrupt, not a traceback.
 
+Results alone go to the standard output: what an FMU in this process prints there, as C code does,
+goes to the standard error.
+
 Whatever the encoding of the terminal or the pipe, a result can be printed.
 
 Linear algebra has one thread unless the user says otherwise: where the processors have other work,
@@ -8,11 +11,13 @@ as those of a run's hosts have, more of them wait for one another by spinning.
 
 import os
 import sys
+from contextlib import suppress
 from io import TextIOWrapper
 
 
 def main() -> None:
     """Run `nrs`."""
+    _keep_output()
     _print_anything()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
@@ -22,6 +27,21 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted: by the user\n")
         raise SystemExit(130) from None
+
+
+def _keep_output() -> None:
+    """Move our own output to a descriptor of its own, and what others print to the error's.
+
+    The stream that was there stays open, for it would close its descriptor with it.
+    """
+    stream = sys.stdout
+    if not isinstance(stream, TextIOWrapper) or stream is not sys.__stdout__ or not sys.stderr:
+        return
+    with suppress(OSError):  # no standard output, or no standard error
+        own = os.dup(stream.fileno())
+        os.dup2(sys.stderr.fileno(), stream.fileno())
+        raw = os.fdopen(own, "wb", 0)  # nothing is left that a full disk refuses at the exit
+        sys.stdout = TextIOWrapper(raw, stream.encoding, stream.errors, write_through=True)
 
 
 def _print_anything() -> None:

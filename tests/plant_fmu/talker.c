@@ -5,9 +5,10 @@
  *
  * Where -DSTART is a number, `origin` has it at first, and q starts at `origin`, whatever it is set
  * to before. FMI 2.0 or 3.0 for Co-Simulation by -DFMI; its environment and its name as it tells
- * them by -DENVIRONMENT and -DNAME. */
+ * them by -DENVIRONMENT and -DNAME. Where -DPRINTS is 1 it prints a line as it is born. */
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -47,6 +48,8 @@ static Joint *born(void *memory, const Callbacks *given, const char *name)
     joint->given = given;
     joint->v[ORIGIN] = START;
     strncpy(joint->name, name, sizeof joint->name - 1);
+    if (PRINTS)
+        printf("printed by an FMU\n");
     say(joint, "born");
     return joint;
 }

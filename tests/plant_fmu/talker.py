@@ -53,6 +53,8 @@ def build_talker(
     name: str = NAME,
     start: str = "NAN",
     edit: Callable[[str], str] = str,
+    *,
+    prints: bool = False,
 ) -> Path:
     """Compile it and write its archive, whose description may be edited.
 
@@ -63,7 +65,7 @@ def build_talker(
         library, stubs = Path(work) / "talker", Path(work) / "stubs.c"
         stubs.write_text(_stubs(fmi))
         defined = [f"-DFMI={fmi}", f"-DENVIRONMENT={environment}", f"-DNAME={name}"]
-        defined += [f"-DSTART={start}"]
+        defined += [f"-DSTART={start}", f"-DPRINTS={int(prints)}"]
         flags = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}"]
         sources = [str(SOURCE), str(stubs)]
         subprocess.run(["cc", *flags, *defined, *sources, "-o", str(library)], check=True)

@@ -254,3 +254,26 @@ def test_nothing_is_called_after_a_fatal_step(place, isolate):
     done = nrs(place, "run", "fatal.toml", "-o", f"fatal_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
     assert "ended with Fatal: refused as no. 7, 0.25" in done.stderr
+
+
+@pytest.mark.parametrize("isolate", ["true", "false"])
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_what_an_fmu_prints_is_no_part_of_our_output(tmp_path, isolate, command):
+    build_talker(tmp_path / "talker.fmu", prints=True)
+    (tmp_path / "s.toml").write_text(SCENARIO.format(isolate=isolate, refuses=0))
+    options = ["--json"] if command == "check" else ["-o", "run.mcap"]
+    done = subprocess.run(
+        [*NRS, command, "s.toml", *options],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=GUARD,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "printed by an FMU" not in done.stdout
+    assert ("printed by an FMU" in done.stderr) is (isolate == "false")
+    if command == "check":
+        assert "spectral_radius" in json.loads(done.stdout)
+    else:
+        assert "run.mcap" in done.stdout
