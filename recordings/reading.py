@@ -38,6 +38,7 @@ from nrs_cosim.recordings.container import (
     demand,
     end_record,
 )
+from nrs_cosim.recordings.contents import Contents
 from nrs_cosim.recordings.digest import Digest
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.gathering import order, ranks
@@ -95,6 +96,7 @@ class Reader:
         self._watch = watch
         self.damage = []
         self._like: NDArray[np.int64] | None = None
+        self._contents: Contents | None = None
         try:
             self._file = Path(path).open("rb")  # noqa: SIM115 (closed by close)
         except OSError as error:
@@ -267,6 +269,8 @@ class Reader:
         self.topics = {number: channel.topic for number, channel in channels.items()}
         counted = [channel.topic for channel in self.channels if channel.counted]
         self.about = read_about(self.path, self.metadata, self.attachments, counted)
+        if self.about:
+            self._contents = Contents(self.topics, self.about.run.robots)
 
     def _read_rest(self, after_head: int, verify: bool) -> None:
         """Read the end, and judge the chunks unless the checksums vouch for them."""
@@ -287,13 +291,13 @@ class Reader:
             computed = self.ending.digest
         else:
             computed, gaps = self._judge()
-            self.damage += [] if layout.intact else gaps
+            self.damage += gaps if self.damage or not layout.intact else []
         self.digest_here = computed
         self.status, self.reason = "unfinished", _UNFINISHED
         if not (ending := self.ending):
             return
         self.status, self.reason = ending.status, ending.reason
-        if layout.intact and self.ticks != ending.ticks:
+        if layout.intact and not self.damage and self.ticks != ending.ticks:
             raise UnreadableError(
                 f"{self.path}: {END}: ticks: is {ending.ticks}, but there are {self.ticks}"
             )
@@ -362,6 +366,8 @@ class Reader:
         records = opened(self._records.read(span.offset, span.length))
         found = columns(records, self.topics, self._like)
         self._like = found.start
+        if self._contents:
+            self._contents.expect(found)
         return found
 
 

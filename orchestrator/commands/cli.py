@@ -192,7 +192,10 @@ def recover(
     from nrs_cosim.recordings.reading import Reader
     from nrs_cosim.recordings.recovering import recover as whole
 
-    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=True, watch=follow(recording)) as reader,
+    ):
         scenario_of(reader)  # or nothing could be done with what is recovered
         make_folder(output)
         whole(reader, output)

@@ -15,7 +15,15 @@ from typing import Any, Never
 
 import numpy as np
 
-from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, node_of, wire_key
+from nrs_cosim.bus.keys import (
+    EVERYONE,
+    RECORDS,
+    SAMPLES,
+    kind_of,
+    node_of,
+    state_topic,
+    wire_key,
+)
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.seal import Seal
@@ -27,12 +35,13 @@ from nrs_cosim.orchestrator.runs.lockstep import TargetNode
 from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.running import past_of
-from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.columns import Columns
 from nrs_cosim.recordings.container import Message as Recorded
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
 from nrs_cosim.recordings.tables import about
@@ -94,16 +103,18 @@ class RecordedPlants:
         self.q, self.qd, self.tau = np.zeros((3, len(robots), m))
         self._robots = np.asarray(robots)
         self._ticks = ticks
-        self._next_tick()
+        self._coming: Iterator[Records] = iter(())
         self.advance(0.0, 0.0)
 
-    def hold(self, position: Array, velocity: Array) -> None:  # noqa: ARG002
-        """Pass over a reference: the next tick comes."""
-        self._next_tick()
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Pass over a reference."""
 
     def advance(self, start: float, step: float) -> None:  # noqa: ARG002
-        """Go to the next output time."""
-        states = next(self._coming)
+        """Go to the next output time, if need be of the next tick, and no earlier."""
+        states = next(self._coming, None)
+        if states is None:
+            self._coming = self._next_tick()
+            states = next(self._coming)
         self.q[:], self.qd[:], self.tau[:] = (
             states[name] for name in ("position", "velocity", "effort")
         )
@@ -116,10 +127,10 @@ class RecordedPlants:
         """Refuse: they are not exact."""
         raise NotImplementedError
 
-    def _next_tick(self) -> None:
+    def _next_tick(self) -> Iterator[Records]:
         states = next(self._ticks)
         mine = np.sort(states[np.isin(states["robot"], self._robots)], order=["time_ns", "robot"])
-        self._coming = iter(mine.reshape(-1, len(self._robots)))
+        return iter(mine.reshape(-1, len(self._robots)))
 
 
 class _Samples:
@@ -187,6 +198,8 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)
+            if not plants and (absent := _absent_state(recorded, clock, k, n)):
+                return Verdict(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
             heard.now = _records(wire.samples, "sample", recorded)
             target.publish_until(k)
             next(ticks)
@@ -199,6 +212,33 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
                     return Verdict(k, same, difference_in(m, m, was, now))
                 same += 1
     return Verdict(k, same, None, _unseen(reader, k), _missing(reader))
+
+
+def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Difference | None:
+    """Return the first state of tick k that is not there, without which its robot does nothing."""
+    there = {(time_ns, topic) for time_ns, topic, *_ in tick}
+    for time_ns in clock.outputs(k):
+        for robot in range(1, n + 1):
+            if (time_ns, topic := state_topic(robot)) not in there:
+                t = seconds(time_ns)
+                return Difference(k, t, topic, robot, "message", ABSENT, PRESENT)
+    return None
+
+
+def expect_states(reader: Reader, clock: Clock, n: int) -> None:
+    """Raise `UnreadableError` for a recording that lacks a state in a tick that it has."""
+    for states in reader.columns([state_topic(robot) for robot in range(1, n + 1)]):
+        ks = np.unique(states.sequence).tolist()
+        times, counts = np.unique(states.time, return_counts=True)
+        if times.tolist() == [t for k in ks for t in clock.outputs(k)] and (counts == n).all():
+            continue
+        here = states.messages(reader.topics)
+        for k in ks:
+            if absent := _absent_state(here, clock, k, n):
+                raise UnreadableError(
+                    f"{reader.path}: tick {k}, t = {absent.t:g} s: has no message of "
+                    f"{absent.topic}; what its robot did is not known"
+                )
 
 
 def _unseen(reader: Reader, k: int) -> int:

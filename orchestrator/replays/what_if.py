@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.transport import Bus
-from nrs_cosim.orchestrator.replays.verifying import RecordedPlants, states_of
+from nrs_cosim.orchestrator.replays.verifying import RecordedPlants, expect_states, states_of
 from nrs_cosim.orchestrator.runs.alone import on_a_session
 from nrs_cosim.orchestrator.runs.host import Watch
 from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
@@ -38,6 +38,7 @@ def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Mann
         real = Robots.opened(stack, file, robots, finder(reader, file))
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:
+            expect_states(reader, clock, scenario.n)
             rest = RecordedPlants(others, scenario.m, states_of(reader, scenario.m))
             parts.append((np.array(others) - 1, rest))
         told = [*real.told, *_told_of(reader, others)]

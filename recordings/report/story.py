@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.wire import Times
 from nrs_cosim.recordings.container import END_FIELDS, Status
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.measuring import SteadyState, steady_state
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report.subject import Subject
@@ -126,13 +127,13 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             table = tables[SAMPLE.name]
             table = table[table["robot"] > 0]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = np.searchsorted(sampled, table["time_ns"])
+            at = _places(reader, sampled, table["time_ns"])
             note("position_estimate", at, table["position"] - position, np.inf)
             note("velocity_estimate", at, table["velocity"] - velocity, np.inf)
         if STATE.name in tables:
             table = tables[STATE.name]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = np.searchsorted(told, table["time_ns"])
+            at = _places(reader, told, table["time_ns"])
             note("position_tracking", at, table["position"] - position, 2)
             note("velocity_tracking", at, table["velocity"] - velocity, 2)
             rows = row_of[table["robot"]]
@@ -180,6 +181,16 @@ def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
     outputs = (time for k in ticks for time in times.outputs(k))
     told = takewhile(lambda time: time <= end, outputs)
     return np.fromiter(sampled, np.int64), np.fromiter(told, np.int64)
+
+
+def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.uint64]) -> NDArray[np.intp]:
+    """Return where times are in a grid; `UnreadableError` for one that is none of the run's."""
+    at = np.searchsorted(grid, times)
+    off = np.append(grid, -1)[at] != times
+    if off.any():
+        time = float(times[off][0]) / 1e9
+        raise UnreadableError(f"{reader.path}: a message at t = {time:g} s: the run has none then")
+    return at
 
 
 def _met(table: NDArray[np.void]) -> NDArray[np.int64]:

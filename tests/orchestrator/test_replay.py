@@ -28,7 +28,7 @@ from tests.network.ports import free_port
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 
-def rewritten(path, into, change):
+def rewritten(path, into, change, **options):
     """Write a recording again with some of its messages changed, every checksum right."""
     with Reader(path) as reader:
         writer = Writer(
@@ -39,6 +39,7 @@ def rewritten(path, into, change):
             metadata={k: v for k, v in reader.metadata.items() if k.startswith("nrs.")
                       and k not in ("nrs.begin", "nrs.end")},
             attachments=reader.attachments,
+            **options,
         )  # fmt: skip
         with writer:
             for batch in reader.batches():
