@@ -14,6 +14,7 @@ from nrs_cosim.bus.errors import BusError, InputError
 from nrs_cosim.bus.network.access import access_control
 from nrs_cosim.bus.network.endpoints import LOCAL_LEASE, NETWORK_LEASE, Endpoints, zenoh_settings
 from nrs_cosim.bus.network.sessions import open_session
+from nrs_cosim.bus.text import quoted
 from tests.guard import GUARD, VAIN
 from tests.network.authority import LONG_AGO, Authority
 from tests.network.ports import free_port
@@ -279,7 +280,7 @@ class TestInput:
     def test_a_malformed_endpoint(self, endpoint, option):
         with pytest.raises(InputError, match=f"--{option}: ") as refused:
             Endpoints(**{option: (endpoint,)})
-        assert repr(endpoint) in str(refused.value)
+        assert quoted(endpoint) in str(refused.value)
 
     @pytest.mark.parametrize(
         "host",
