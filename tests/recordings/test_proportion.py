@@ -20,6 +20,7 @@ from mcap.stream_reader import StreamReader
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import sample_topic
+from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings import writing
 from nrs_cosim.recordings.chunk import opened
 from nrs_cosim.recordings.columns import HEAD, columns
@@ -148,7 +149,9 @@ def test_the_rule_begins_where_lz4_ends():
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path, compression):
     path = tmp_path / "rest.mcap"
-    said = sorted((0, sample_topic(node), 0, bytes(16 * MIB)) for node in range(2))
+    said = sorted(
+        (0, sample_topic(node), 0, HEADER.pack(node, 0, 0) + bytes(16 * MIB)) for node in range(2)
+    )
     with create(path, N, M, TICKS, (), compression=compression) as writer:
         writer.write(said)
         writer.finish("failed")
