@@ -29,6 +29,9 @@ from nrs_cosim.recordings.errors import UnreadableError
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
 VERSIONS = "nrs.versions"
+SPENT, REFUSED, CAUSE = "spent", "refused", "cause"
+"""What is said at the end, as JSON: where wall time went, what was not believed, and what ended the
+run early."""
 PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
 SCENARIO = "scenario.toml"

@@ -24,10 +24,6 @@ from nrs_cosim.recordings.reading import Reader
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
 
-SPENT, REFUSED, CAUSE = "spent", "refused", "cause"
-"""What is said at the end, as JSON: where wall time went, what was not believed, and what ended the
-run early."""
-
 
 @dataclass(frozen=True, slots=True)
 class Table:

@@ -10,12 +10,13 @@ Chunks are made and written by a thread of the writer's, while the next one fill
 only when its predecessor is in the file.
 """
 
+import json
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +26,7 @@ import numpy as np
 from mcap import records as mcap
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.recordings.chunk import closed, packed
 from nrs_cosim.recordings.columns import HEAD, MANY, Columns
@@ -42,6 +44,7 @@ from nrs_cosim.recordings.container import (
 from nrs_cosim.recordings.digest import Digest
 from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
 from nrs_cosim.recordings.gathering import columns_of, joined, order, ranks
+from nrs_cosim.recordings.metadata import CAUSE
 
 CHUNK_BYTES = 64 * 1024
 CHUNK_BYTES_PER_CHANNEL = 1024  # an index record per channel and chunk must stay small beside it
@@ -193,6 +196,9 @@ class Writer:
             except UnwritableError as error:
                 refused, reason = error, f"{reason}; {error}" if reason else str(error)
                 status = "failed" if status == "completed" else status
+                if status == "failed":
+                    cause = replace(error.cause, tick=self._stored.ticks + 1)
+                    extra = {**(extra or {}), CAUSE: json.dumps(asdict(cause))}
             offset, _ = self._emit(self._tail(status, reason, extra or {}))
             self._file.truncate(offset)
         finally:
@@ -216,8 +222,11 @@ class Writer:
         reason = "left before the run said how it ended"
         if error is not None:
             reason = ": ".join(filter(None, (type(error).__name__, str(error))))
+        cause = Cause("interrupted" if status == "interrupted" else "other")
+        if isinstance(error, RunError):
+            cause = error.cause
         try:
-            self.finish(status, reason)
+            self.finish(status, reason, {CAUSE: json.dumps(asdict(cause))})
         except UnwritableError as refused:
             if error is None:
                 raise

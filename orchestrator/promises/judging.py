@@ -55,8 +55,8 @@ class Judged:
     """None where nothing was recorded."""
     tick: int
     """The last sampling time up to when it was reached, k."""
-    rest: float
-    """What is left of the beginning, at most, in the last fifth; 0 where that is not known."""
+    rest: float | None
+    """What is left of the beginning, at most, in the last fifth; None where that is not known."""
     verdict: Verdict
     rounding: float = 0.0
     """What of it may be rounding, or a plant's tolerance."""
@@ -110,7 +110,7 @@ class Judgement:
     @property
     def left(self) -> float | None:
         """What is left of the beginning, at most; None where that is no part worth telling."""
-        rest = max((row.rest for row in self.quantities), default=0.0)
+        rest = max((row.rest or 0.0 for row in self.quantities), default=0.0)
         most = max((row.measured or 0.0 for row in self.quantities), default=0.0)
         return rest if rest > SETTLED * most else None
 
@@ -124,7 +124,7 @@ class Judgement:
                 "bounds": {law: finite(bound) for law, bound in row.bounds.items()},
                 "sampled": row.bound.sampled,
                 "unproven": [PAPER] if row.bound.unproven else [],
-                "transient": finite(row.rest),
+                "transient": None if row.rest is None else finite(row.rest),
                 "rounding": finite(row.rounding),
                 "status": row.status,
                 "above": list(row.above),
@@ -158,15 +158,15 @@ def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgemen
             bound,
             value,
             clock.since(at + 1) - 1,
-            left or 0.0,
+            left if which < 2 else None,
             _verdict(bound, value, left, rounding),
             rounding,
         )
-        for bound, value, at, left, rounding in rows
+        for which, (bound, value, at, left, rounding) in enumerate(rows)
     ]
     why = next((part.why for part in promised.robots if part.why), "")
     estimates, tracking = quantities[:2], quantities[2:]
-    if any(row.rest > SETTLED * (row.measured or 0.0) for row in estimates):
+    if any((row.rest or 0.0) > SETTLED * (row.measured or 0.0) for row in estimates):
         tracking = [
             replace(row, verdict="unknown") if row.verdict == "exceeds" else row for row in tracking
         ]

@@ -28,10 +28,9 @@ from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
 from nrs_cosim.recordings.container import MOST_CHANNELS, Closing, Compression, Message
-from nrs_cosim.recordings.metadata import RUN, SCENARIO, VERSIONS
+from nrs_cosim.recordings.metadata import CAUSE, REFUSED, RUN, SCENARIO, SPENT, VERSIONS
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels, schemas
-from nrs_cosim.recordings.tables import CAUSE, REFUSED, SPENT
 from nrs_cosim.recordings.writing import Writer
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")

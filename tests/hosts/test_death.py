@@ -112,6 +112,7 @@ def test_without_restart_a_death_ends_the_run(tmp_path):
     assert outcome.reason == f"host local-2 (robots 3-4) was ended by SIGKILL, after tick {k}"
     with Reader(outcome.path) as reader:
         assert (reader.status, reader.reason, reader.ticks) == ("failed", outcome.reason, k)
+        assert (reader.ending.cause.kind, reader.ending.cause.tick) == ("host", k + 1)
 
 
 def test_who_is_stopped_is_waited_for(tmp_path, whole):
@@ -143,6 +144,11 @@ def test_who_is_silent_for_too_long_is_named_with_what_all_wait_for(tmp_path):
     k = outcome.ticks + 1
     assert outcome.reason.startswith(f"tick {k} did not close in {LIMIT:g} s of silence: ")
     said = rf"sent samples up to tick ({k - 1}|{k}) and lack"
+    with Reader(outcome.path) as reader:
+        assert (reader.ending.cause.kind, reader.ending.cause.tick) == (
+            "deadline",
+            reader.ticks + 1,
+        )
     silent, *others = sorted(outcome.reason.partition(": ")[2].split("; "), key=len, reverse=True)
     name = "robots 3-4 on host local-2"
     assert re.fullmatch(f"{name} {said} nobody's: computing, or stopped", silent)

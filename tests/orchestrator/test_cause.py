@@ -3,15 +3,19 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 
+from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.plant_fmu.conftest import built
 from tests.plant_fmu.test_isolation import scenario
+from tests.recordings.runs import create, tick
 
 DIVERGING = (("alpha = 0.9", "alpha = 1.5"), ("seed = 1", "seed = 1\ndivergence_limit = 1000"))
 QUANTITIES = {"estimated position", "estimated velocity", "q", "qd", "tau"}
@@ -70,3 +74,39 @@ def test_a_run_that_the_user_stopped_has_the_last_tick(paper, tmp_path):
         ticks = reader.ticks
     expected = {"tick": ticks, "time_ns": ticks * 10**8, "robot": None, "quantity": None}
     assert cause_of(outcome.path)[0] == {"kind": "interrupted", **expected}
+
+
+def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(paper, tmp_path):
+    """The limit of a file's size lies in the middle of a chunk."""
+    (tmp_path / "s.toml").write_text(paper().text, "utf-8")
+    path = tmp_path / "run.mcap"
+    script = (
+        "import resource, sys; from nrs_cosim.orchestrator.__main__ import main;"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000));"
+        f"sys.argv = ['nrs', 'run', {str(tmp_path / 's.toml')!r}, '-o', {str(path)!r}]; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    cause, told = cause_of(path)
+    assert (told["status"], cause["kind"]) == ("failed", "disk")
+    assert cause["tick"] == told["ticks"] + 1 > 1
+
+
+@pytest.mark.parametrize(
+    ("error", "cause"),
+    [
+        (KeyboardInterrupt(), ("interrupted", "interrupted")),
+        (RunError("gone", Cause("host", 3)), ("failed", "host")),
+        (ValueError("odd"), ("failed", "other")),
+    ],
+    ids=["a second interrupt", "an error of the run", "any other"],
+)
+def test_a_writer_that_is_left_says_what_it_was_left_by(tmp_path, error, cause):
+    path = tmp_path / "a.mcap"
+    writer = create(path, 2, 2, 3, ())
+    writer.write(tick(0, 2, 2))
+    writer.__exit__(type(error), error, None)
+    with Reader(path) as reader:
+        assert (reader.status, reader.ending.cause.kind) == cause
