@@ -1,6 +1,5 @@
 """What a report must know of a scenario: target, network, theory, and how robots look."""
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -19,19 +18,19 @@ from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from nrs_cosim.recordings.measuring import Array, SteadyState
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report.story import Story, read_story
-from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict
-
-MIXED = "mixed"
-"""Stands where a number or an axis is over joints in unlike units."""
+from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict, unit_over
+from nrs_cosim.recordings.tables import about
 
 
 def story_of(reader: Reader) -> Story:
     """Read what a report draws of a recording."""
-    return read_story(reader, subject_of(scenario_of(reader).scenario))
+    run = about(reader).run
+    unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
+    return read_story(reader, subject_of(scenario_of(reader).scenario, unit))
 
 
-def subject_of(scenario: Scenario) -> Subject:
-    """Return what a report must know of a scenario."""
+def subject_of(scenario: Scenario, unit: str) -> Subject:
+    """Return what a report must know of a scenario, whose joints are in a unit."""
     target, checked, choice = target_of(scenario), check(scenario), scenario.algorithm
 
     def at(seconds: Array) -> tuple[Array, Array]:
@@ -48,7 +47,7 @@ def subject_of(scenario: Scenario) -> Subject:
         topology=topologies_of(scenario).links,
         turns=_turns(topologies_of(scenario)),
         arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
-        unit=_unit([own.get(robot, scenario.plant) for robot in robots]),
+        unit=unit,
         verdicts=_verdicts(checked),
         factor=None if checked.faulty else finite(checked.spectral_radius),
         bounds=_bounds(scenario, checked),
@@ -90,18 +89,6 @@ def arm_of(plant: Plant, m: int) -> Arm:
         return Arm(tuple(np.broadcast_to(np.asarray(told["r"], float), m).tolist()))
     links = [f"r{link}" for link in range(1, m + 1)]
     return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
-
-
-def _unit(plants: Sequence[Plant]) -> str:
-    """Return the unit of all joints; one word for none, where plants have unlike ones."""
-    units = {_unit_of(plant) for plant in plants}
-    return units.pop() if len(units) == 1 else MIXED
-
-
-def _unit_of(plant: Plant) -> str:
-    """Return a joint's unit, as the bundled model declares it; rad of any other FMU."""
-    known = plant.fmu in bundled_models()
-    return (declaration(plant.fmu).variable("q").unit or "rad") if known else "rad"
 
 
 def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:

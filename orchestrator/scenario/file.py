@@ -1,5 +1,6 @@
 """A scenario file is read once; every error names the field, the value and what was expected."""
 
+import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
             raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
         scenario = Scenario.model_validate(tables)
     except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
+        raise ScenarioError(f"{origin}: {_no_toml(text, str(error))}") from None
     except RecursionError:
         raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
@@ -96,6 +97,22 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
 def _needed() -> list[str]:
     """Return the tables without which there is no scenario."""
     return [f"[{name}]" for name, field in Scenario.model_fields.items() if field.is_required()]
+
+
+_TWICE = ("Cannot overwrite", "Cannot declare", "Duplicate inline", "Cannot mutate")
+"""How tomllib begins where a key or a table is given a second time."""
+
+
+def _no_toml(text: str, told: str) -> str:
+    """Say what is wrong with a text, in tomllib's words but where a key is given twice."""
+    if not told.startswith(_TWICE):
+        return f"not valid TOML: {told}"
+    lines = text.splitlines()
+    at = re.search(r"at line (\d+)", told)
+    number = min(int(at[1]) if at else len(lines), len(lines))
+    while number > 1 and not lines[number - 1].strip():
+        number -= 1
+    return f"line {number}: {quoted(lines[number - 1].strip())} gives a key a second time; keep one"
 
 
 def _told_once(faults: Sequence[Any]) -> Iterator[Any]:

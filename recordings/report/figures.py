@@ -117,7 +117,6 @@ def _columns(stories: Sequence[Story]) -> int:
 def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Panel]:
     """Yield a panel a joint: estimates beside the target, or joints less the target."""
     quantity = name.removeprefix("reference_")
-    rate = "/s" if quantity == "velocity" else ""
     several = len(stories) > 1
     for joint in range(max(story.m for story in stories)):
         curves = []
@@ -139,7 +138,8 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
                 if not any(_same(line, other) for other in curves):
                     curves.append(line)
         if curves:
-            unit = stories[0].subject.unit + rate
+            subject = stories[0].subject
+            unit = subject.rate if quantity == "velocity" else subject.unit
             yield Panel(f"{symbol}, joint {joint + 1} ({unit})", tuple(curves), joint)
 
 
@@ -210,8 +210,10 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
                 name = f"{of}slope of ρ = {factor:.4f}"
                 curves += _slope(story, factor, name, group, at if several else None)
         if curves:
-            unit = stories[0].subject.unit
-            yield Panel(f"{whose} ({unit}, {unit}/s)", tuple(curves), logarithmic=True, legend=True)
+            units = dict.fromkeys((stories[0].subject.unit, stories[0].subject.rate))
+            yield Panel(
+                f"{whose} ({', '.join(units)})", tuple(curves), logarithmic=True, legend=True
+            )
 
 
 def _slope(story: Story, factor: float, name: str, group: str, ink: int | None) -> list[Curve]:

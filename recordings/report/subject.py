@@ -1,11 +1,14 @@
 """What a report must know of a run and its messages do not tell: it follows from the scenario."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.bus.wire import Times
 from nrs_cosim.recordings.measuring import TargetAt
+
+MIXED, UNKNOWN = "mixed units", "unit not known"
+"""Stand where a number or an axis is over joints in unlike units, or in none that an FMU gives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +33,13 @@ class Verdict:
     source: str
 
 
+def unit_over(units: Collection[str]) -> str:
+    """Return the unit of all joints, or in words that there is no such one."""
+    if len(set(units)) > 1:
+        return MIXED
+    return next(iter(units)) or UNKNOWN
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:
     """The scenario's side of a run."""
@@ -47,7 +57,7 @@ class Subject:
     arms: Sequence[Arm]
     """(n,) of the robots 1 … n."""
     unit: str
-    """Of a joint's position."""
+    """Of a joint's position, or in words that there is none; see `unit_over`."""
     verdicts: Sequence[Verdict]
     factor: float | None
     """ρ: what is left of the estimation error after one sampling period, in the long run.
@@ -56,3 +66,8 @@ class Subject:
     """
     bounds: Mapping[str, Mapping[str, float]]
     """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""
+
+    @property
+    def rate(self) -> str:
+        """The unit of a joint's velocity."""
+        return self.unit if self.unit in {MIXED, UNKNOWN} else f"{self.unit}/s"

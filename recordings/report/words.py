@@ -9,10 +9,10 @@ import numpy as np
 from nrs_cosim.recordings.report.story import Story
 
 _MEASURED = {
-    "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", ""),
-    "velocity_estimate": ("estimates of velocity", "sup ‖υ_i − υ_0‖∞", "/s"),
-    "position_tracking": ("the robots’ position", "sup ‖e_i‖₂", ""),
-    "velocity_tracking": ("the robots’ velocity", "sup ‖ė_i‖₂", "/s"),
+    "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", False),
+    "velocity_estimate": ("estimates of velocity", "sup ‖υ_i − υ_0‖∞", True),
+    "position_tracking": ("the robots’ position", "sup ‖e_i‖₂", False),
+    "velocity_tracking": ("the robots’ velocity", "sup ‖ė_i‖₂", True),
 }
 _STATUS = {
     "completed": "The run completed.",
@@ -43,14 +43,14 @@ def lead(story: Story) -> str:
 
 def measured(story: Story) -> Iterator[dict[str, Any]]:
     """Yield each steady-state error of the last fifth, with the theory's bounds by name."""
-    for field, (what, norm, rate) in _MEASURED.items():
+    for field, (what, norm, is_rate) in _MEASURED.items():
         value = getattr(story.steady, field)
         if value is None or not story.ticks:
             continue
         yield {
             "what": what,
             "norm": norm,
-            "unit": story.subject.unit + rate,
+            "unit": story.subject.rate if is_rate else story.subject.unit,
             "value": value,
             "bounds": {
                 law: bound

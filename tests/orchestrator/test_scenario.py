@@ -189,6 +189,12 @@ BAD = {
         "plant.parameters.m1[0]: expected a list, got 1",
     ),
     "TOML": (("[run]", "[run"), "paper.toml: not valid TOML: Expected ']'"),
+    "key twice": (("seed = 1", "seed = 1\nseed = 2"), "line 8: 'seed = 2' gives a key a second"),
+    "table twice": (("[run]", "[algorithm]\n[run]"), "'[algorithm]' gives a key a second time"),
+    "inline twice": (
+        ("q = { uniform = [-25.0, 25.0] }", "q = { uniform = [-1, 1], uniform = [-2, 2] }"),
+        "gives a key a second time; keep one",
+    ),
 }
 
 

@@ -406,7 +406,7 @@ def test_a_design_of_turns_goes_by_their_period():
 
 def test_a_report_tells_that_not_all_links_are_there_at_all_times():
     switching, hetero, paper = (
-        subject_of(read_scenario(SCENARIOS / f"{name}.toml").scenario)
+        subject_of(read_scenario(SCENARIOS / f"{name}.toml").scenario, "rad")
         for name in ("switching", "hetero_information", "paper_first_order")
     )
     assert switching.turns.startswith("3 networks take turns, again after 25 ticks: these are")

@@ -12,17 +12,16 @@ from typer.testing import CliRunner
 
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.commands.cli import app
-from nrs_cosim.orchestrator.reports.reporting import arm_of, subject_of
-from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.reports.reporting import arm_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Robot
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report import page as pages
 from nrs_cosim.recordings.report.decimating import BUCKETS, kept
 from nrs_cosim.recordings.report.figures import figures
 from nrs_cosim.recordings.report.page import page
+from nrs_cosim.recordings.report.subject import unit_over
 from nrs_cosim.recordings.tables import samples, states
-from tests.report.conftest import SCENARIOS, story
+from tests.report.conftest import story
 
 nrs = CliRunner()
 
@@ -269,10 +268,29 @@ def test_where_nothing_can_be_written_is_named(paper, tmp_path):
     assert "file: is a file and not a folder" in str(result.exception)
 
 
-def test_a_fleet_of_unlike_units_has_no_unit_over_all_of_it():
-    paper = read_scenario(SCENARIOS / "paper_first_order.toml").scenario
-    assert subject_of(paper).unit == "rad"
-    other = Robot(id=2, plant={"fmu": "planar_robot"})
-    assert subject_of(paper.model_copy(update={"robots": (other,)})).unit == "mixed"
-    all_of_them = paper.model_copy(update={"plant": Plant(fmu="planar_robot")})
-    assert subject_of(all_of_them).unit == "m"
+@pytest.mark.parametrize(
+    ("units", "labels"),
+    [
+        (["rad", "rad"], ("(rad)", "(rad/s)", "(rad, rad/s)")),
+        (["m", "m"], ("(m)", "(m/s)", "(m, m/s)")),
+        (["rad", "m"], ("(mixed units)",) * 3),
+        (["rad", ""], ("(mixed units)",) * 3),
+        (["", ""], ("(unit not known)",) * 3),
+    ],
+    ids=["turning", "sliding", "mixed", "one is not known", "none is known"],
+)
+def test_axes_have_the_unit_that_all_joints_have_and_no_other(paper, units, labels):
+    of = story(paper)
+    assert of.subject.unit == "rad"
+    of = replace(of, subject=replace(of.subject, unit=unit_over(units)))
+    data = told(page([of]))
+    position, velocity, both = labels
+    for name, expected in (
+        ("estimates", [position] * 2 + [velocity] * 2),
+        ("tracking", [position] * 2 + [velocity] * 2),
+        ("envelopes", [both] * 2),
+    ):
+        (panels,) = (f["panels"] for f in data["figures"] if f["name"] == name)
+        assert ["(" + panel["label"].rpartition("(")[2] for panel in panels] == expected
+    measured = [tile["unit"] for tile in data["runs"][0]["measured"]]
+    assert measured == [position[1:-1], velocity[1:-1]] * 2
