@@ -53,6 +53,18 @@ class Endless(SecondOrder):
         return super().modes(spectrum, h) * np.inf
 
 
+class Rounded(FirstOrder):
+    """Computes its modes as well as a computer can."""
+
+    def modes(self, spectrum, h):
+        return super().modes(spectrum, h) * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("gains", [(1e6, 1e6), (0.9, 1.1), (1 + 1e-6, 1 - 1e-6)])
+def test_rounding_of_any_size_is_no_contradiction(gains):
+    expect_modes(Rounded(*gains), 0.1)
+
+
 @pytest.mark.parametrize("name", ["dcea1", "dcea2", "impulsive", "pd_like", "sliding"])
 @pytest.mark.parametrize("gains", [(0.9, 1.1), (0.1, 1e-3), (1e6, 1e-6), (1.0, 1.0)])
 @pytest.mark.parametrize("h", [1e-4, 0.1, 10.0])
