@@ -1,5 +1,7 @@
 """The command's entry: an interrupt while the modules load is an interrupt, not a traceback.
 
+What asks a process to end (SIGTERM), and a terminal that is closed (SIGHUP), interrupt as Ctrl-C.
+
 Results alone go to the standard output: what an FMU in this process prints there, as C code does,
 goes to the standard error.
 
@@ -10,6 +12,7 @@ as those of a run's hosts have, more of them wait for one another by spinning.
 """
 
 import os
+import signal
 import sys
 from contextlib import suppress
 from io import TextIOWrapper
@@ -17,6 +20,7 @@ from io import TextIOWrapper
 
 def main() -> None:
     """Run `nrs`."""
+    _take_signals()
     _keep_output()
     _print_anything()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,6 +31,13 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted: by the user\n")
         raise SystemExit(130) from None
+
+
+def _take_signals() -> None:
+    """Let signals that would end the process at once interrupt it; what is ignored stays so."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _keep_output() -> None:

@@ -100,14 +100,16 @@ class Reader:
         try:
             self._file = Path(path).open("rb")  # noqa: SIM115 (closed by close)
         except OSError as error:
-            raise UnreadableError(f"{path}: cannot be read: {error.strerror}") from error
+            raise UnreadableError(f"{path}: cannot be read: {error.strerror or error}") from error
         try:
             self._records = RecordFile(self._file)
             self._read_rest(self._read_head(), verify)
         except BaseException as error:
             self.close()
             if isinstance(error, OSError):
-                raise UnreadableError(f"{path}: cannot be read: {error.strerror}") from error
+                raise UnreadableError(
+                    f"{path}: cannot be read: {error.strerror or error}"
+                ) from error
             raise
 
     def batches(

@@ -8,20 +8,18 @@ called, for a user waits for all that is loaded.
 """
 
 import logging
-from collections.abc import Callable
 from contextlib import ExitStack
 from errno import ENAMETOOLONG
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
-from typer.core import TyperArgument, TyperGroup
 
 from nrs_cosim.bus.errors import CosimError, InputError
-from nrs_cosim.bus.text import bounded
 from nrs_cosim.orchestrator.commands import replay_cli, run_cli
 from nrs_cosim.orchestrator.commands.fmu_cli import fmu
+from nrs_cosim.orchestrator.commands.group import Commands
 from nrs_cosim.orchestrator.commands.options import (
     Listen,
     NewRecording,
@@ -35,65 +33,13 @@ from nrs_cosim.orchestrator.commands.options import (
 from nrs_cosim.orchestrator.commands.report_cli import report
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-UsageError: Any = typer.BadParameter.__base__
-"""Of click, or of Typer's own copy of it; only its subclass has a public name."""
-
-
-def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]:
-    """Return what tells a command's parameters, with no type where a name or nothing says it."""
-
-    def parameters(ctx: Any) -> list[Any]:
-        found = of(ctx)
-        for parameter in found:
-            if isinstance(parameter, TyperArgument):
-                parameter.display_type_rich = _nothing  # type: ignore[method-assign]
-            elif getattr(parameter, "is_flag", False):
-                parameter.metavar = ""
-        return found
-
-    return parameters
-
-
-def _nothing(ctx: Any) -> None:
-    """Return no type."""
-
-
-class Commands(TyperGroup):
-    """All commands; each says so when it is interrupted."""
-
-    def __init__(self, **told: Any) -> None:
-        super().__init__(**told)
-        waiting: list[Any] = [self]
-        for command in waiting:
-            command.get_params = _without_types(command.get_params)
-            waiting += getattr(command, "commands", {}).values()
-
-    def invoke(self, ctx: Any) -> Any:
-        """Call the command that was given."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            say("red", "interrupted", str(interrupt) or "by the user")
-            raise typer.Exit(INTERRUPTED) from None
-        except UsageError as error:
-            error.message = bounded(error.message)
-            raise
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Take the options before a command's name."""
-        try:
-            return super().parse_args(ctx, args)
-        except UsageError as error:
-            error.message = bounded(error.message)
-            raise
-
+FAILED, BAD_INPUT = 1, 2
 
 app = typer.Typer(
     name="nrs",
     cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},  # of every command below as well
     pretty_exceptions_enable=False,
 )
 app.add_typer(fmu, name="fmu")
@@ -256,6 +202,13 @@ def check(
             help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
         ),
     ] = 0.5,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Exit with status 1 when a condition or convergence is violated or unknown.",
+        ),
+    ] = False,
 ) -> None:
     """Say what the theory promises for a scenario, and whether its plants can be opened."""
     if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
@@ -265,6 +218,7 @@ def check(
     from nrs_cosim.estimator_agents.theory.estimates import Pair
     from nrs_cosim.orchestrator.commands import showing
     from nrs_cosim.orchestrator.commands.progress import stages
+    from nrs_cosim.orchestrator.commands.verdict import unmet as unmet_of
     from nrs_cosim.orchestrator.promises.checking import check as theory_of
     from nrs_cosim.orchestrator.promises.probing import Sampling
     from nrs_cosim.orchestrator.promises.promising import bounds, designed, promises
@@ -293,10 +247,14 @@ def check(
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})
-        return
-    showing.check(out, checked, promised, bounds(promised))
-    if wanted:
-        showing.design(out, found, wanted, sampled=promised.sampled)
+    else:
+        showing.check(out, checked, promised, bounds(promised))
+        if wanted:
+            showing.design(out, found, wanted, sampled=promised.sampled)
+    unmet = unmet_of(checked, promised) if strict else []
+    for line in unmet:
+        say("red", "strict", line)
+    raise typer.Exit(FAILED if unmet else 0)
 
 
 @app.command()

@@ -194,6 +194,27 @@ def grounds(promised: "Promises") -> dict[str, str]:
     return told
 
 
+def unmet(checked: "Check", promised: "Promises") -> list[str]:
+    """Return lines of what is violated or unknown; none where all conditions are known to hold.
+
+    A condition on sampled bounds of a plant is one that holds where it holds of the samples.
+    """
+    told = [
+        f"{c.name} ({c.source}) is {'unknown' if isnan(c.margin) else 'violated'}: {c.value:g}, "
+        f"expected {'>' if c.at_least else '<'} {c.bound:g}"
+        for c in checked.conditions
+        if not c.holds
+    ]
+    if checked.convergence != "converges":
+        status = "violated" if checked.convergence == "diverges" else "unknown"
+        told.append(f"convergence is {status}: a factor of {_factor(checked)}")
+    return told + [
+        f"the conditions on tracking of {_robots(part.robots)} are unknown: {part.why}"
+        for part in promised.robots
+        if part.constants is None
+    ]
+
+
 def _mechanics(part: "Bounded") -> str:
     p3, of = part.bounds, part.constants
     if p3 is None or of is None:

@@ -1,0 +1,78 @@
+"""All commands as one group: what each does when it is interrupted, and how its help speaks.
+
+An interrupt is told in a line and is exit status 130; wrong options are told in bounded sentences.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from typer.core import TyperArgument, TyperGroup
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import bounded
+from nrs_cosim.orchestrator.terminal import say
+
+INTERRUPTED = 130
+UsageError: Any = typer.BadParameter.__base__
+"""Of click, or of Typer's own copy of it; only its subclass has a public name."""
+
+
+def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]:
+    """Return what tells a command's parameters, with no type where a name or nothing says it."""
+
+    def parameters(ctx: Any) -> list[Any]:
+        found = of(ctx)
+        for parameter in found:
+            if isinstance(parameter, TyperArgument):
+                parameter.display_type_rich = _nothing  # type: ignore[method-assign]
+            elif getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return found
+
+    return parameters
+
+
+def _nothing(ctx: Any) -> None:
+    """Return no type."""
+
+
+class Commands(TyperGroup):
+    """All commands; each says so when it is interrupted."""
+
+    def __init__(self, **told: Any) -> None:
+        super().__init__(**told)
+        waiting: list[Any] = [self]
+        for command in waiting:
+            command.get_params = _without_types(command.get_params)
+            waiting += getattr(command, "commands", {}).values()
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command that was given."""
+        with _told():
+            return super().invoke(ctx)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take the options before a command's name."""
+        with _told():
+            try:
+                return super().parse_args(ctx, args)
+            except UnicodeDecodeError as error:
+                raise InputError(
+                    f"--install-completion: the shell's start file is no text in UTF-8: {error}; "
+                    "add what --show-completion prints to it"
+                ) from None
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Say that a command is interrupted, and bound what is said of wrong options."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        say("red", "interrupted", str(interrupt) or "by the user")
+        raise typer.Exit(INTERRUPTED) from None
+    except UsageError as error:
+        error.message = bounded(error.message)
+        raise

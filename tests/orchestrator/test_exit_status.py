@@ -1,0 +1,252 @@
+"""How each command ends: 0 done, 1 it failed or does not hold, 2 bad input, 130 interrupted."""
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from nrs_cosim.orchestrator.commands.cli import app
+from tests.command import nrs
+from tests.guard import GUARD
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.plant_fmu.archives import rewritten
+from tests.recordings import runs
+
+NRS = Path(sys.executable).with_name("nrs")
+SLIDER = """
+<robot name="slider"><link name="rail"/>
+  <link name="cart"><inertial><mass value="2"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/>
+    <axis xyz="1 0 0"/><limit effort="1" velocity="1"/></joint></robot>
+"""
+FAMILY = typer.main.get_command(app)
+
+
+def leaves(group=FAMILY, words=()):
+    """Yield the words of each command that is no group of others."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from leaves(command, (*words, name))
+        else:
+            yield (*words, name)
+
+
+COMMANDS = [" ".join(words) for words in leaves()]
+
+STATUSES = {
+    0: [
+        "--version",
+        "run good.toml -o new.mcap",
+        "resume cut.mcap -o new.mcap",
+        "replay whole.mcap --verify",
+        "replay whole.mcap --algorithm beta=1.0 -o new.mcap",
+        "diff whole.mcap whole.mcap",
+        "report whole.mcap -o new.html",
+        "info whole.mcap",
+        "info cut.mcap",
+        "export whole.mcap -o new",
+        "recover cut.mcap -o new.mcap",
+        "scene whole.mcap -o new.mcap",
+        "check good.toml",
+        "check wild.toml",
+        "check good.toml --strict",
+        "check good.toml --strict --json",
+        "doctor",
+        "schema",
+        "fmu list",
+        "fmu info two_link_arm",
+        "fmu check planar_robot",
+        "fmu build two_link_arm -o new.fmu",
+        "fmu from-urdf slider.urdf -o new.fmu --gravity 0,0,0",
+    ],
+    1: [
+        "run wild.toml -o new.mcap",
+        "resume wild.mcap -o new.mcap",
+        "replay whole.mcap --algorithm alpha=90 -o new.mcap",
+        "replay cut.mcap --verify",
+        "diff whole.mcap other.mcap",
+        "diff whole.mcap cut.mcap",
+        "check wild.toml --strict",
+        "check wild.toml --strict --json",
+        "check lossy.toml --strict",
+        "check stranger.toml --strict",
+        "doctor --listen tls/127.0.0.1:7447",
+        "fmu check renamed.fmu",
+        "host --insecure-tcp --connect unixsock-stream//nobody --wait 0.5",
+    ],
+    2: [
+        "",
+        "fmu",
+        "frobnicate",
+        "--frobnicate",
+        *COMMANDS[: COMMANDS.index("doctor")],  # which want an argument
+        *(f"{command} --frobnicate" for command in COMMANDS),
+        "run none.toml",
+        "run bad.toml",
+        "run whole.mcap",
+        "run good.toml --hosts 9",
+        "run good.toml -o whole.mcap",
+        "run good.toml --compression rar",
+        "resume none.mcap",
+        "resume whole.mcap",
+        "replay none.mcap --verify",
+        "replay whole.mcap",
+        "replay whole.mcap --algorithm gamma=1",
+        "diff whole.mcap none.mcap",
+        "diff whole.mcap good.toml",
+        "report none.mcap -o new.html",
+        "report whole.mcap -o new.odt",
+        "info none.mcap",
+        "info good.toml",
+        "info .",
+        "export none.mcap -o new",
+        "export whole.mcap -o new --format odt",
+        "recover none.mcap -o new.mcap",
+        "recover cut.mcap -o cut.mcap",
+        "scene none.mcap -o new.mcap",
+        "check none.toml",
+        "check bad.toml",
+        "check bad.toml --strict",
+        "check good.toml --accuracy -1 1",
+        "doctor --listen 7447",
+        "schema more",
+        "fmu list more",
+        "fmu info none",
+        "fmu check none.fmu",
+        "fmu check planar_robot --scenario none.toml",
+        "fmu build none -o new.fmu",
+        "fmu build two_link_arm -o new.fmu --fmi 4",
+        "fmu from-urdf none.urdf -o new.fmu",
+        "fmu from-urdf slider.urdf -o new.fmu --gravity 1,2",
+        "host --connect 7447",
+        "host --insecure-tcp --connect tcp/127.0.0.1:1 --robots x",
+    ],
+}
+ROWS = [(status, line) for status, lines in STATUSES.items() for line in lines]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with scenarios, recordings and models, good and bad."""
+    folder = tmp_path_factory.mktemp("statuses")
+    good = runs.scenario(2, 2, 3).replace("seed = 1", "seed = 1\ndivergence_limit = 1000.0")
+    stranger = rewritten(folder / "stranger.fmu", 3, lambda text: text + "<!-- of others -->")
+    wild = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
+    texts = {
+        "good": good,
+        "other": good.replace("seed = 1", "seed = 2"),
+        "wild": wild.replace("seed = 1", "seed = 1\ndivergence_limit = 500.0"),
+        "lossy": good + "\n[[faults.links]]\nloss = 0.5\n",
+        "stranger": good.replace('"two_link_arm"', f'"{stranger.name}"').replace(
+            "kp = 200.0", "kp = 0.001"
+        ),
+        "bad": good.replace("[plant]", "[plnt]"),
+        "long": (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT),
+    }
+    for name, text in texts.items():
+        (folder / f"{name}.toml").write_text(text, "utf-8")
+    (folder / "slider.urdf").write_text(SLIDER, "utf-8")
+    rewritten(folder / "renamed.fmu", 3, lambda text: text.replace('"q"', '"theta"'))
+    for name, status in (("other", 0), ("wild", 1), ("long", 0)):
+        done = nrs("run", f"{name}.toml", "-o", f"{name}.mcap", cwd=folder)
+        assert done.returncode == status, done.stderr
+    assert nrs("run", "good.toml", "-o", "whole.mcap", cwd=folder).returncode == 0
+    whole = (folder / "long.mcap").read_bytes()
+    cut = whole.rindex(b"nrs.end", 0, whole.rindex(b"nrs.end"))
+    (folder / "cut.mcap").write_bytes(whole[:cut])
+    return folder
+
+
+@pytest.mark.parametrize(("status", "line"), ROWS, ids=[f"{s} {line}" for s, line in ROWS])
+def test_a_command_ends_with_the_status_of_what_it_came_to(folder, tmp_path, status, line):
+    new = tmp_path / "new"
+    words = [str(new) + w[3:] if w.startswith("new") else w for w in shlex.split(line)]
+    done = nrs(*words, cwd=folder)
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    if status and line not in {"", "fmu"}:  # which show what commands there are
+        assert done.stderr or status == 1
+    if status == 2:
+        assert not any(tmp_path.iterdir())
+
+
+def test_each_command_is_among_those_that_end_well_and_badly():
+    def told(status):
+        return {
+            command for command in COMMANDS for line in STATUSES[status] if line.startswith(command)
+        }
+
+    assert told(2) == set(COMMANDS)
+    assert told(0) == {*COMMANDS} - {"host"}  # which ends well with the run that it joins
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS, "fmu"])
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_help_is_given_by_either_name(command, option):
+    shown = nrs(*command.split(), option)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    assert shown.stdout.lstrip().startswith(f"Usage: nrs {command}".rstrip())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_whatever_command_is_interrupted_says_so(command, monkeypatch):
+    *words, name = command.split()
+    group = FAMILY
+    for word in words:
+        group = group.commands[word]
+
+    def interrupted(_ctx):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(group.commands[name], "invoke", interrupted)
+    monkeypatch.setattr(group.commands[name], "parse_args", lambda _ctx, _args: [])
+    monkeypatch.setattr(typer.main, "get_command", lambda _app: FAMILY)
+    done = nrs(*command.split())
+    assert (done.returncode, done.stderr) == (130, "interrupted: by the user\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_end_is_an_interrupt(tmp_path, number):
+    """The scenario is a pipe: once it is opened, the command waits for what comes through."""
+    pipe = tmp_path / "s.toml"
+    os.mkfifo(pipe)
+    process = subprocess.Popen(
+        [NRS, "check", pipe], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with pipe.open("wb"):
+        process.send_signal(number)
+        printed = process.communicate(timeout=GUARD)
+    assert (process.returncode, *printed) == (130, "", "interrupted: by the user\n")
+
+
+def test_what_a_user_keeps_from_ending_with_the_terminal_goes_on(tmp_path):
+    """As `nohup` has it."""
+    pipe = tmp_path / "s.toml"
+    os.mkfifo(pipe)
+    process = subprocess.Popen(
+        ["/bin/sh", "-c", 'trap "" HUP; exec "$0" check "$1"', NRS, pipe],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    with pipe.open("w") as scenario:
+        process.send_signal(signal.SIGHUP)
+        scenario.write(runs.scenario(2, 2, 3))
+    printed = process.communicate(timeout=GUARD)
+    assert process.returncode == 0, printed[1]
+    assert "the estimates settle" in printed[0]
+
+
+def test_strict_names_what_is_violated_or_unknown(folder):
+    wild = nrs("check", "wild.toml", "--strict", cwd=folder).stderr.splitlines()
+    assert [line.split("(")[0].split(":")[1].strip() for line in wild] == [
+        "alpha",
+        "beta",
+        "convergence is violated",
+    ]
+    (lossy,) = nrs("check", "lossy.toml", "--strict", cwd=folder).stderr.splitlines()
+    assert lossy.startswith("strict: convergence is unknown: a factor of 0.")
