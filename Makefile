@@ -34,7 +34,7 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
 	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)
 
-soak: .venv/.installed  ## ten million messages over hosts that are killed; a thousand runs; checkpoints' cost
+soak: .venv/.installed  ## ten million messages over workers that are killed; a thousand runs; checkpoints' cost
 	$(BIN)/python -m benchmarks.checkpoints
 	$(BIN)/python -m benchmarks.repeated
 	$(BIN)/python -m benchmarks.soak

@@ -35,10 +35,10 @@ PARTS: Mapping[str, Sequence[str]] = {
         "nrs_cosim.estimator_agents.agents:Agents.hear",
         "nrs_cosim.estimator_agents.agents:Agents.jump",
     ],
-    "host: bounds looked at": ["nrs_cosim.orchestrator.runs.host:Host._expect_bounded"],
-    "host: states as records": ["nrs_cosim.orchestrator.runs.host:Host._states"],
-    "host: samples as records": ["nrs_cosim.orchestrator.runs.host:Host.publish_samples"],
-    "host: what it needs": ["nrs_cosim.orchestrator.runs.host:Host.hear"],
+    "worker: bounds looked at": ["nrs_cosim.orchestrator.runs.worker:Worker._expect_bounded"],
+    "worker: states as records": ["nrs_cosim.orchestrator.runs.worker:Worker._states"],
+    "worker: samples as records": ["nrs_cosim.orchestrator.runs.worker:Worker.publish_samples"],
+    "worker: what it needs": ["nrs_cosim.orchestrator.runs.worker:Worker.hear"],
     "wire: batches packed": [
         "nrs_cosim.bus.wire:Wire.pack_samples",
         "nrs_cosim.bus.wire:Wire.pack_tick",
@@ -152,7 +152,8 @@ def parts_of(n: int, ticks: int) -> dict[str, float]:
         outcome = run(scenario(n, ticks), Path(folder) / "anatomy.mcap", watch=note)
         back()
     assert outcome.status == "completed", outcome.reason
-    (began, before), (ended, after) = noted[1], noted[-1]  # tick 1 is watched by host and lockstep
+    # Tick 1 is watched by worker and lockstep.
+    (began, before), (ended, after) = noted[1], noted[-1]
     us = 1e6 / (n * (ticks - 1))
     found = {part: (after[part] - before[part]) * us for part in PARTS}
     whole = (ended - began) * us

@@ -1,7 +1,7 @@
 """What is measured of one run, one loop, or one part by itself, each in a process of its own.
 
 A run is timed from its first tick until its recording is closed; all before is its set-up: reading
-the scenario, starting hosts, opening the plants. Its memory is the most that its processes have
+the scenario, starting workers, opening the plants. Its memory is the most that its processes have
 had, all together.
 """
 
@@ -16,21 +16,21 @@ from typing import Any
 from zenoh.handlers import Callback
 
 from benchmarks.bare import timed
-from benchmarks.memory import hosts, peak
+from benchmarks.memory import peak, workers
 from benchmarks.work import scenario
 from benchmarks.writers import as_columns, ours_of_columns, ticks_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
-from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.pace import AtOnce
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.recordings.reading import Reader
 
 Found = dict[str, float]
-HANDLING = Handling(restart=False, wait=60.0, show=lambda _text: None)
+POLICY = WorkerPolicy(restart=False, wait=60.0, show=lambda _text: None)
 _LOOK = 0.2
-"""s: between two looks at the memory of hosts."""
+"""s: between two looks at the memory of workers."""
 _BATCH = 100
 _PAYLOAD = bytes(59)
 """As long as a sample."""
@@ -48,7 +48,7 @@ def _measured(measure: Callable[..., Mapping[str, float]], told: tuple[Any, ...]
 
 
 class Begun(AtOnce):
-    """Notes when simulated time begins to pass, and how much memory the hosts have then."""
+    """Notes when simulated time begins to pass, and how much memory the workers have then."""
 
     def __init__(self) -> None:
         self.at = self.cpu = self._looked = 0.0
@@ -59,29 +59,31 @@ class Begun(AtOnce):
         self.at, self.cpu = time.perf_counter(), time.process_time()
 
     def wait(self, time_ns: int, ask: Callable[[], None]) -> None:  # noqa: ARG002
-        """Look at the memory of hosts now and then."""
+        """Look at the memory of workers now and then."""
         if time.perf_counter() - self._looked >= _LOOK:
-            self._peaks |= {pid: peak(pid) for _, pid in hosts()}
+            self._peaks |= {pid: peak(pid) for _, pid in workers()}
             self._looked = time.perf_counter()
 
     @property
     def peak(self) -> int:
-        """The most memory that this process and its hosts have had, bytes."""
+        """The most memory that this process and its workers have had, bytes."""
         return peak() + sum(self._peaks.values())
 
 
-def recorded(n: int, ticks: int, n_hosts: int, path: Path) -> Found:
-    """Run arms into a recording, on one host in this process or on some of their own."""
-    return recorded_file(lambda: scenario(n, ticks), ticks, n_hosts, path)
+def recorded(n: int, ticks: int, n_workers: int, path: Path) -> Found:
+    """Run arms into a recording, on one worker in this process or on some of their own."""
+    return recorded_file(lambda: scenario(n, ticks), ticks, n_workers, path)
 
 
-def recorded_file(read: Callable[[], ScenarioFile], ticks: int, n_hosts: int, path: Path) -> Found:
+def recorded_file(
+    read: Callable[[], ScenarioFile], ticks: int, n_workers: int, path: Path
+) -> Found:
     """Run a scenario, which is yet to be read, likewise."""
     began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun()
     file = read()
     n = file.scenario.n
-    man = here(file, n_hosts, HANDLING) if n_hosts > 1 else None
-    outcome = run(file, path, man, pace=begun)
+    launch = local_workers(file, n_workers, POLICY) if n_workers > 1 else None
+    outcome = run(file, path, launch, pace=begun)
     ended, cpu = time.perf_counter(), time.process_time()
     assert outcome.status == "completed", outcome.reason
     every = file.scenario.run.checkpoint_every
@@ -90,7 +92,7 @@ def recorded_file(read: Callable[[], ScenarioFile], ticks: int, n_hosts: int, pa
         digest = reader.digest
     return {
         "seconds": ended - begun.at,
-        **({} if man else {"cpu": cpu - begun.cpu, "setup_cpu": begun.cpu - cpu_began}),
+        **({} if launch else {"cpu": cpu - begun.cpu, "setup_cpu": begun.cpu - cpu_began}),
         "setup": begun.at - began,
         "peak": begun.peak,
         "bytes": path.stat().st_size,

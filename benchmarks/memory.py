@@ -19,8 +19,8 @@ def now(pid: int | None = None) -> int:
     return _read("VmRSS", pid)
 
 
-def hosts() -> Iterator[tuple[str, int]]:
-    """Yield the name and the number of each host process that this process has started."""
+def workers() -> Iterator[tuple[str, int]]:
+    """Yield the name and the number of each worker process that this process has started."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             parent = (folder / "stat").read_text("utf-8").rpartition(")")[2].split()[1]

@@ -1,7 +1,8 @@
-"""Hosts of a running run are killed and stopped, at ticks drawn from a seed, and their memory read.
+"""Workers of a running run are killed and stopped, at ticks drawn from a seed, and their memory
+read.
 
 A blow falls when its tick has closed, from the orchestrator's own thread: SIGKILL, or SIGSTOP and
-some seconds later SIGCONT. The hosts are the processes that this one has started, known by their
+some seconds later SIGCONT. The workers are the processes that this one has started, known by their
 command lines; their peak memory is `VmHWM` of /proc, read as the run goes on. So this is for Linux.
 """
 
@@ -14,7 +15,7 @@ from time import monotonic
 
 import numpy as np
 
-from benchmarks.memory import hosts, peak
+from benchmarks.memory import peak, workers
 
 _LOOK = 0.2
 """s: between two looks at the memory."""
@@ -22,22 +23,22 @@ _LOOK = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Blow:
-    """What befalls a host once a tick has closed."""
+    """What befalls a worker once a tick has closed."""
 
     tick: int
-    host: str
+    worker: str
     stop: float
     """s: how long it is stopped; 0 when it is killed."""
 
 
-def blows(ticks: int, hosts: Sequence[str], kills: int, stop: float, seed: int) -> list[Blow]:
+def blows(ticks: int, workers: Sequence[str], kills: int, stop: float, seed: int) -> list[Blow]:
     """Return some kills and one stop in the middle nine tenths of a run, in the order of time."""
     rng = np.random.default_rng([seed, ticks])
     at = rng.choice(np.arange(ticks // 20, ticks - ticks // 20), kills + 1, replace=False)
-    whom = rng.choice(len(hosts), kills + 1)
+    whom = rng.choice(len(workers), kills + 1)
     long = [stop] + [0.0] * kills
     dealt = zip(at.tolist(), whom.tolist(), long, strict=True)
-    return [Blow(k, hosts[host], seconds) for k, host, seconds in sorted(dealt)]
+    return [Blow(k, workers[worker], seconds) for k, worker, seconds in sorted(dealt)]
 
 
 class Mischief:
@@ -46,11 +47,11 @@ class Mischief:
     def __init__(
         self, dealt: Sequence[Blow], t: Callable[[int], int], again: Callable[[str], None]
     ) -> None:
-        """Deal blows in a run with t_k, ns; `again` is told the name of each killed host."""
+        """Deal blows in a run with t_k, ns; `again` is told the name of each killed worker."""
         self.done: Counter[str] = Counter()
         """How often each thing was done."""
         self.peaks: Counter[str] = Counter()
-        """The most memory, bytes, that any process of a host had."""
+        """The most memory, bytes, that any process of a worker had."""
         self._left, self._t, self._again = list(dealt), t, again
         self._looked = 0.0
         self._stopped: dict[int, float] = {}
@@ -61,7 +62,7 @@ class Mischief:
         now = monotonic()
         if now - self._looked >= _LOOK:
             self._looked = now
-            for name, pid in hosts():
+            for name, pid in workers():
                 self.peaks[name] = max(self.peaks[name], peak(pid))
         for pid in [pid for pid, until in self._stopped.items() if until <= now]:
             os.kill(pid, signal.SIGCONT)
@@ -72,9 +73,9 @@ class Mischief:
             del self._left[0]
 
     def _fell(self, blow: Blow) -> bool:
-        """Deal a blow; return whether its host was there."""
-        for name, pid in hosts():
-            if name != blow.host:
+        """Deal a blow; return whether its worker was there."""
+        for name, pid in workers():
+            if name != blow.worker:
                 continue
             if blow.stop:
                 os.kill(pid, signal.SIGSTOP)

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.memory import now
 from benchmarks.work import scenario
-from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.running import run
 
 MOST = 2.0
@@ -48,7 +48,7 @@ def repeat(runs: int, every: int, folder: Path) -> list[tuple[int, float]]:
     trim = ctypes.CDLL(None).malloc_trim
     file, seen = scenario(4, 1), []
     for number in range(1, runs + 1):
-        outcome = run(file, folder / "run.mcap", alone(file))
+        outcome = run(file, folder / "run.mcap", in_process(file))
         assert outcome.status == "completed", outcome.reason
         if number % every == 0:
             gc.collect()

@@ -1,10 +1,10 @@
-"""A long run over two hosts that are killed and stopped on the way: is every message there, once?
+"""A long run over two workers that are killed and stopped on the way: is every message there, once?
 
 What is expected follows from the scenario alone. The recording is read with all checksums and its
 digest verified, and counted by kind; its digest must be that of the same run in one process. The
-hosts are processes that the run starts, at a Unix socket, and then `nrs host` over loopback TCP,
-where one that was stopped has lost its link. Each run has a process of its own, so that its peak
-memory is its own. `make soak` prints the table and writes it to docs/soak.md.
+workers are processes that the run starts, at a Unix socket, and then `nrs worker` over loopback
+TCP, where one that was stopped has lost its link. Each run has a process of its own, so that its
+peak memory is its own. `make soak` prints the table and writes it to docs/soak.md.
 """
 
 import argparse
@@ -30,12 +30,12 @@ from benchmarks.work import scenario
 from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.transport import Bus
-from nrs_cosim.orchestrator.hosts.crew import Crew
-from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere, here
-from nrs_cosim.orchestrator.runs.alone import alone
-from nrs_cosim.orchestrator.runs.host import Watch
-from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers, remote_workers
+from nrs_cosim.orchestrator.runs.in_process import in_process
+from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.running import Outcome, run
+from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import clock_of
@@ -43,20 +43,21 @@ from nrs_cosim.recordings.reading import Reader
 
 PAGE = Path(__file__).parents[1] / "docs" / "soak.md"
 KILLS, STOP, SEED = 4, 15.0, 1
-HANDLING = Handling(restart=True, wait=120.0, show=lambda text: print(f"    {text}", flush=True))
+POLICY = WorkerPolicy(restart=True, wait=120.0, show=lambda text: print(f"    {text}", flush=True))
 MB = 1e6
 
 Row = dict[str, Any]
 
 TEXT = """# A soak
 
-`make soak` ran {robots:,} two-link arms for {ticks:,} ticks in one process, over two host
-processes at a Unix socket, and over two `nrs host` processes on loopback TCP. In the latter two,
-hosts were killed {kills} times by SIGKILL, and one was stopped for {stop:g} s, at ticks drawn from
-a seed. A host that was killed or lost its link goes back to the last checkpoint and asks for the
-samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are those that a host
-asked for because they had not come for 1 s. A batch is what a host says of one tick; one that is
-repeated was said again by a host that came back, and is recorded once. The seconds are wall time,
+`make soak` ran {robots:,} two-link arms for {ticks:,} ticks in one process, over two worker
+processes at a Unix socket, and over two `nrs worker` processes on loopback TCP. In the latter two,
+workers were killed {kills} times by SIGKILL, and one was stopped for {stop:g} s, at
+ticks drawn from a seed. A worker that was killed or lost its link goes back to the last checkpoint
+and asks for the samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are
+those that a worker asked for because they had not come for 1 s. A batch is what a worker says of
+one tick; one that is repeated was said again by a worker that came back, and is recorded once. The
+seconds are wall time,
 with the stop in them. On {machine}.
 
 {table}
@@ -85,30 +86,30 @@ def counted(path: Path) -> tuple[dict[str, int], str, list[str]]:
 
 def in_one_process(file: ScenarioFile, path: Path) -> Row:
     """Run in this process alone."""
-    return _row("one process", run(file, path, alone(file)), {})
+    return _row("one process", run(file, path, in_process(file)), {})
 
 
 def at_a_socket(file: ScenarioFile, path: Path) -> Row:
     """Run over two processes that the run starts, and starts again."""
-    return _spread("Unix socket", file, path, here(file, 2, HANDLING), lambda _name: None)
+    return _spread("Unix socket", file, path, local_workers(file, 2, POLICY), lambda _name: None)
 
 
 def over_tcp(file: ScenarioFile, path: Path) -> Row:
-    """Run over two `nrs host`, of which each that is killed is started again here."""
+    """Run over two `nrs worker`, of which each that is killed is started again here."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
     n = file.scenario.n
-    homes = {"local-1": range(1, n // 2 + 1), "local-2": range(n // 2 + 1, n + 1)}
+    assignment = {"local-1": range(1, n // 2 + 1), "local-2": range(n // 2 + 1, n + 1)}
     started: list[subprocess.Popen[bytes]] = []
 
     def start(name: str) -> None:
-        robots = f"{homes[name][0]}-{homes[name][-1]}"
+        robots = f"{assignment[name][0]}-{assignment[name][-1]}"
         command = [
             sys.executable,
             "-m",
             "orchestrator",
-            "host",
+            "worker",
             "--connect",
             endpoint,
             "--insecure-tcp",
@@ -116,11 +117,13 @@ def over_tcp(file: ScenarioFile, path: Path) -> Row:
         command += ["--name", name, "--robots", robots]
         started.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
 
-    for name in homes:
+    for name in assignment:
         start(name)
     try:
-        man = elsewhere(file, Endpoints(listen=(endpoint,), insecure_tcp=True), homes, HANDLING)
-        row = _spread("loopback TCP", file, path, man, start)
+        launch = remote_workers(
+            file, Endpoints(listen=(endpoint,), insecure_tcp=True), assignment, POLICY
+        )
+        row = _spread("loopback TCP", file, path, launch, start)
         for process in started:
             process.wait(10.0)
     finally:
@@ -134,30 +137,30 @@ def _spread(
     name: str,
     file: ScenarioFile,
     path: Path,
-    man: Manning,
+    launch: Launcher,
     again: Callable[[str], None],
 ) -> Row:
     clock = clock_of(file.scenario)
     dealt = blows(clock.ticks, ("local-1", "local-2"), KILLS, STOP, SEED)
     mischief = Mischief(dealt, clock.t, again)
-    crews: list[Hosts] = []
+    coordinators: list[Workers] = []
 
-    def manned(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
-        bus, crew = man(stack, clock, watch)
-        crews.append(crew)
-        return bus, crew
+    def launched(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
+        bus, coordinator = launch(stack, clock, watch)
+        coordinators.append(coordinator)
+        return bus, coordinator
 
-    outcome = run(file, path, manned, watch=mischief.watch)
-    (crew,) = crews
-    assert isinstance(crew, Crew)
+    outcome = run(file, path, launched, watch=mischief.watch)
+    (coordinator,) = coordinators
+    assert isinstance(coordinator, Coordinator)
     about = {
         "killed": mischief.done["killed"],
         "stopped": mischief.done["stopped"],
-        "hosts restarted": crew.restarts,
-        "asked to catch up": crew.asked["to catch up"],
-        "asked late": crew.asked["late"],
+        "workers restarted": coordinator.restarts,
+        "asked to catch up": coordinator.asked["to catch up"],
+        "asked late": coordinator.asked["late"],
         "batches repeated": outcome.repeated,
-        **{f"peak MB, {host}": round(p / MB) for host, p in sorted(mischief.peaks.items())},
+        **{f"peak MB, {worker}": round(p / MB) for worker, p in sorted(mischief.peaks.items())},
     }
     return _row(name, outcome, about)
 
@@ -218,7 +221,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def main() -> None:
     """Soak, print the table, write it; exit with 1 when anything was lost."""
-    options = argparse.ArgumentParser(description="a long run over hosts that come and go")
+    options = argparse.ArgumentParser(description="a long run over workers that come and go")
     options.add_argument("--robots", type=int, default=1000)
     options.add_argument("--ticks", type=int, default=5000)
     options.add_argument("--page", type=Path, default=PAGE)

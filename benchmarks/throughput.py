@@ -1,7 +1,7 @@
 """The one table: recorded robot-intervals per second, beside what does less, in one run.
 
 A robot-interval is one sample on the bus, one doStep of h, and one recorded state. Beside runs on
-one host and on two stand bare loops over the same FMUs with the same references, which neither
+one worker and on two stand bare loops over the same FMUs with the same references, which neither
 exchange nor record: one by FMPy's own methods, one by calls that are bound beforehand. They end in
 the very states that were recorded, or this fails. By themselves stand the bus, a put and its
 receipt for each sample, and the writer, a message at a time.
@@ -27,7 +27,7 @@ from benchmarks.work import H, Motion, keep_motion, scenario
 
 TICKS = {6: 500, 100: 500, 1_000: 200, 10_000: 30}
 """Robots, and the ticks of a timed run unless they are given."""
-OURS, OURS_2, FMPY, PREBOUND = "1 host", "2 hosts", "FMPy loop", "pre-bound loop"
+OURS, OURS_2, FMPY, PREBOUND = "1 worker", "2 workers", "FMPy loop", "pre-bound loop"
 ZENOH, WRITER = "Zenoh, put and received", "writer, messages"
 PUTS, TICKS_WRITTEN = 200_000, 50
 
@@ -176,7 +176,7 @@ def main() -> None:
     print(f"medians of {given.rounds} interleaved rounds, least..most; h = {H} s, zstd\n")
     print(
         f"{'robots':>7} {'ticks':>6}  {'':15}{'per s':>9}{'least..most':>18}{'cpu us':>7}"
-        f"{'set-up s':>9}{'peak MB':>8}{'bytes':>6}  1 host / it"
+        f"{'set-up s':>9}{'peak MB':>8}{'bytes':>6}  1 worker / it"
     )
     found: defaultdict[Case, list[dict[str, Found]]] = defaultdict(list)
     with TemporaryDirectory(prefix="nrs-") as name:

@@ -1,4 +1,4 @@
-"""Ticks of encoded messages, as hosts say them, and writers that take them one by one."""
+"""Ticks of encoded messages, as workers say them, and writers that take them one by one."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

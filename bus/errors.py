@@ -12,7 +12,7 @@ CosimError
 └── RunError              a run that had started could not go on                    (exit 1)
     ├── BusError            a message that is missing, or that had to be refused
     ├── DivergedError       orchestrator: an estimate or a state beyond all bounds
-    ├── HostError           orchestrator: a host that did not come, or is gone for good
+    ├── WorkerError         orchestrator: a worker that did not come, or is gone for good
     ├── StepError           plant_fmu: a plant that could not be stepped
     └── UnwritableError     recordings: the disk refused
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "diverged", "plant", "algorithm", "host", "deadline", "bus", "disk", "interrupted", "other"
+    "diverged", "plant", "algorithm", "worker", "deadline", "bus", "disk", "interrupted", "other"
 ]
 
 

@@ -1,16 +1,16 @@
-"""A node's messages have topics of their own; what a host puts at one tick travels as one batch.
+"""A node's messages have topics of their own; what a worker puts at one tick travels as one batch.
 
 In a recording node 0 is the target and the robots are 1 … n: `/target/sample`, `/robot_1/sample`,
 `/robot_1/state`, `/robot_1/link_event`, `/robot_1/checkpoint`, so that a robot is one folder in
-every viewer's tree, with a name that ROS allows. On the wire a key is `<kind>/<host>`.
+every viewer's tree, with a name that ROS allows. On the wire a key is `<kind>/<worker>`.
 """
 
 TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
 """Who puts the target's samples; who is present for the run as a whole; all of them."""
 SAMPLES, RECORDS, REPORT, ORDERS = "samples", "records", "report", "orders"
-"""What hosts put: for one another, for the recorder, for the orchestrator; what they are told."""
+"""What workers put: for one another, for the recorder, for the orchestrator; what they are told."""
 JOIN, START, HEARD, FMU = "join", "start", "heard", "fmu"
-"""What hosts ask for: to be let in; to begin; samples they missed; an FMU by its SHA-256."""
+"""What workers ask for: to be let in; to begin; samples they missed; an FMU by its SHA-256."""
 ALIVE = "alive"
 
 
@@ -50,5 +50,5 @@ def _folder(node: int) -> str:
 
 
 def wire_key(kind: str, name: str) -> str:
-    """Return the key of one kind of a host's messages."""
+    """Return the key of one kind of a worker's messages."""
     return f"{kind}/{name}"

@@ -1,7 +1,8 @@
 """A seal says that bytes were put on a key by one who was let into the run.
 
-It is a BLAKE2b of the key and the bytes under the run's secret, which a host is told when it joins
-(RFC 7693, keyed hashing). Where no socket is open there is no secret, and nothing to seal against.
+It is a BLAKE2b of the key and the bytes under the run's secret, which a worker is told when it
+joins (RFC 7693, keyed hashing). Where no socket is open there is no secret, and nothing to seal
+against.
 """
 
 from hashlib import blake2b

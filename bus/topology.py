@@ -59,7 +59,7 @@ class Topology:
     @property
     def D(self) -> "sparse.csr_array":  # noqa: N802, the paper's symbol
         """D = B⁻¹ Ŵ, shape (n, n): the normalised weights between robots."""
-        from scipy import sparse  # noqa: PLC0415, 0.1 s that hosts need not wait for
+        from scipy import sparse  # noqa: PLC0415, 0.1 s that workers need not wait for
 
         among = self.source > 0
         return sparse.csr_array(

@@ -1,11 +1,11 @@
-"""What hosts put on the wire, and what of it is believed.
+"""What workers put on the wire, and what of it is believed.
 
-A host puts two batches a tick: `samples/<host>`, the samples of its robots at t_k, for the other
-hosts and the recorder; and `records/<host>`, all else that is recorded of the tick: its states of
-(t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages as
-they will stand in the recording, under a seal. A batch is believed when it is sealed for its key,
-comes from a host that the run has, and holds exactly what that host owes: its robots, its times,
-finite numbers. Any other is refused with the reason, and never mixed in.
+A worker puts two batches a tick: `samples/<worker>`, the samples of its robots at t_k, for the
+other workers and the recorder; and `records/<worker>`, all else that is recorded of the tick: its
+states of (t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages
+as they will stand in the recording, under a seal. A batch is believed when it is sealed for its
+key, comes from a worker that the run has, and holds exactly what that worker owes: its robots, its
+times, finite numbers. Any other is refused with the reason, and never mixed in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,7 +50,7 @@ class Times(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """What a host tells the recorder of one tick, beside its samples."""
+    """What a worker tells the recorder of one tick, beside its samples."""
 
     states: Records
     link_events: Records
@@ -69,64 +69,66 @@ class Wire:
         self,
         m: int,
         times: Times,
-        homes: Mapping[str, Nodes],
+        assignment: Mapping[str, Nodes],
         seal: Seal,
         silent: Callable[[int], Nodes] = _none_silent,
     ) -> None:
-        """Know the run: which nodes each host has, ascending, and who does not send at a tick."""
+        """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
         self.samples, self.states, self.link_events = (
             Codec(k, m) for k in (SAMPLE, STATE, LINK_EVENT)
         )
-        self.homes = dict(homes)
+        self.assignment = dict(assignment)
         self.times = times
         self._seal, self._silent = seal, silent
         self.none = self.link_events.blank(np.empty(0, np.int64))
         """No link events."""
         self._believed_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
-        """Of each host the last samples, as they came and as what they are."""
+        """Of each worker the last samples, as they came and as what they are."""
         most = max(len(times.outputs(0)), len(times.outputs(1)))
-        self._owed_samples = {host: self.samples.blank(nodes) for host, nodes in homes.items()}
+        self._owed_samples = {
+            worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
+        }
         self._owed_states = {
-            host: self.states.blank(np.tile(nodes, most)) for host, nodes in homes.items()
+            worker: self.states.blank(np.tile(nodes, most)) for worker, nodes in assignment.items()
         }
 
-    def pack_samples(self, host: str, k: int, records: Records) -> bytes:
-        """Return the batch of a host's samples of t_k."""
-        return self._seal.closed(wire_key(SAMPLES, host), _K.pack(k) + records.tobytes())
+    def pack_samples(self, worker: str, k: int, records: Records) -> bytes:
+        """Return the batch of a worker's samples of t_k."""
+        return self._seal.closed(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
 
-    def unpack_samples(self, host: str, payload: bytes) -> tuple[int, Records]:
-        """Return k and the samples that a host put; `RefusedError` when they are not believed.
+    def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
+        """Return k and the samples that a worker put; `RefusedError` when they are not believed.
 
         Bytes that two hear on one wire are judged once.
         """
-        known, believed = self._believed_last.get(host, (b"", None))
+        known, believed = self._believed_last.get(worker, (b"", None))
         if believed and payload == known:
             return believed
-        data, nodes = self._open(SAMPLES, host, payload)
+        data, nodes = self._open(SAMPLES, worker, payload)
         k = self._tick(data, 1)
         silent = self._silent(k)
-        owed = self._owed_samples[host]
+        owed = self._owed_samples[worker]
         if silent.size:
             owed = owed[~np.isin(nodes, silent)]
         owed["k"], owed["time_ns"] = k, self.times.t(k)
         believed = k, self._believed(self.samples, data[_K.size :], owed)
-        self._believed_last[host] = payload, believed
+        self._believed_last[worker] = payload, believed
         return believed
 
-    def pack_tick(self, host: str, k: int, tick: Tick) -> bytes:
-        """Return the batch of all else that is recorded of a host's tick."""
+    def pack_tick(self, worker: str, k: int, tick: Tick) -> bytes:
+        """Return the batch of all else that is recorded of a worker's tick."""
         parts = [tick.states.tobytes(), tick.link_events.tobytes(), *tick.checkpoints]
-        return self._seal.closed(wire_key(RECORDS, host), _K.pack(k) + joined(parts))
+        return self._seal.closed(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
 
-    def unpack_tick(self, host: str, payload: bytes) -> tuple[int, Tick]:
-        """Return k and what a host told of it; `RefusedError` when it is not believed."""
-        data, robots = self._open(RECORDS, host, payload)
+    def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
+        """Return k and what a worker told of it; `RefusedError` when it is not believed."""
+        data, robots = self._open(RECORDS, worker, payload)
         k = self._tick(data, 0)
         parts = parted(data[_K.size :])
         if parts is None or len(parts) < 2:
             raise RefusedError("size")
         told, met, *checkpoints = parts
-        owed, outputs = self._owed_states[host], self.times.outputs(k)
+        owed, outputs = self._owed_states[worker], self.times.outputs(k)
         owed = owed[: len(robots) * len(outputs)]
         owed["k"] = k
         owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
@@ -143,11 +145,11 @@ class Wire:
             raise RefusedError("tick")
         return k, Tick(states, events, checkpoints)
 
-    def _open(self, kind: str, host: str, payload: bytes) -> tuple[bytes, Nodes]:
-        nodes = self.homes.get(host)
+    def _open(self, kind: str, worker: str, payload: bytes) -> tuple[bytes, Nodes]:
+        nodes = self.assignment.get(worker)
         if nodes is None:
-            raise RefusedError("host")
-        data = self._seal.opened(wire_key(kind, host), payload)
+            raise RefusedError("worker")
+        data = self._seal.opened(wire_key(kind, worker), payload)
         if data is None:
             raise RefusedError("seal")
         return data, nodes

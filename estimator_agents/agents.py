@@ -1,7 +1,7 @@
 """An agent takes the samples of its in-neighbours in and gives its own out; no bus is inside.
 
 At t_k (k ≥ 1) it needs one sample of each in-neighbour, exactly k's; then it jumps. Until the
-next sampling time it flies on what it knows. The agents of one host are kept as arrays, a row a
+next sampling time it flies on what it knows. The agents of one worker are kept as arrays, a row a
 robot, and each owns the in-edges on which it hears; what is not on them it never sees. Where the
 digraphs take turns, a sample is taken in from whoever is ever heard, and summed over the edges of
 t_k alone.
@@ -65,7 +65,7 @@ class Edges:
 
 
 class Agents:
-    """The estimator agents of one host.
+    """The estimator agents of one worker.
 
     `estimate` holds, for the time `t_k` they last jumped at, ε_i(t_k⁺) and υ_i(t_k⁺), (rows, m).
     `links` are those of the same robots that have faults, and `missing` says what an agent does

@@ -8,7 +8,7 @@ goes to the standard error.
 Whatever the encoding of the terminal or the pipe, a result can be printed.
 
 Linear algebra has one thread unless the user says otherwise: where the processors have other work,
-as those of a run's hosts have, more of them wait for one another by spinning.
+as those of a run's workers have, more of them wait for one another by spinning.
 """
 
 import os

@@ -13,10 +13,10 @@ class DivergedError(RunError):
     kind = "diverged"
 
 
-class HostError(RunError):
-    """A host did not come, or is gone and is not started again."""
+class WorkerError(RunError):
+    """A worker did not come, or is gone and is not started again."""
 
-    kind = "host"
+    kind = "worker"
 
 
 class Interrupted(CosimError):  # noqa: N818, it is no error of the run's

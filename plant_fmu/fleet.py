@@ -10,7 +10,7 @@ from nrs_cosim.plant_fmu.plants import Array, DrivenPlants
 
 
 class Fleet:
-    """All plants of a host; see `plant_fmu.plants.Plants` and `Checkpointed`."""
+    """All plants of a worker; see `plant_fmu.plants.Plants` and `Checkpointed`."""
 
     def __init__(self, groups: Sequence[tuple[NDArray[np.intp], DrivenPlants]], m: int) -> None:
         """Join groups, each with the rows (ascending) that its plants have in the fleet."""

@@ -1,9 +1,9 @@
-"""The recorder writes what hosts say, a closed tick at a time, in the very bytes that travelled.
+"""The recorder writes what workers say, a closed tick at a time, in the very bytes that travelled.
 
-Tick k closes with the samples of t_k and all that the hosts told of it: their states of
-(t_{k−1}, t_k], link events, checkpoints. It is counted by host: a batch is believed only when it
-holds all that its host owes. What cannot be believed is counted by its reason and passed over; what
-is said twice is kept once.
+Tick k closes with the samples of t_k and all that the workers told of it: their states of
+(t_{k−1}, t_k], link events, checkpoints. It is counted by worker: a batch is believed only when it
+holds all that its worker owes. What cannot be believed is counted by its reason and passed over;
+what is said twice is kept once.
 """
 
 import json
@@ -93,7 +93,7 @@ _NONE = 0
 
 @dataclass(slots=True)
 class _Open:
-    """A tick that is not closed yet, by host."""
+    """A tick that is not closed yet, by worker."""
 
     samples: dict[str, Records] = field(default_factory=dict)
     told: dict[str, Tick] = field(default_factory=dict)
@@ -116,9 +116,9 @@ class TickWriter(Protocol):
 
 
 class Recorder:
-    """Writes what the hosts of a run say.
+    """Writes what the workers of a run say.
 
-    `refused` counts what was not believed, by reason; `repeated` what was said again, as a host
+    `refused` counts what was not believed, by reason; `repeated` what was said again, as a worker
     does that was restored.
     """
 
@@ -141,7 +141,7 @@ class Recorder:
         self._past: dict[int, list[Records]] = {}
         self._reader: Reader | None = None
         self._read_until = -1
-        self._hosts = frozenset(wire.homes) - {TARGET}
+        self._workers = frozenset(wire.assignment) - {TARGET}
         self._sample_topics = [sample_topic(node) for node in range(n + 1)]
         self._samples_on, self._states_on, self._link_events_on, self._checkpoints_on = (
             np.array([writer.numbers.get(key(node), _NONE) for node in range(n + 1)], np.uint16)
@@ -152,14 +152,14 @@ class Recorder:
     def take(self, message: Message) -> None:
         """Take what was put on a key; what is no batch of the run is refused and counted.
 
-        Raises `BusError` when a host says a tick again, and not in the same words.
+        Raises `BusError` when a worker says a tick again, and not in the same words.
         """
-        kind, _, host = message.key.partition("/")
+        kind, _, worker = message.key.partition("/")
         try:
             if kind == SAMPLES:
-                k, samples = self._wire.unpack_samples(host, message.payload)
+                k, samples = self._wire.unpack_samples(worker, message.payload)
             elif kind == RECORDS:
-                k, tick = self._wire.unpack_tick(host, message.payload)
+                k, tick = self._wire.unpack_tick(worker, message.payload)
             else:
                 self.refused["key"] += 1
                 return
@@ -172,35 +172,35 @@ class Recorder:
         if k <= self.closed:
             new = False
         elif kind == SAMPLES:
-            new = host not in self._open[k].samples
-            first = self._open[k].samples.setdefault(host, samples)
-            self._expect_same(k, host, first is samples or first.tobytes() == samples.tobytes())
+            new = worker not in self._open[k].samples
+            first = self._open[k].samples.setdefault(worker, samples)
+            self._expect_same(k, worker, first is samples or first.tobytes() == samples.tobytes())
         else:
-            new = host not in self._open[k].told
-            known = self._open[k].told.setdefault(host, tick)
+            new = worker not in self._open[k].told
+            known = self._open[k].told.setdefault(worker, tick)
             same = known is tick or known.states.tobytes() == tick.states.tobytes()
-            self._expect_same(k, host, same)
+            self._expect_same(k, worker, same)
         self.taken += new
         self.repeated += not new
 
     def is_whole(self, k: int) -> bool:
         """Return whether nothing of tick k is missing."""
-        tick, hosts = self._open[k], len(self._hosts)
-        return len(tick.told) == hosts and (not k or len(tick.samples) == hosts + 1)
+        tick, workers = self._open[k], len(self._workers)
+        return len(tick.told) == workers and (not k or len(tick.samples) == workers + 1)
 
     def missing(self, k: int) -> dict[str, list[str]]:
-        """Return what tick k lacks: of each host, which kinds."""
+        """Return what tick k lacks: of each worker, which kinds."""
         if k <= self.closed:
             return {}
         tick = self._open[k]
-        lacks = {host: [RECORDS] for host in self._hosts - tick.told.keys()}
-        for host in (self._hosts | {TARGET}) - tick.samples.keys() if k else ():
-            lacks.setdefault(host, []).append(SAMPLES)
+        lacks = {worker: [RECORDS] for worker in self._workers - tick.told.keys()}
+        for worker in (self._workers | {TARGET}) - tick.samples.keys() if k else ():
+            lacks.setdefault(worker, []).append(SAMPLES)
         return lacks
 
-    def last_heard(self, host: str) -> int:
-        """Return the last tick of which a host's samples came."""
-        heard = (k for k, tick in self._open.items() if host in tick.samples)
+    def last_heard(self, worker: str) -> int:
+        """Return the last tick of which a worker's samples came."""
+        heard = (k for k, tick in self._open.items() if worker in tick.samples)
         return max(heard, default=self.closed)
 
     def close(self, k: int) -> None:
@@ -228,9 +228,9 @@ class Recorder:
         self._put(k, [part], [samples], by_kind["checkpoint"])
 
     def samples(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
-        """Yield the samples of the ticks since … until that are known: k, records, host.
+        """Yield the samples of the ticks since … until that are known: k, records, worker.
 
-        A closed tick is whole, and its host is `EVERYONE`. What is no more at hand is read from
+        A closed tick is whole, and its worker is `EVERYONE`. What is no more at hand is read from
         the recording.
         """
         if since <= min(until, self.closed) and since not in self._past:
@@ -241,7 +241,7 @@ class Recorder:
                     yield k, np.concatenate(self._past[k]), EVERYONE
         for k, tick in self._open.items():
             if since <= k <= until:
-                yield from ((k, records, host) for host, records in tick.samples.items())
+                yield from ((k, records, worker) for worker, records in tick.samples.items())
 
     def end(self) -> None:
         """Let go of what was read again."""
@@ -282,12 +282,12 @@ class Recorder:
         return bool(events.all() and checkpoints.all())
 
     @staticmethod
-    def _expect_same(k: int, host: str, same: bool) -> None:
+    def _expect_same(k: int, worker: str, same: bool) -> None:
         if not same:
             raise BusError(
-                f"tick {k}: host {host} said it twice, and not the same: its FMUs do not go the "
-                "same way again from the same state, or another party that has the run's secret "
-                "put a message in its name"
+                f"tick {k}: worker {worker} said it twice, and not the same: its FMUs do not go "
+                "the same way again from the same state, or another party that has the run's "
+                "secret put a message in its name"
             )
 
 

@@ -1,4 +1,4 @@
-"""What two hosts of one robot each put, made up, and a writer that keeps ticks at hand."""
+"""What two workers of one robot each put, made up, and a writer that keeps ticks at hand."""
 
 import numpy as np
 
@@ -12,36 +12,38 @@ from nrs_cosim.recordings.recorder import Recorder, channels
 
 M, H = 2, 100_000_000
 ROBOTS = {"left": 1, "right": 2}
-HOMES = {host: [robot] for host, robot in ROBOTS.items()}
+ASSIGNMENT = {worker: [robot] for worker, robot in ROBOTS.items()}
 
 
 def wire_of(ticks: int) -> Wire:
     """Return the wire of a run of two robots and the target."""
-    homes = {host: np.array(robots) for host, robots in HOMES.items()}
-    return Wire(M, Clock((H,), 1, ticks), {**homes, TARGET: np.array([0])}, Seal())
+    assignment = {worker: np.array(robots) for worker, robots in ASSIGNMENT.items()}
+    return Wire(M, Clock((H,), 1, ticks), {**assignment, TARGET: np.array([0])}, Seal())
 
 
-def samples(wire: Wire, host: str, k: int, value: float = 1.0) -> Message:
-    """Return what a host, or the target, puts of its samples of t_k."""
-    records = wire.samples.blank(wire.homes[host])
+def samples(wire: Wire, worker: str, k: int, value: float = 1.0) -> Message:
+    """Return what a worker, or the target, puts of its samples of t_k."""
+    records = wire.samples.blank(wire.assignment[worker])
     records["k"], records["time_ns"], records["position"] = k, wire.times.t(k), value
-    return Message(wire_key(SAMPLES, host), wire.pack_samples(host, k, records))
+    return Message(wire_key(SAMPLES, worker), wire.pack_samples(worker, k, records))
 
 
-def told(wire: Wire, host: str, k: int, *, value=1.0, faults=0, checkpoint=False) -> Message:
-    """Return what a host puts of all else of a tick."""
-    states = wire.states.blank(wire.homes[host])
+def told(wire: Wire, worker: str, k: int, *, value=1.0, faults=0, checkpoint=False) -> Message:
+    """Return what a worker puts of all else of a tick."""
+    states = wire.states.blank(wire.assignment[worker])
     states["k"], states["time_ns"], states["position"] = k, wire.times.t(k), value
-    met = wire.link_events.blank(np.repeat(wire.homes[host], faults))
+    met = wire.link_events.blank(np.repeat(wire.assignment[worker], faults))
     met["k"], met["time_ns"], met["lost"] = k, wire.times.t(k), 1
-    blobs = [CHECKPOINT.encode(Blob(ROBOTS[host], k, wire.times.t(k), b"s"))] if checkpoint else []
-    return Message(wire_key(RECORDS, host), wire.pack_tick(host, k, Tick(states, met, blobs)))
+    blobs = (
+        [CHECKPOINT.encode(Blob(ROBOTS[worker], k, wire.times.t(k), b"s"))] if checkpoint else []
+    )
+    return Message(wire_key(RECORDS, worker), wire.pack_tick(worker, k, Tick(states, met, blobs)))
 
 
 def whole(wire: Wire, k: int, **what) -> list[Message]:
     """Return all that tick k consists of."""
-    put = [samples(wire, host, k) for host in (*ROBOTS, TARGET) if k]
-    return [*put, *(told(wire, host, k, **what) for host in ROBOTS)]
+    put = [samples(wire, worker, k) for worker in (*ROBOTS, TARGET) if k]
+    return [*put, *(told(wire, worker, k, **what) for worker in ROBOTS)]
 
 
 class Kept:

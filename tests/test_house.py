@@ -35,7 +35,10 @@ def test_tools_have_no_complaint(command):
             {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"},
         ),
         ("nrs_cosim.orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
-        ("nrs_cosim.orchestrator.hosts.process", {"mcap", "rich", "scipy", "tomlkit", "typer"}),
+        (
+            "nrs_cosim.orchestrator.cluster.worker_main",
+            {"mcap", "rich", "scipy", "tomlkit", "typer"},
+        ),
     ],
 )
 def test_a_process_starts_without_what_it_need_not_wait_for(module, unneeded):

@@ -65,7 +65,7 @@ def test_modules_of_a_users_own_with_the_names_of_ours_break_nothing(site, tmp_p
         return done.stdout
 
     scenario = str(ROOT / "scenarios/paper_first_order.toml")
-    said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--hosts", "2")
+    said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--workers", "2")
     file, status, digest = said("script.py").split()
     assert Path(file) == site / "nrs_cosim/__init__.py"
     assert (status, digest[:8]) == ("completed", "130b001e")

@@ -1,16 +1,16 @@
-"""With access control, a host speaks for itself alone, whatever it sends.
+"""With access control, a worker speaks for itself alone, whatever it sends.
 
-A certificate's common name CN is its host's name. On the session where the hosts meet, all is
+A certificate's common name CN is its worker's name. On the session where the workers meet, all is
 denied but, from the holder of CN,
 
     put               nrs/*/samples/CN, nrs/*/records/CN, nrs/*/report/CN
     liveliness token  nrs/*/alive/CN/*
     query             nrs/*/join/CN, nrs/*/start/CN, nrs/*/heard/CN, nrs/*/fmu/*
 
-and what every host may hear: `nrs/*/samples/*`, `nrs/*/orders/CN`, whether the orchestrator is
-there, and the answers to its own queries. So no host can put the target's samples or an order.
-Subscriptions are let through in the other direction: a host that is not told of them sends nothing.
-Zenoh allows a key expression where a rule includes it whole.
+and what every worker may hear: `nrs/*/samples/*`, `nrs/*/orders/CN`, whether the orchestrator is
+there, and the answers to its own queries. So no worker can put the target's samples or an order.
+Subscriptions are let through in the other direction: a worker that is not told of them sends
+nothing. Zenoh allows a key expression where a rule includes it whole.
 """
 
 from collections.abc import Collection
@@ -28,26 +28,26 @@ _PUTS, _QUERIES = ("samples", "records", "report"), ("join", "start", "heard")
 _ORCHESTRATOR = "nrs/*/alive/orchestrator"
 
 
-def expect_host_name(name: str, where: str) -> str:
-    """Return a host's name; `InputError` where it cannot stand in a key."""
+def expect_worker_name(name: str, where: str) -> str:
+    """Return a worker's name; `InputError` where it cannot stand in a key."""
     wrong = not name or any(sign in "/*$?#@" or not sign.isprintable() for sign in name)
     if wrong or name != name.strip() or name in RESERVED:
         raise InputError(
-            f"{where}: expected the name of a host without / * $ ? # @ that is none of "
+            f"{where}: expected the name of a worker without / * $ ? # @ that is none of "
             f"{', '.join(sorted(RESERVED))}, got {quoted(name)}"
         )
     return name
 
 
-def access_control(hosts: Collection[str], trusted: Collection[str] = ()) -> dict[str, Any]:
-    """Return Zenoh's `access_control` for hosts by name; links of trusted protocols may do all."""
+def access_control(workers: Collection[str], trusted: Collection[str] = ()) -> dict[str, Any]:
+    """Return Zenoh's `access_control` for workers by name; trusted protocols' links may do all."""
     rules, subjects, policies = [], [], []
-    for host in hosts:
-        expect_host_name(host, "bus.tls.hosts")
-        own = _rules_of(host)
+    for worker in workers:
+        expect_worker_name(worker, "bus.tls.workers")
+        own = _rules_of(worker)
         rules += own
-        subjects.append({"id": f"host {host}", "cert_common_names": [host]})
-        policies.append({"rules": [rule["id"] for rule in own], "subjects": [f"host {host}"]})
+        subjects.append({"id": f"worker {worker}", "cert_common_names": [worker]})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [f"worker {worker}"]})
     if trusted:
         rules.append(_rule("trusted", "", _ALL, ["**"], "ingress", "egress"))
         subjects.append({"id": "trusted", "link_protocols": sorted(trusted)})
@@ -61,39 +61,39 @@ def access_control(hosts: Collection[str], trusted: Collection[str] = ()) -> dic
     }
 
 
-def _rules_of(host: str) -> list[dict[str, Any]]:
-    hears = ["nrs/*/samples/*", f"nrs/*/orders/{host}"]
-    asks = [*(f"nrs/*/{kind}/{host}" for kind in _QUERIES), "nrs/*/fmu/*"]
+def _rules_of(worker: str) -> list[dict[str, Any]]:
+    hears = ["nrs/*/samples/*", f"nrs/*/orders/{worker}"]
+    asks = [*(f"nrs/*/{kind}/{worker}" for kind in _QUERIES), "nrs/*/fmu/*"]
     return [
-        _rule(host, "puts", ["put"], [f"nrs/*/{kind}/{host}" for kind in _PUTS], "ingress"),
-        _rule(host, "lives", ["liveliness_token"], [f"nrs/*/alive/{host}/*"], "ingress"),
-        _rule(host, "asks", ["query"], asks, "ingress"),
-        _rule(host, "is answered", ["reply"], asks, "egress"),
+        _rule(worker, "puts", ["put"], [f"nrs/*/{kind}/{worker}" for kind in _PUTS], "ingress"),
+        _rule(worker, "lives", ["liveliness_token"], [f"nrs/*/alive/{worker}/*"], "ingress"),
+        _rule(worker, "asks", ["query"], asks, "ingress"),
+        _rule(worker, "is answered", ["reply"], asks, "egress"),
         _rule(
-            host,
+            worker,
             "listens",
             ["declare_subscriber"],
             ["nrs/*/samples/*", "nrs/*/orders/*"],
             "ingress",
         ),
-        _rule(host, "hears", ["put"], hears, "egress"),
+        _rule(worker, "hears", ["put"], hears, "egress"),
         _rule(
-            host,
+            worker,
             "watches",
             ["declare_liveliness_subscriber", "liveliness_query"],
             [_ORCHESTRATOR],
             "ingress",
         ),
-        _rule(host, "sees", ["liveliness_token"], [_ORCHESTRATOR], "egress"),
-        _rule(host, "is told", ["declare_subscriber", "declare_queryable"], ["nrs/**"], "egress"),
+        _rule(worker, "sees", ["liveliness_token"], [_ORCHESTRATOR], "egress"),
+        _rule(worker, "is told", ["declare_subscriber", "declare_queryable"], ["nrs/**"], "egress"),
     ]
 
 
 def _rule(
-    host: str, does: str, messages: Collection[str], keys: Collection[str], *flows: str
+    worker: str, does: str, messages: Collection[str], keys: Collection[str], *flows: str
 ) -> dict[str, Any]:
     return {
-        "id": f"{host} {does}".strip(),
+        "id": f"{worker} {does}".strip(),
         "messages": list(messages),
         "flows": list(flows),
         "permission": "allow",

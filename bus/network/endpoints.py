@@ -1,7 +1,7 @@
 """A session is reached by a Unix socket, by mutual TLS, or by plain TCP that was asked for.
 
     no endpoint             no socket: mode peer, nobody listens, nobody scouts
-    listen                  mode router: the hosts meet here
+    listen                  mode router: the workers meet here
     connect                 mode client: goes on trying for `wait`, and again after a lost link
 
 Plain TCP has to be asked for on loopback too: every user of the machine may connect there, while
@@ -29,8 +29,8 @@ _LONGEST_SOCKET_PATH = 107
 _LARGEST_MESSAGE = 256 * 2**20
 """Bytes of a message that is let in where one listens; it is whole before it can be judged.
 
-The largest that a host puts is a tick with a checkpoint of each robot: 8 KiB each for as many as a
-recorded run may have.
+The largest that a worker puts is a tick with a checkpoint of each robot: 8 KiB each for as many as
+a recorded run may have.
 """
 _FORM = "tls/HOST:PORT, tcp/HOST:PORT or unixsock-stream//absolute/path"
 
@@ -42,9 +42,9 @@ class Endpoints:
     `lease` is how long this side may be silent, in s, before the other counts the link as lost; by
     default `NETWORK_LEASE`, or
     `LOCAL_LEASE` where all endpoints are Unix sockets. `wait` is how long, in s, a client tries to
-    connect before it gives up. `hosts` are the common names of the certificates that may take part
-    when TLS is listened on; without any, every certificate of the authority may.
-    `InputError` names what is malformed, missing or refused.
+    connect before it gives up. `workers` are the common names of the certificates that may take
+    part when TLS is listened on; without any, every certificate of the authority may. `InputError`
+    names what is malformed, missing or refused.
     """
 
     listen: tuple[str, ...] = ()
@@ -53,14 +53,14 @@ class Endpoints:
     insecure_tcp: bool = False
     lease: float | None = None
     wait: float = 10.0
-    hosts: Collection[str] = ()
+    workers: Collection[str] = ()
 
     def __post_init__(self) -> None:
         if self.listen and self.connect:
             raise InputError(
                 f"--connect: {quoted(self.connect[0])} and --listen {quoted(self.listen[0])} "
                 "exclude each "
-                "other; a run has one place where its hosts meet"
+                "other; a run has one place where its workers meet"
             )
         for option, endpoints in (("--listen", self.listen), ("--connect", self.connect)):
             for endpoint in endpoints:
@@ -143,8 +143,8 @@ def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
         settings["transport/link/rx/max_message_size"] = _LARGEST_MESSAGE
     if endpoints.tls and "tls" in protocols:
         settings |= _tls_settings(endpoints.tls)
-        if endpoints.listen and endpoints.hosts:
-            settings["access_control"] = access_control(endpoints.hosts, protocols - {"tls"})
+        if endpoints.listen and endpoints.workers:
+            settings["access_control"] = access_control(endpoints.workers, protocols - {"tls"})
     return settings
 
 

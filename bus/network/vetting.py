@@ -1,6 +1,6 @@
-"""A certificate is good for a host when it is signed, in date, and names who and where it is.
+"""A certificate is good for a worker when it is signed, in date, and names who and where it is.
 
-The common name is the host's name on the bus; the alternative names are the addresses by which
+The common name is the worker's name on the bus; the alternative names are the addresses by which
 others connect to it.
 """
 
@@ -11,7 +11,7 @@ from typing import Literal
 from cryptography import x509
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.network.access import RESERVED, expect_host_name
+from nrs_cosim.bus.network.access import RESERVED, expect_worker_name
 from nrs_cosim.bus.network.certificates import Tls, context
 
 SOON = timedelta(days=30)
@@ -86,7 +86,7 @@ def _in_date(certificates: list[x509.Certificate], now: datetime) -> tuple[Verdi
 
 def _named(own: x509.Certificate) -> Iterator[tuple[str, Verdict, str]]:
     names = [str(a.value) for a in own.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)]
-    yield "host", *_name_of_a_host(names)
+    yield "worker", *_name_of_a_worker(names)
     try:
         alternative = own.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         addresses = [*alternative.get_values_for_type(x509.DNSName)]
@@ -100,13 +100,13 @@ def _named(own: x509.Certificate) -> Iterator[tuple[str, Verdict, str]]:
         yield "addresses", "fails", f"no subject alternative name; {advice}"
 
 
-def _name_of_a_host(names: list[str]) -> tuple[Verdict, str]:
+def _name_of_a_worker(names: list[str]) -> tuple[Verdict, str]:
     if len(names) != 1:
-        said = f"expected one common name, the host's, got {len(names)}"
+        said = f"expected one common name, the worker's, got {len(names)}"
         return "fails", f"{said}; have a certificate issued with one"
     if names[0] in RESERVED:
-        return "ok", f"{names[0]} is for the orchestrator; no host can have it"
+        return "ok", f"{names[0]} is for the orchestrator; no worker can have it"
     try:
-        return "ok", f"{expect_host_name(names[0], 'common name')} is its name on the bus"
+        return "ok", f"{expect_worker_name(names[0], 'common name')} is its name on the bus"
     except InputError as error:
         return "fails", f"{error}; have a certificate issued with such a name"

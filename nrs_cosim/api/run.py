@@ -15,12 +15,12 @@ from nrs_cosim.api.recording import Recording
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers, workers_worth_it
 from nrs_cosim.orchestrator.commands.performing import resumable
 from nrs_cosim.orchestrator.commands.places import Place, place_for
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.hosts.manning import Handling, here, hosts_worth_it
-from nrs_cosim.orchestrator.runs.alone import alone
-from nrs_cosim.orchestrator.runs.lockstep import Manning
+from nrs_cosim.orchestrator.runs.in_process import in_process
+from nrs_cosim.orchestrator.runs.lockstep import Launcher
 from nrs_cosim.orchestrator.runs.running import past_of
 from nrs_cosim.orchestrator.runs.running import run as run_file
 from nrs_cosim.orchestrator.scenario.clock import seconds
@@ -108,20 +108,24 @@ def resume(
         return _run(file, output, _launcher(file, workers), progress, deadline, force, past)
 
 
-def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Manning:
+def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Launcher:
     n = file.scenario.n
-    count = hosts_worth_it(n) if workers == "auto" else workers
+    count = workers_worth_it(n) if workers == "auto" else workers
     if not (isinstance(count, int) and 1 <= count <= n):
         raise InputError(
             f"workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
-    return alone(file) if count == 1 else here(file, count, Handling(True, WAIT, _LOG.info))
+    return (
+        in_process(file)
+        if count == 1
+        else local_workers(file, count, WorkerPolicy(True, WAIT, _LOG.info))
+    )
 
 
 def _run(
     file: ScenarioFile,
     output: str | PathLike[str] | None,
-    launcher: Manning,
+    launcher: Launcher,
     progress: Progress | None,
     deadline: float | None,
     force: bool,

@@ -70,7 +70,7 @@ def nrs(
 
 app.command()(run_cli.run)
 app.command()(run_cli.resume)
-app.command()(run_cli.host)
+app.command()(run_cli.worker)
 app.command()(replay_cli.replay)
 app.command()(replay_cli.diff)
 app.command()(report)

@@ -105,7 +105,7 @@ Listen = Annotated[
     typer.Option(
         metavar="ENDPOINT",
         rich_help_panel=_PANEL,
-        help="Where hosts meet, such as tls/0.0.0.0:7447; may be given again.",
+        help="Where workers meet, such as tls/0.0.0.0:7447; may be given again.",
     ),
 ]
 Connect = Annotated[
@@ -130,7 +130,7 @@ TlsCa = Annotated[
         "--tls-ca",
         metavar="FILE.pem",
         rich_help_panel=_PANEL,
-        help="Certificate of the authority that all hosts of a run share.",
+        help="Certificate of the authority that all workers of a run share.",
     ),
 ]
 TlsCertificate = Annotated[
@@ -139,7 +139,7 @@ TlsCertificate = Annotated[
         "--tls-certificate",
         metavar="FILE.pem",
         rich_help_panel=_PANEL,
-        help="Own certificate; its common name is the host's name.",
+        help="Own certificate; its common name is the worker's name.",
     ),
 ]
 TlsKey = Annotated[
@@ -151,7 +151,7 @@ TlsKey = Annotated[
         help="Private key of the certificate, without a passphrase.",
     ),
 ]
-Hosts = Annotated[
+Workers = Annotated[
     str | None,
     typer.Option(
         metavar="N|auto",
@@ -164,7 +164,7 @@ Expect = Annotated[
         metavar="N",
         parser=whole_number("--expect", 1),
         rich_help_panel=_PANEL,
-        help="How many hosts share the robots, when they do not say which they want.",
+        help="How many workers share the robots, when they do not say which they want.",
     ),
 ]
 WAIT = 300.0
@@ -187,7 +187,7 @@ Deadline = Annotated[
         help="End the run after so long a silence; bus.deadline of the scenario unless given.",
     ),
 ]
-NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a host is gone.")]
+NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a worker is gone.")]
 ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
 Realtime = Annotated[
     float | None,

@@ -12,14 +12,19 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cluster.launcher import (
+    WorkerPolicy,
+    local_workers,
+    remote_workers,
+    workers_worth_it,
+)
 from nrs_cosim.orchestrator.commands import progress, showing
 from nrs_cosim.orchestrator.commands.locks import expect_unlocked
 from nrs_cosim.orchestrator.commands.places import place_for
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere, here, hosts_worth_it
 from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.runs.alone import alone
-from nrs_cosim.orchestrator.runs.lockstep import Manning
+from nrs_cosim.orchestrator.runs.in_process import in_process
+from nrs_cosim.orchestrator.runs.lockstep import Launcher
 from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace, RealTime
 from nrs_cosim.orchestrator.runs.plants import find_recorded, group_by_archive
 from nrs_cosim.orchestrator.runs.running import Outcome
@@ -39,54 +44,54 @@ KEPT = 0.95
 EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
 
 
-def handling_of(no_restart: bool, wait: float, expect: int, deadline: float | None) -> Handling:
-    """Return what is done about hosts; `InputError` for a time that is none."""
+def policy_of(no_restart: bool, wait: float, expect: int, deadline: float | None) -> WorkerPolicy:
+    """Return what is done about workers; `InputError` for a time that is none."""
     for option, seconds_given in (("--wait", wait), ("--deadline", deadline)):
         if seconds_given is not None and not seconds_given > 0:
             raise InputError(f"{option}: expected more than 0 s, got {seconds_given:g}")
-    return Handling(not no_restart, wait, show, expect)
+    return WorkerPolicy(not no_restart, wait, show, expect)
 
 
-def manning_of(
+def launcher_of(
     file: ScenarioFile,
-    hosts: str | None,
-    handling: Handling,
+    workers: str | None,
+    policy: WorkerPolicy,
     listen: list[str] | None,
     connect: list[str] | None,
     ends: Callable[..., Endpoints],
-) -> Manning:
-    """Return how a run gets the hosts that were asked for."""
+) -> Launcher:
+    """Return how a run gets the workers that were asked for."""
     n = file.scenario.n
-    if not 1 <= handling.expected <= n:
-        raise InputError(f"--expect: expected 1 to {n} hosts, got {handling.expected}")
-    if handling.expected > 1 and not (listen or connect):
-        raise InputError(f"--expect {handling.expected}: needs --listen or --connect")
+    if not 1 <= policy.expected <= n:
+        raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
+    if policy.expected > 1 and not (listen or connect):
+        raise InputError(f"--expect {policy.expected}: needs --listen or --connect")
     if listen or connect:
-        if hosts is not None:
+        if workers is not None:
             option = "--listen" if listen else "--connect"
-            raise InputError(f"--hosts {hosts}: starts hosts here, {option} waits for others")
+            raise InputError(f"--workers {workers}: starts workers here, {option} waits for others")
         tls = file.scenario.bus.tls
         places = {
-            name: parse_robots(robots, f"bus.tls.hosts.{name}", n)
-            for name, robots in (tls.hosts if tls else {}).items()
+            name: parse_robots(robots, f"bus.tls.workers.{name}", n)
+            for name, robots in (tls.workers if tls else {}).items()
         }
-        endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), hosts=places)
-        return elsewhere(file, endpoints, places, handling)
-    if hosts == "auto":
-        count = hosts_worth_it(n)
-    elif hosts is None or (hosts.isascii() and hosts.isdecimal() and 1 <= int(hosts) <= n):
-        count = int(hosts or 1)
+        endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), workers=places)
+        return remote_workers(file, endpoints, places, policy)
+    if workers == "auto":
+        count = workers_worth_it(n)
+    elif workers is None or (workers.isascii() and workers.isdecimal() and 1 <= int(workers) <= n):
+        count = int(workers or 1)
     else:
         raise InputError(
-            f"--hosts: expected auto or 1 to {n}, a robot each at least, got {quoted(hosts)}"
+            f"--workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
-    return alone(file) if count == 1 else here(file, count, handling)
+    return in_process(file) if count == 1 else local_workers(file, count, policy)
 
 
 def perform(
     file: ScenarioFile,
     output: Path | None,
-    man: Manning | None,
+    launch: Launcher | None,
     compression: Compression = "zstd",
     profile: bool = False,
     deadline: float | None = None,
@@ -115,7 +120,7 @@ def perform(
         outcome = run_scenario(
             file,
             whole,
-            man,
+            launch,
             compression=compression,
             watch=watch,
             deadline=deadline,
@@ -139,7 +144,7 @@ def perform(
     last = {name: told.pop(name) for name in ("digest", "recording")}
     told["time"] = showing.shares(outcome.profile, took)
     if outcome.restarts:
-        told["lost"] = f"{outcome.restarts} x a host was gone"
+        told["lost"] = f"{outcome.restarts} x a worker was gone"
     if outcome.refused:
         told["refused"] = _counted(outcome)
     showing.summary(out, told | last)
@@ -147,7 +152,7 @@ def perform(
     if profile:
         showing.profile(out, outcome.profile, took)
         if outcome.restarts:
-            say("yellow", "profile", "what a host did before it was gone is under other")
+            say("yellow", "profile", "what a worker did before it was gone is under other")
     if outcome.status == "failed":
         say("red", "failed", outcome.reason)
     raise typer.Exit(EXIT[outcome.status])
@@ -183,8 +188,8 @@ def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
 
 
 def show(text: str) -> None:
-    """Tell the user of hosts."""
-    say("blue", "host", text)
+    """Tell the user of workers."""
+    say("blue", "worker", text)
 
 
 @contextmanager

@@ -118,5 +118,5 @@ def what_if(
         group_by_archive(file.scenario, file.folder, find=finder(reader, file))
     every = tuple(range(1, file.scenario.n + 1))
     robots = {robot for change in plants for robot in change.robots or every}
-    man = None if algorithms else run_again(reader, file, sorted(robots))
-    perform(file, output, man, metadata=parent(reader, [*plants, *algorithms]), force=force)
+    launch = None if algorithms else run_again(reader, file, sorted(robots))
+    perform(file, output, launch, metadata=parent(reader, [*plants, *algorithms]), force=force)

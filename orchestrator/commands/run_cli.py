@@ -1,4 +1,4 @@
-"""`nrs run`, `nrs resume` and `nrs host`: a run as its user starts, continues and joins it."""
+"""`nrs run`, `nrs resume` and `nrs worker`: a run as its user starts, continues and joins it."""
 
 import socket
 from functools import partial
@@ -14,7 +14,6 @@ from nrs_cosim.orchestrator.commands.options import (
     Deadline,
     Expect,
     Force,
-    Hosts,
     InsecureTcp,
     Listen,
     NoRestart,
@@ -30,6 +29,7 @@ from nrs_cosim.orchestrator.commands.options import (
     TlsCertificate,
     TlsKey,
     Wait,
+    Workers,
     expect_of,
 )
 from nrs_cosim.orchestrator.terminal import err, say
@@ -40,7 +40,7 @@ def run(
     output: Output = None,
     force: Force = False,
     compression: Compressed = "zstd",
-    hosts: Hosts = None,
+    workers: Workers = None,
     profile: ShowProfile = False,
     deadline: Deadline = None,
     no_restart: NoRestart = False,
@@ -68,7 +68,7 @@ def run(
 
     pace = performing.pace_of(realtime)
     expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
-    _expect_of_hosts(hosts, listen, connect, wait, no_restart)
+    _expect_of_workers(workers, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     file = read_scenario(scenario)
@@ -79,13 +79,13 @@ def run(
             say("yellow", "warning", mixed)
     tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-    handling = performing.handling_of(no_restart, wait, expect, deadline)
-    man = performing.manning_of(file, hosts, handling, listen, connect, ends)
+    policy = performing.policy_of(no_restart, wait, expect, deadline)
+    launch = performing.launcher_of(file, workers, policy, listen, connect, ends)
     start = partial(
         performing.perform,
         file,
         output,
-        man,
+        launch,
         compression,
         profile,
         deadline,
@@ -107,7 +107,7 @@ def resume(
     output: Output = None,
     force: Force = False,
     compression: Compressed = "zstd",
-    hosts: Hosts = None,
+    workers: Workers = None,
     profile: ShowProfile = False,
     deadline: Deadline = None,
     no_restart: NoRestart = False,
@@ -128,7 +128,7 @@ def resume(
     from nrs_cosim.orchestrator.commands.tls import tls_of
     from nrs_cosim.orchestrator.runs.running import past_of
 
-    _expect_of_hosts(hosts, listen, connect, wait, no_restart)
+    _expect_of_workers(workers, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
     if (part := unfinished(recording)) != recording:
         say("blue", "resume", f"{part}, which was to take the place of {recording}")
@@ -138,14 +138,14 @@ def resume(
         file = performing.resumable(reader, output)
         tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
-        handling = performing.handling_of(no_restart, wait, expect, deadline)
-        man = performing.manning_of(file, hosts, handling, listen, connect, ends)
+        policy = performing.policy_of(no_restart, wait, expect, deadline)
+        launch = performing.launcher_of(file, workers, policy, listen, connect, ends)
         performing.perform(
-            file, output, man, compression, profile, deadline, past_of(reader), force=force
+            file, output, launch, compression, profile, deadline, past_of(reader), force=force
         )
 
 
-def host(
+def worker(
     connect: Annotated[
         list[str],
         typer.Option(metavar="ENDPOINT", help="Where to meet, such as tls/lab.example:7447."),
@@ -156,7 +156,9 @@ def host(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(help="Of this host; by default its certificate's common name, or machine's."),
+        typer.Option(
+            help="Of this worker; by default its certificate's common name, or machine's."
+        ),
     ] = None,
     run_id: Annotated[
         str | None,
@@ -180,9 +182,9 @@ def host(
     """Run some robots of a run that an orchestrator elsewhere listens for."""
     from nrs_cosim.bus.network.endpoints import Endpoints
     from nrs_cosim.bus.network.vetting import common_name
+    from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
     from nrs_cosim.orchestrator.commands.performing import show
     from nrs_cosim.orchestrator.commands.tls import tls_of
-    from nrs_cosim.orchestrator.hosts.member import Membership, serve
     from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
     wait = WAIT if wait is None else wait
@@ -190,19 +192,19 @@ def host(
     endpoints = Endpoints(connect=tuple(connect), tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     wanted = None if robots is None else parse_robots(robots, "--robots")
     own = name or (common_name(tls) if tls else None) or socket.gethostname()
-    member = Membership(own, wanted, run_id, wait, allow_fmus, True, show)
-    serve(member, endpoints)
+    options = JoinOptions(own, wanted, run_id, wait, allow_fmus, True, show)
+    serve(options, endpoints)
 
 
-def _expect_of_hosts(
-    hosts: str | None,
+def _expect_of_workers(
+    workers: str | None,
     listen: list[str] | None,
     connect: list[str] | None,
     wait: float | None,
     no_restart: bool,
 ) -> None:
-    """Refuse what is about hosts where the run has none."""
-    owners = {"--hosts": hosts, "--listen": listen or None, "--connect": connect or None}
+    """Refuse what is about workers where the run has none."""
+    owners = {"--workers": workers, "--listen": listen or None, "--connect": connect or None}
     expect_of(owners, {"--wait": wait, "--no-restart": no_restart or None})
 
 

@@ -228,17 +228,17 @@ def _short(value: Any, most: int = 60) -> str:
 
 
 def shares(told: "Profile", wall: float) -> str:
-    """Say in a line on what the hosts spent the wall time, s, on average, and the recorder.
+    """Say in a line on what the workers spent the wall time, s, on average, and the recorder.
 
-    Hosts that were stopped did not say.
+    Workers that were stopped did not say.
     """
-    names = ("plants", "bus", "waiting") if told.hosts else ()
-    mean = [fmean(getattr(spent, name) for spent in told.hosts.values()) for name in names]
+    names = ("plants", "bus", "waiting") if told.workers else ()
+    mean = [fmean(getattr(spent, name) for spent in told.workers.values()) for name in names]
     parts = dict(zip(names, mean, strict=True))
     if told.in_one_thread:
         parts["bus"] += told.orchestrator.bus
     shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
-    whose = " of a host's on average;" if len(told.hosts) > 1 else ","
+    whose = " of a worker's on average;" if len(told.workers) > 1 else ","
     recording = f"{100 * told.recording / wall:.0f} % recording"
     return f"{shares}{whose} {recording}" if shares else recording
 
@@ -250,7 +250,7 @@ def profile(console: Console, told: "Profile", wall: float) -> None:
     for title in ("plants", "bus", "recording", "waiting", "other"):
         table.add_column(title, justify="right")
     mine = told.orchestrator
-    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.hosts.items()}
+    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.workers.items()}
     if told.in_one_thread:
         (name, (plants, bus, _, _)) = rows.popitem()
         rows[name] = plants, bus + mine.bus, told.recording, mine.waiting

@@ -30,11 +30,11 @@ from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.wire import Records
-from nrs_cosim.orchestrator.runs.host import Heard
 from nrs_cosim.orchestrator.runs.lockstep import TargetNode
 from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.running import past_of
+from nrs_cosim.orchestrator.runs.worker import Heard
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
@@ -134,7 +134,7 @@ class RecordedPlants:
 
 
 class _Samples:
-    """What the host hears: the recorded samples."""
+    """What the worker hears: the recorded samples."""
 
     patience = 0.0
 
@@ -193,8 +193,8 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         target = TargetNode(bus, clock, wire, target_of(scenario))
         kept, heard = _Kept(n), _Samples()
         recorder = Recorder(kept, wire, n, 0)
-        host = robots.hosted(HERE, bus, MemoryInbox(), wire, clock)
-        ticks = host.run(-1, lambda _time: None, heard)
+        worker = robots.worker(HERE, bus, MemoryInbox(), wire, clock)
+        ticks = worker.run(-1, lambda _time: None, heard)
         same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)

@@ -14,11 +14,11 @@ import numpy as np
 
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.replays.verifying import RecordedPlants, expect_states, states_of
-from nrs_cosim.orchestrator.runs.alone import on_a_session
-from nrs_cosim.orchestrator.runs.host import Watch
-from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.in_process import on_a_session
+from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
 from nrs_cosim.orchestrator.runs.robots import Robots
+from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
@@ -28,13 +28,13 @@ from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import about
 
 
-def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Manning:
+def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Launcher:
     """Return how a run gets the plants of some robots, and those of all others as recorded."""
     scenario = file.scenario
     every = range(1, scenario.n + 1)
     others = [robot for robot in every if robot not in set(robots)]
 
-    def man(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
+    def launch(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
         real = Robots.opened(stack, file, robots, finder(reader, file))
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:
@@ -45,7 +45,7 @@ def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Mann
         fleet = Fleet(parts, scenario.m)
         return on_a_session(stack, clock, Robots.driven_by(scenario, every, fleet, told), watch)
 
-    return man
+    return launch
 
 
 def finder(reader: Reader, file: ScenarioFile) -> Find:

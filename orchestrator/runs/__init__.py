@@ -1,1 +1,1 @@
-"""A run: its robots, the host that runs them, and the lockstep that closes its ticks."""
+"""A run: its robots, the worker that runs them, and the lockstep that closes its ticks."""

@@ -1,9 +1,9 @@
 """Simulated time advances by data alone: a tick closes when all that it consists of was heard.
 
-There is no barrier. A host goes on as soon as it has the samples that its robots need; the target
-puts its own a window of ticks ahead of the last closed tick, and since every host waits for those,
-none runs further ahead of the recorder. When nothing that was missing comes for as long as the
-deadline, the run ends, and says who is silent and what they wait for.
+There is no barrier. A worker goes on as soon as it has the samples that its robots need; the target
+puts its own a window of ticks ahead of the last closed tick, and since every worker waits for
+those, none runs further ahead of the recorder. When nothing that was missing comes for as long as
+the deadline, the run ends, and says who is silent and what they wait for.
 """
 
 from collections import Counter
@@ -20,8 +20,8 @@ from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
 from nrs_cosim.bus.wire import Wire
 from nrs_cosim.estimator_agents.target import Target
-from nrs_cosim.orchestrator.runs.host import Spent, Watch
 from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace
+from nrs_cosim.orchestrator.runs.worker import Spent, Watch
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.numbers import named
 from nrs_cosim.recordings.recorder import Recorder
@@ -30,11 +30,11 @@ WINDOW_BYTES = 16 * 2**20
 MOST_WINDOW, LEAST_WINDOW = 64, 4
 _BATCHES = (wire_key(SAMPLES, ""), wire_key(RECORDS, ""))
 _PATIENCE = 0.25
-"""s: how long nothing may come before it is looked whether the hosts are well."""
+"""s: how long nothing may come before it is looked whether the workers are well."""
 
 
 def window(tick_bytes: int) -> int:
-    """Return how many ticks hosts may be ahead of the recorder, from the bytes of one."""
+    """Return how many ticks workers may be ahead of the recorder, from the bytes of one."""
     return max(LEAST_WINDOW, min(MOST_WINDOW, WINDOW_BYTES // max(tick_bytes, 1)))
 
 
@@ -63,8 +63,8 @@ class TargetNode:
             self._said = now
 
 
-class Hosts(Protocol):
-    """The hosts of a run as the orchestrator sees them."""
+class Workers(Protocol):
+    """The workers of a run as the orchestrator sees them."""
 
     @property
     def inbox(self) -> Inbox:
@@ -76,11 +76,11 @@ class Hosts(Protocol):
 
     @property
     def restarts(self) -> int:
-        """How often a host was gone, and the run went on."""
+        """How often a worker was gone, and the run went on."""
 
     @property
-    def homes(self) -> Mapping[str, Sequence[int]]:
-        """Which robots each host has."""
+    def assignment(self) -> Mapping[str, Sequence[int]]:
+        """Which robots each worker has."""
 
     def wire(self) -> Wire:
         """Return the wire between them."""
@@ -89,30 +89,30 @@ class Hosts(Protocol):
         """Return what the user is told of the plants, by group."""
 
     def begin(self, recorder: Recorder) -> None:
-        """Let all hosts begin where a recording ends."""
+        """Let all workers begin where a recording ends."""
 
     def advance(self, k: int) -> None:
-        """Let the hosts that run in this thread do tick k."""
+        """Let the workers that run in this thread do tick k."""
 
     def handle(self, item: Item) -> None:
         """Take what came and is neither samples nor records."""
 
     def look_after(self, k: int, at_last: bool = False) -> bool:
-        """Look whether the hosts are well; return whether all are there.
+        """Look whether the workers are well; return whether all are there.
 
-        Raises what a host failed with at tick k or before, once it is known that none failed with
+        Raises what a worker failed with at tick k or before, once it is known that none failed with
         what comes first in one process; `at_last` raises what is known.
         """
 
     def end(self) -> None:
-        """Let all hosts end, and hear how it was."""
+        """Let all workers end, and hear how it was."""
 
     def spent(self) -> Mapping[str, Spent]:
-        """Return where the time of each host went, as far as it said so."""
+        """Return where the time of each worker went, as far as it said so."""
 
 
-Manning = Callable[[ExitStack, Clock, Watch], tuple[Bus, Hosts]]
-"""Gets a run its hosts, ready to begin; the stack ends them."""
+Launcher = Callable[[ExitStack, Clock, Watch], tuple[Bus, Workers]]
+"""Gets a run its workers, ready to begin; the stack ends them."""
 
 
 class Lockstep:
@@ -122,7 +122,7 @@ class Lockstep:
         self,
         clock: Clock,
         target: TargetNode,
-        hosts: Hosts,
+        workers: Workers,
         recorder: Recorder,
         needs: Mapping[str, Collection[str]],
         ahead: int,
@@ -130,14 +130,14 @@ class Lockstep:
         watch: Watch,
         pace: Pace = NO_PACE,
     ) -> None:
-        """Let hosts run some ticks ahead; a silence may last as long as the deadline, s.
+        """Let workers run some ticks ahead; a silence may last as long as the deadline, s.
 
-        `needs` are the hosts whose samples each host needs.
+        `needs` are the workers whose samples each worker needs.
         """
         self.spent = Spent()
         self.recording = 0.0
         """s of wall time."""
-        self._clock, self._target, self._hosts, self._recorder = clock, target, hosts, recorder
+        self._clock, self._target, self._workers, self._recorder = clock, target, workers, recorder
         self._needs = needs
         self._ahead, self._deadline, self._watch = ahead, deadline, watch
         self._pace = pace
@@ -149,7 +149,7 @@ class Lockstep:
         self._target.publish_until(first - 1 + self._ahead)
         self._pace.start(self._clock.t(max(first - 1, 0)))
         for k in range(first, self._clock.ticks + 1):
-            self._hosts.advance(k)
+            self._workers.advance(k)
             self._gather(k)
             self._pace.wait(self._clock.t(k), partial(self._look_around, k))
             began = perf_counter()
@@ -165,7 +165,7 @@ class Lockstep:
         taken, since = recorder.taken, monotonic()
         while not recorder.is_whole(k):
             asked = perf_counter()
-            items = self._hosts.inbox.take() or self._hosts.inbox.take(_PATIENCE)
+            items = self._workers.inbox.take() or self._workers.inbox.take(_PATIENCE)
             waited += perf_counter() - asked
             self._take(items)
             if recorder.is_whole(k):
@@ -174,7 +174,7 @@ class Lockstep:
             if recorder.taken != taken or not here:
                 taken, since = recorder.taken, monotonic()
             elif monotonic() - since >= self._deadline:
-                self._hosts.look_after(k, at_last=True)
+                self._workers.look_after(k, at_last=True)
                 raise BusError(self._silence(k), Cause("deadline", k))
         self.spent.waiting += waited
         self.spent.bus += perf_counter() - began - waited
@@ -184,25 +184,29 @@ class Lockstep:
             if isinstance(item, Message) and item.key.startswith(_BATCHES):
                 self._recorder.take(item)
             else:
-                self._hosts.handle(item)
+                self._workers.handle(item)
 
     def _look_around(self, k: int) -> bool:
-        """See to what came, the user, and the hosts; return whether all of these are there."""
-        self._take(self._hosts.inbox.take())
+        """See to what came, the user, and the workers; return whether all of these are there."""
+        self._take(self._workers.inbox.take())
         self._watch(self._clock.t(max(k - 1, 0)))
-        return self._hosts.look_after(k)
+        return self._workers.look_after(k)
 
     def _silence(self, k: int) -> str:
         """Say who is silent at tick k, and what each of them waits for."""
         lacks = self._recorder.missing(k)
-        told = [self._waits(host) for host in sorted(lacks)]
+        told = [self._waits(worker) for worker in sorted(lacks)]
         return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(told)}"
 
-    def _waits(self, host: str) -> str:
-        last = self._recorder.last_heard(host)
+    def _waits(self, worker: str) -> str:
+        last = self._recorder.last_heard(worker)
         lacks = self._recorder.missing(last)
-        others = sorted(h for h in self._needs.get(host, ()) if SAMPLES in lacks.get(h, ()))
-        who = "the target" if host == TARGET else f"{named(self._hosts.homes[host])} on host {host}"
+        others = sorted(h for h in self._needs.get(worker, ()) if SAMPLES in lacks.get(h, ()))
+        who = (
+            "the target"
+            if worker == TARGET
+            else f"{named(self._workers.assignment[worker])} on worker {worker}"
+        )
         if others:
             return f"{who} sent samples up to tick {last} and lack those of {', '.join(others)}"
         return f"{who} sent samples up to tick {last} and lack nobody's: computing, or stopped"

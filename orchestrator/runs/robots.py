@@ -1,4 +1,4 @@
-"""Some robots of a scenario as a host has them: their plants opened, their agents ready."""
+"""Some robots of a scenario as a worker has them: their plants opened, their agents ready."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -12,8 +12,8 @@ from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Bus, Inbox
 from nrs_cosim.bus.wire import Nodes, Wire
 from nrs_cosim.estimator_agents.agents import Agents
-from nrs_cosim.orchestrator.runs.host import Host, HostPlants
 from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.runs.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import (
@@ -37,7 +37,7 @@ class Robots:
     numbers: Sequence[int]
     scenario: Scenario
     agents: Agents
-    plants: HostPlants
+    plants: WorkerPlants
     told: Sequence[Mapping[str, Any]]
     """What the user is told of the plants, by group."""
 
@@ -82,16 +82,16 @@ class Robots:
         cls,
         scenario: Scenario,
         numbers: Sequence[int],
-        plants: HostPlants,
+        plants: WorkerPlants,
         told: Sequence[Mapping[str, Any]],
     ) -> "Robots":
         """Return some robots whose plants are there already."""
         return cls(numbers, scenario, agents_of(scenario, numbers), plants, told)
 
-    def hosted(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Host:
-        """Return the host that runs them."""
+    def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Worker:
+        """Return the worker that runs them."""
         run = self.scenario.run
-        return Host(
+        return Worker(
             name,
             bus,
             inbox,
@@ -117,8 +117,8 @@ def agents_of(scenario: Scenario, numbers: Sequence[int]) -> Agents:
     )
 
 
-def wire_of(scenario: Scenario, homes: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
-    """Return the wire of a run whose robots are at home on some hosts."""
-    nodes: dict[str, Nodes] = {host: np.array(robots) for host, robots in homes.items()}
+def wire_of(scenario: Scenario, assignment: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+    """Return the wire of a run whose robots are assigned to workers."""
+    nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
     return Wire(scenario.m, clock_of(scenario), nodes, seal, silent_of(scenario))

@@ -18,12 +18,12 @@ from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.keys import ORCHESTRATOR
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
-from nrs_cosim.orchestrator.runs.alone import Alone, alone
-from nrs_cosim.orchestrator.runs.host import Spent, Watch, needed
-from nrs_cosim.orchestrator.runs.lockstep import Lockstep, Manning, TargetNode, window
+from nrs_cosim.orchestrator.runs.in_process import InProcess, in_process
+from nrs_cosim.orchestrator.runs.lockstep import Launcher, Lockstep, TargetNode, window
 from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace
 from nrs_cosim.orchestrator.runs.restart import AT_ONCE
 from nrs_cosim.orchestrator.runs.summary import told_of
+from nrs_cosim.orchestrator.runs.worker import Spent, Watch, needed
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
@@ -40,17 +40,17 @@ _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 class Profile:
     """Where the wall time of a run went, s."""
 
-    hosts: Mapping[str, Spent]
+    workers: Mapping[str, Spent]
     orchestrator: Spent
     recording: float
     in_one_thread: bool
-    """Whether the only host is in the orchestrator's own thread."""
+    """Whether the only worker is in the orchestrator's own thread."""
 
     def told(self) -> dict[str, dict[str, float]]:
         """Return it for JSON, s by process and by what it was spent on."""
-        hosts = {name: asdict(spent) for name, spent in self.hosts.items()}
+        workers = {name: asdict(spent) for name, spent in self.workers.items()}
         mine = {**asdict(self.orchestrator), "recording": self.recording}
-        return {**hosts, ORCHESTRATOR: mine}
+        return {**workers, ORCHESTRATOR: mine}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Outcome:
     refused: Mapping[str, int]
     """How many batches were not believed, by reason."""
     restarts: int
-    """How often a host was gone, and the run went on."""
+    """How often a worker was gone, and the run went on."""
     repeated: int
     """How many batches were said again, and kept once."""
     copied: int
@@ -78,7 +78,7 @@ class Outcome:
 def run(
     file: ScenarioFile,
     output: Path,
-    man: Manning | None = None,
+    launch: Launcher | None = None,
     *,
     compression: Compression = "zstd",
     watch: Watch = lambda _time_ns: None,
@@ -89,7 +89,7 @@ def run(
 ) -> Outcome:
     """Run a scenario into a recording.
 
-    `man` gets its hosts; by default its robots are in this thread. `watch` is told each output
+    `launch` gets its workers; by default its robots are in this thread. `watch` is told each output
     time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
     t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
     scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
@@ -105,10 +105,10 @@ def run(
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
     with ExitStack() as stack, np.errstate(all="ignore"):
-        bus, hosts = (man or alone(file))(stack, clock, watch)
-        wire = hosts.wire()
+        bus, workers = (launch or in_process(file))(stack, clock, watch)
+        wire = workers.wire()
         target = TargetNode(bus, clock, wire, target_of(scenario))
-        plants = hosts.told()
+        plants = workers.told()
         topics = channels(n, faulty, checkpoints, plants)
         writer = stack.enter_context(
             Writer(
@@ -130,9 +130,9 @@ def run(
         lockstep = Lockstep(
             clock,
             target,
-            hosts,
+            workers,
             recorder,
-            _needs(topologies_of(scenario).links, hosts.homes),
+            _needs(topologies_of(scenario).links, workers.assignment),
             ahead,
             deadline or scenario.bus.deadline,
             watch,
@@ -147,7 +147,7 @@ def run(
                 recorder.copy(k, tick)
                 watch(clock.t(k))
             copied = max(recorder.closed, 0)
-            hosts.begin(recorder)
+            workers.begin(recorder)
             for _ in lockstep.run():
                 pass
         except Interrupted:
@@ -158,11 +158,11 @@ def run(
         except RunError as error:
             status, reason, cause = "failed", str(error), _placed(error.cause, clock, recorder)
         wall_seconds = perf_counter() - started
-        hosts.end()
+        workers.end()
         recorder.end()
-        refused = Counter(recorder.refused) + Counter(hosts.refused)
-        in_one_thread = isinstance(hosts, Alone)
-        profile = Profile(hosts.spent(), lockstep.spent, lockstep.recording, in_one_thread)
+        refused = Counter(recorder.refused) + Counter(workers.refused)
+        in_one_thread = isinstance(workers, InProcess)
+        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
         told = {SPENT: json.dumps(profile.told()), REFUSED: json.dumps(refused)}
         if cause:
             told[CAUSE] = json.dumps(asdict(cause))
@@ -177,7 +177,7 @@ def run(
         wall_seconds,
         profile,
         refused,
-        hosts.restarts,
+        workers.restarts,
         recorder.repeated,
         copied,
     )
@@ -201,12 +201,12 @@ def past_of(reader: Reader) -> Iterator[list[Message]]:
             k += 1
 
 
-def _needs(links: Topology, homes: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
-    """Return the hosts whose samples each host needs."""
-    nodes = {host: np.array(robots) for host, robots in homes.items()}
+def _needs(links: Topology, assignment: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
+    """Return the workers whose samples each worker needs."""
+    nodes = {worker: np.array(robots) for worker, robots in assignment.items()}
     return {
-        host: needed(np.unique(links.source[np.isin(links.sink, robots)]), nodes)
-        for host, robots in nodes.items()
+        worker: needed(np.unique(links.source[np.isin(links.sink, robots)]), nodes)
+        for worker, robots in nodes.items()
     }
 
 

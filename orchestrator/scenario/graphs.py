@@ -1,7 +1,7 @@
 """Networks in files of others: a table of edges (CSV), or GraphML, as a list of edges.
 
-A scenario must be whole where its text goes: into a recording, and to hosts that have no files. So
-when its file is read, the edges take the place of the name of the file that they are in.
+A scenario must be whole where its text goes: into a recording, and to workers that have no files.
+So when its file is read, the edges take the place of the name of the file that they are in.
 """
 
 import csv

@@ -1,6 +1,6 @@
 """A scenario's text holds all that decides a run: what it named as a file stands in it, as numbers.
 
-Hosts elsewhere, resumed runs and replays are given the text alone. A number in it is the shortest
+Workers elsewhere, resumed runs and replays are given the text alone. A number in it is the shortest
 that reads as the same float, so nothing is rounded on the way.
 """
 

@@ -2,7 +2,7 @@
 
 It is sampled at every time of which a run asks, so that there the target is exactly where the FMU
 was, and in between often enough that the cubics of Hermite are near to what was not looked at. Its
-samples stand in the text, whence hosts, replays and resumed runs have them without the FMU.
+samples stand in the text, whence workers, replays and resumed runs have them without the FMU.
 """
 
 import tomllib

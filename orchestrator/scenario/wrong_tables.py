@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
@@ -60,7 +60,7 @@ def wrong_tables(scenario: Scenario) -> Iterator[str]:
     if scenario.faults != Faults():
         yield from wrong_faults(scenario, None if network_faults else topologies_of(scenario).links)
     yield from _robot_faults(scenario)
-    yield from _hosts_faults(scenario.bus.tls, n)
+    yield from _workers_faults(scenario.bus.tls, n)
 
 
 def _robot_faults(scenario: Scenario) -> Iterator[str]:
@@ -85,13 +85,13 @@ def _robot_faults(scenario: Scenario) -> Iterator[str]:
                 yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
 
 
-def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
-    """Yield what is wrong with the hosts' names and robots; a robot has one host."""
+def _workers_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
+    """Yield what is wrong with the workers' names and robots; a robot has one worker."""
     taken: dict[int, str] = {}
-    for host, text in (tls.hosts if tls else {}).items():
-        here = f"bus.tls.hosts.{host}"
+    for worker, text in (tls.workers if tls else {}).items():
+        here = f"bus.tls.workers.{worker}"
         try:
-            expect_host_name(host, "bus.tls.hosts")
+            expect_worker_name(worker, "bus.tls.workers")
             robots = parse_robots(text, here, n)
         except InputError as error:
             yield str(error)
@@ -100,7 +100,7 @@ def _hosts_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
             if robot in taken:
                 yield f"{here}: robot {robot} is already {quoted(taken[robot])}'s"
                 break
-            taken[robot] = host
+            taken[robot] = worker
 
 
 def _algorithm_faults(scenario: Scenario) -> Iterator[str]:

@@ -123,7 +123,7 @@ class TestRefused:
             open_session(replace(connect, wait=VAIN)).close()
         return str(refused.value)
 
-    def test_a_host_of_another_authority(self, tls, tmp_path):
+    def test_a_worker_of_another_authority(self, tls, tmp_path):
         other = Authority(tmp_path).issue("left")
         said = self.refusal(tls["orchestrator"], replace(other, ca=tls["left"].ca))
         assert "does not know the authority" in said
@@ -133,7 +133,7 @@ class TestRefused:
         said = self.refusal(Authority(tmp_path).issue("orchestrator"), tls["left"])
         assert "its certificate is refused here" in said
 
-    def test_a_host_whose_certificate_has_expired(self, authority, tls):
+    def test_a_worker_whose_certificate_has_expired(self, authority, tls):
         said = self.refusal(tls["orchestrator"], authority.issue("old", valid=LONG_AGO))
         assert "has expired" in said
 
@@ -169,12 +169,12 @@ class TestRefused:
 
 
 class TestAccess:
-    """Every host is heard for itself alone."""
+    """Every worker is heard for itself alone."""
 
     @pytest.fixture
-    def hosts(self, tls):
+    def workers(self, tls):
         address = f"tls/127.0.0.1:{free_port()}"
-        listen = Endpoints(listen=(address,), tls=tls["orchestrator"], hosts=("left", "right"))
+        listen = Endpoints(listen=(address,), tls=tls["orchestrator"], workers=("left", "right"))
         clients = [Endpoints(connect=(address,), tls=tls[n]) for n in ("left", "right", "stranger")]
         with opened(listen, *clients) as sessions:
             sessions[0].declare_queryable("nrs/**", self.answer)
@@ -184,8 +184,8 @@ class TestAccess:
     def answer(query):
         query.reply(str(query.key_expr).replace("*", "r"), b"go")
 
-    def test_a_forged_key_is_not_delivered(self, hosts):
-        hub, left, right, _ = hosts
+    def test_a_forged_key_is_not_delivered(self, workers):
+        hub, left, right, _ = workers
         at_hub, at_left = heard(hub, "nrs/**"), heard(left, "nrs/r/samples/*")
         assert answered(left, "nrs/r/start/left") == [b"go"]
         forged = ("samples/left", "samples/target", "records/left", "orders/left", "orders/right")
@@ -200,13 +200,13 @@ class TestAccess:
         assert sorted(story) == ["nrs/r/samples/right", "nrs/r/samples/target"]
         assert at_left.empty()
 
-    def test_orders_and_samples_are_heard_by_whom_they_are_for(self, hosts):
-        hub, left, right, _ = hosts
-        inboxes = [heard(host, "nrs/r/orders/*") for host in (left, right)]
+    def test_orders_and_samples_are_heard_by_whom_they_are_for(self, workers):
+        hub, left, right, _ = workers
+        inboxes = [heard(worker, "nrs/r/orders/*") for worker in (left, right)]
         spied = heard(left, "nrs/r/records/*")
         samples = heard(left, "nrs/r/samples/*")
-        for host, name in ((left, "left"), (right, "right")):
-            assert answered(host, f"nrs/r/start/{name}") == [b"go"]
+        for worker, name in ((left, "left"), (right, "right")):
+            assert answered(worker, f"nrs/r/start/{name}") == [b"go"]
         right.put("nrs/r/records/right", b"x", congestion_control=BLOCK)
         right.put("nrs/r/samples/right", b"x", congestion_control=BLOCK)
         for name in ("left", "right"):
@@ -217,15 +217,15 @@ class TestAccess:
         assert samples.get(timeout=GUARD)[0] == "nrs/r/samples/right"
         assert spied.empty()
 
-    def test_a_host_asks_in_its_own_name(self, hosts):
-        _, left, _, _ = hosts
+    def test_a_worker_asks_in_its_own_name(self, workers):
+        _, left, _, _ = workers
         own = ("nrs/*/join/left", "nrs/r/start/left", "nrs/r/heard/left", "nrs/r/fmu/0123")
         assert [answered(left, key) for key in own] == [[b"go"]] * 4
         others = ("nrs/*/join/right", "nrs/r/start/right", "nrs/r/join/*", "nrs/**")
         assert [answered(left, key) for key in others] == [[]] * 4
 
-    def test_a_host_lives_in_its_own_name_and_sees_the_orchestrator(self, hosts):
-        hub, left, right, _ = hosts
+    def test_a_worker_lives_in_its_own_name_and_sees_the_orchestrator(self, workers):
+        hub, left, right, _ = workers
         alive, seen = queue.Queue(), queue.Queue()
         tokens = [hub.liveliness().declare_token("nrs/r/alive/orchestrator")]
         hub.liveliness().declare_subscriber(
@@ -244,23 +244,23 @@ class TestAccess:
         assert alive.get(timeout=GUARD) == (zenoh.SampleKind.DELETE, "nrs/r/alive/right/1")
         assert alive.empty()
 
-    def test_a_certificate_that_no_host_is_named_by_is_heard_by_nobody(self, hosts):
-        hub, left, _, stranger = hosts
+    def test_a_certificate_that_no_worker_is_named_by_is_heard_by_nobody(self, workers):
+        hub, left, _, stranger = workers
         at_hub = heard(hub, "nrs/**")
         stranger.put("nrs/r/samples/stranger", b"x", congestion_control=BLOCK)
         assert answered(stranger, "nrs/*/join/stranger") == []
         left.put("nrs/r/samples/left", b"x", congestion_control=BLOCK)
         assert at_hub.get(timeout=GUARD)[0] == "nrs/r/samples/left"
 
-    def test_local_hosts_beside_remote_ones_are_trusted(self, tls, tmp_path):
+    def test_local_workers_beside_remote_ones_are_trusted(self, tls, tmp_path):
         local, remote = f"unixsock-stream/{tmp_path}/s", f"tls/127.0.0.1:{free_port()}"
-        both = Endpoints(listen=(local, remote), tls=tls["orchestrator"], hosts=("left",))
+        both = Endpoints(listen=(local, remote), tls=tls["orchestrator"], workers=("left",))
         with opened(both, Endpoints(connect=(local,))) as (hub, client):
             expect_conversation(hub, client)
 
     @pytest.mark.parametrize("name", ["", "a/b", "*", "a b*", "target", "orchestrator", " left"])
-    def test_a_name_that_cannot_be_a_hosts(self, name):
-        with pytest.raises(InputError, match=r"bus\.tls\.hosts: expected the name of a host"):
+    def test_a_name_that_cannot_be_a_workers(self, name):
+        with pytest.raises(InputError, match=r"bus\.tls\.workers: expected the name of a worker"):
             access_control([name])
 
 

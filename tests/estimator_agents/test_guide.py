@@ -169,7 +169,7 @@ def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize("layout", [(), ("--hosts", "2")])
+@pytest.mark.parametrize("layout", [(), ("--workers", "2")])
 def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed, layout):
     module = installed / "leaky.py"
     was, many = (

@@ -176,14 +176,14 @@ def test_agents_do_what_plain_python_does_to_the_bit(network, order):
 def test_any_partition_and_any_restart_give_the_same_bits(network, data):
     start, targets = start_of(network)
     n = len(network.w)
-    hosts = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)))
+    workers = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)))
     break_at = data.draw(st.integers(1, TICKS - 1))
 
     def layouts():
         robots = np.arange(1, n + 1)
         yield [robots]
         yield [robots[i : i + 1] for i in range(n)]
-        yield [robots[hosts == host] for host in np.unique(hosts)]
+        yield [robots[workers == worker] for worker in np.unique(workers)]
 
     whole, apart, mixed = (
         [agents_of(network, robots, ALGORITHMS[1], start) for robots in parts]

@@ -34,12 +34,12 @@ def test_a_completed_run_has_none(paper, tmp_path):
     assert cause_of(tmp_path / "run.mcap")[0] is None
 
 
-@pytest.mark.parametrize("hosts", [1, 2])
-def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_path, hosts):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_path, workers):
     file = paper(*DIVERGING)
     (tmp_path / "s.toml").write_text(file.text, "utf-8")
     path = tmp_path / "run.mcap"
-    done = nrs("run", tmp_path / "s.toml", "-o", path, "--hosts", hosts)
+    done = nrs("run", tmp_path / "s.toml", "-o", path, "--workers", workers)
     assert done.returncode == 1
     cause, told = cause_of(path)
     assert cause["kind"] == "diverged"
@@ -98,7 +98,7 @@ def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(pap
     ("error", "cause"),
     [
         (KeyboardInterrupt(), ("interrupted", "interrupted")),
-        (RunError("gone", Cause("host", 3)), ("failed", "host")),
+        (RunError("gone", Cause("worker", 3)), ("failed", "worker")),
         (ValueError("odd"), ("failed", "other")),
     ],
     ids=["a second interrupt", "an error of the run", "any other"],

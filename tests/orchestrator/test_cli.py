@@ -246,7 +246,7 @@ def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
 
 
 @pytest.mark.parametrize("restarts", [0, 1])
-def test_a_profile_says_where_the_time_of_a_host_that_died_is(tmp_path, monkeypatch, restarts):
+def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkeypatch, restarts):
     real = performing.run_scenario
 
     def run(*given, **options):
@@ -255,7 +255,7 @@ def test_a_profile_says_where_the_time_of_a_host_that_died_is(tmp_path, monkeypa
     monkeypatch.setattr(performing, "run_scenario", run)
     (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap", "--profile")
-    told = "profile: what a host did before it was gone is under other\n"
+    told = "profile: what a worker did before it was gone is under other\n"
     assert (done.returncode, done.stderr) == (0, told * restarts)
 
 

@@ -13,8 +13,8 @@ import pytest
 
 from nrs_cosim.bus.errors import BusError, InputError, RunError
 from nrs_cosim.bus.network import room
-from nrs_cosim.orchestrator.hosts import crew, manning
-from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.cluster import coordinator, launcher
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.recordings.reading import Reader
@@ -28,7 +28,7 @@ def limited(which: int, most: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(which, (most, most))
 
 
-@pytest.mark.parametrize("hosts", [(), ("--hosts", "2")], ids=["alone", "two hosts"])
+@pytest.mark.parametrize("workers", [(), ("--workers", "2")], ids=["alone", "two workers"])
 @pytest.mark.parametrize(
     ("which", "most", "lacks"),
     [
@@ -37,7 +37,7 @@ def limited(which: int, most: int) -> Callable[[], None]:
     ],
     ids=["addresses", "descriptors"],
 )
-def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, hosts):
+def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, workers):
     done = subprocess.run(
         [
             sys.executable,
@@ -47,7 +47,7 @@ def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, hosts):
             SCENARIO,
             "-o",
             tmp_path / "x.mcap",
-            *hosts,
+            *workers,
         ],
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "500"},
         preexec_fn=limited(which, most),
@@ -80,7 +80,7 @@ def test_too_few_threads_are_told_and_the_others_end(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x" * 140, "a b", "a#b", "a;b", "a?b", "ü"])
-def test_hosts_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
+def test_workers_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
     paper, tmp_path, monkeypatch, name
 ):
     odd = tmp_path / name
@@ -90,8 +90,8 @@ def test_hosts_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     file = paper(SHORT)
     shown = []
-    man = here(file, 2, Handling(True, GUARD, shown.append))
-    assert run(file, tmp_path / "two.mcap", man).status == "completed", shown
+    launch = local_workers(file, 2, WorkerPolicy(True, GUARD, shown.append))
+    assert run(file, tmp_path / "two.mcap", launch).status == "completed", shown
     assert run(file, tmp_path / "one.mcap").status == "completed"
     with Reader(tmp_path / "one.mcap") as one, Reader(tmp_path / "two.mcap") as two:
         assert one.digest == two.digest
@@ -103,9 +103,9 @@ def test_where_no_folder_is_fit_tmpdir_is_named(tmp_path, monkeypatch):
         def enter_context(self, _context):
             raise PermissionError
 
-    monkeypatch.setattr(manning, "own_folder", lambda place: place)
+    monkeypatch.setattr(launcher, "own_folder", lambda place: place)
     with pytest.raises(InputError, match=r"TMPDIR: a socket cannot be in .*a b, nor in XDG_RUNTIM"):
-        manning.meeting_place(Stack(), tmp_path / "a b" / "own")
+        launcher.meeting_place(Stack(), tmp_path / "a b" / "own")
 
 
 def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
@@ -119,7 +119,9 @@ def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
     )
 
 
-def test_a_host_of_this_machine_that_never_asks_to_join_ends_the_run(paper, tmp_path, monkeypatch):
+def test_a_worker_of_this_machine_that_never_asks_to_join_ends_the_run(
+    paper, tmp_path, monkeypatch
+):
     class Mute:
         def __init__(self, *_given, **_more):
             pass
@@ -133,11 +135,11 @@ def test_a_host_of_this_machine_that_never_asks_to_join_ends_the_run(paper, tmp_
         def last_words(self):
             return "; it printed: panicked"
 
-    monkeypatch.setattr(manning, "LocalHost", Mute)
-    monkeypatch.setattr(crew, "STARTING", 0.1)
-    man = here(paper(SHORT), 2, Handling(True, GUARD, lambda _text: None))
+    monkeypatch.setattr(launcher, "LocalWorker", Mute)
+    monkeypatch.setattr(coordinator, "STARTING", 0.1)
+    launch = local_workers(paper(SHORT), 2, WorkerPolicy(True, GUARD, lambda _text: None))
     with pytest.raises(
-        RunError, match=r"host local-1 \(robots 1-3\), a process of this machine"
+        RunError, match=r"worker local-1 \(robots 1-3\), a process of this machine"
     ) as e:
-        run(paper(SHORT), tmp_path / "x.mcap", man)
+        run(paper(SHORT), tmp_path / "x.mcap", launch)
     assert str(e.value).endswith("within 0.1 s of its start; it printed: panicked")

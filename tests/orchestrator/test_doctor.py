@@ -85,7 +85,7 @@ class TestCertificates:
     def test_a_good_one(self, authority):
         found = seen(authority.issue("left", "lab.example", "192.0.2.1"))
         assert {verdict for verdict, _ in found.values()} == {"ok"}
-        assert found["host"][1].startswith("left is its name")
+        assert found["worker"][1].startswith("left is its name")
         assert found["addresses"][1].startswith("lab.example, 192.0.2.1")
 
     def test_of_another_authority(self, authority, tmp_path):
@@ -109,9 +109,9 @@ class TestCertificates:
         assert found["dates"][0] == verdict
         assert found["dates"][1].startswith(said)
 
-    def test_a_name_that_no_host_can_have(self, authority):
-        assert "no host can have it" in seen(authority.issue("orchestrator"))["host"][1]
-        verdict, said = seen(authority.issue("robot*"))["host"]
+    def test_a_name_that_no_worker_can_have(self, authority):
+        assert "no worker can have it" in seen(authority.issue("orchestrator"))["worker"][1]
+        verdict, said = seen(authority.issue("robot*"))["worker"]
         assert verdict == "fails"
         assert "'robot*'" in said
 

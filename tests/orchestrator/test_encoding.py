@@ -36,10 +36,10 @@ def run(*arguments, encoding, cwd):
     return done.returncode, done.stdout.decode(encoding), done.stderr.decode(encoding)
 
 
-@pytest.mark.parametrize("hosts", [[], ["--hosts", "2"]], ids=["alone", "hosts"])
-def test_a_name_that_is_no_utf8_is_recorded_with_its_bytes_as_escapes(odd, hosts):
+@pytest.mark.parametrize("workers", [[], ["--workers", "2"]], ids=["alone", "workers"])
+def test_a_name_that_is_no_utf8_is_recorded_with_its_bytes_as_escapes(odd, workers):
     recording = odd.parent / "run.mcap"
-    done = nrs("run", odd, "-o", recording, *hosts)
+    done = nrs("run", odd, "-o", recording, *workers)
     assert done.returncode == 0, done.stderr
     told = json.loads(nrs("info", recording, "--json").stdout)
     assert told["name"] == r"bad\udcff"

@@ -78,7 +78,7 @@ STATUSES = {
         "check stranger.toml --strict",
         "doctor --listen tls/127.0.0.1:7447",
         "fmu check renamed.fmu",
-        "host --insecure-tcp --connect unixsock-stream//nobody --wait 0.5",
+        "worker --insecure-tcp --connect unixsock-stream//nobody --wait 0.5",
     ],
     2: [
         "",
@@ -90,7 +90,7 @@ STATUSES = {
         "run none.toml",
         "run bad.toml",
         "run whole.mcap",
-        "run good.toml --hosts 9",
+        "run good.toml --workers 9",
         "run good.toml -o whole.mcap",
         "run good.toml --compression rar",
         "resume none.mcap",
@@ -124,8 +124,8 @@ STATUSES = {
         "fmu build two_link_arm -o new.fmu --fmi 4",
         "fmu from-urdf none.urdf -o new.fmu",
         "fmu from-urdf slider.urdf -o new.fmu --gravity 1,2",
-        "host --connect 7447",
-        "host --insecure-tcp --connect tcp/127.0.0.1:1 --robots x",
+        "worker --connect 7447",
+        "worker --insecure-tcp --connect tcp/127.0.0.1:1 --robots x",
     ],
 }
 ROWS = [(status, line) for status, lines in STATUSES.items() for line in lines]
@@ -183,7 +183,7 @@ def test_each_command_is_among_those_that_end_well_and_badly():
         }
 
     assert told(2) == set(COMMANDS)
-    assert told(0) == {*COMMANDS} - {"host"}  # which ends well with the run that it joins
+    assert told(0) == {*COMMANDS} - {"worker"}  # which ends well with the run that it joins
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS, "fmu"])

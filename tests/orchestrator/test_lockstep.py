@@ -1,4 +1,4 @@
-"""When ticks close, and when silence ends a run: hosts and clock are made up, nothing waits."""
+"""When ticks close, and when silence ends a run: workers and clock are made up, nothing waits."""
 
 from collections import Counter
 
@@ -12,7 +12,7 @@ from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.orchestrator.runs import lockstep
 from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode, window
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
-from tests.batches import HOMES, H, recorder_of, samples, told, whole, wire_of
+from tests.batches import ASSIGNMENT, H, recorder_of, samples, told, whole, wire_of
 
 DEADLINE = 2.0
 """s of the made-up clock."""
@@ -29,13 +29,13 @@ class Time:
         return self.now
 
 
-class Hosts:
-    """Two hosts and the bus at once: what they put arrives at its time."""
+class Workers:
+    """Two workers and the bus at once: what they put arrives at its time."""
 
     def __init__(self, time):
         self.inbox = self
         self.time, self.coming, self.there = time, [], []
-        self.refused, self.restarts, self.homes = Counter(), 0, HOMES
+        self.refused, self.restarts, self.assignment = Counter(), 0, ASSIGNMENT
         self.away = (0.0, 0.0)
         self.asked, self.advanced, self.handled, self.published = [], [], [], []
 
@@ -74,23 +74,23 @@ class Hosts:
 
 
 class Case:
-    """A run of so many ticks on made-up hosts."""
+    """A run of so many ticks on made-up workers."""
 
     def __init__(self, monkeypatch, ticks=3, ahead=2, needs=None, pace=None):
         self.time, self.seen = Time(), []
         for clock in ("monotonic", "perf_counter"):
             monkeypatch.setattr(lockstep, clock, self.time)
         self.clock, self.wire = Clock((H,), 1, ticks), wire_of(ticks)
-        self.hosts = Hosts(self.time)
-        self.hosts.wire_ = self.wire
+        self.workers = Workers(self.time)
+        self.workers.wire_ = self.wire
         self.recorder, self.writer = recorder_of(self.wire)
-        target = TargetNode(self.hosts, self.clock, self.wire, TARGET_OF)
+        target = TargetNode(self.workers, self.clock, self.wire, TARGET_OF)
         needs = needs or {"left": {"right", TARGET}, "right": {"left", TARGET}}
         options = {} if pace is None else {"pace": pace}
         self.lockstep = Lockstep(
             self.clock,
             target,
-            self.hosts,
+            self.workers,
             self.recorder,
             needs,
             ahead,
@@ -116,9 +116,9 @@ def case(monkeypatch):
 def test_ticks_close_in_order_and_each_is_whole(case):
     run = case()
     for k in (2, 0, 3, 1):
-        run.hosts.at(0.0, *run.robots(k))
+        run.workers.at(0.0, *run.robots(k))
     assert run.run() == [0, 1, 2, 3]
-    assert run.hosts.advanced == [0, 1, 2, 3]
+    assert run.workers.advanced == [0, 1, 2, 3]
     assert run.writer.ticks[0] == [("/robot_1/state", 0, 0), ("/robot_2/state", 0, 0)]
     for k in (1, 2, 3):
         robots = [f"/robot_{robot}/{kind}" for robot in (1, 2) for kind in ("sample", "state")]
@@ -130,11 +130,11 @@ def test_ticks_close_in_order_and_each_is_whole(case):
 def test_the_target_moves_as_its_law_and_no_further_ahead_than_the_window(case):
     run, ahead = case(ticks=5), 2
     for k in range(6):
-        run.hosts.at(0.0, *run.robots(k))
-    highest = [(k, run.hosts.published[-1][0]) for k in run.lockstep.run()]
+        run.workers.at(0.0, *run.robots(k))
+    highest = [(k, run.workers.published[-1][0]) for k in run.lockstep.run()]
     assert highest == [(k, min(k + ahead, 5)) for k in range(6)]
-    assert [k for k, _ in run.hosts.published] == [1, 2, 3, 4, 5]
-    for k, record in run.hosts.published:
+    assert [k for k, _ in run.workers.published] == [1, 2, 3, 4, 5]
+    for k, record in run.workers.published:
         t = seconds(k * H)
         assert record["time_ns"] == k * H
         assert record["position"][0] == pytest.approx(t + np.sin(t))
@@ -148,22 +148,22 @@ def test_a_run_goes_on_after_what_is_recorded(case):
             run.recorder.take(message)
         run.recorder.close(k)
     for k in (2, 3, 4):
-        run.hosts.at(0.0, *run.robots(k))
+        run.workers.at(0.0, *run.robots(k))
     assert run.run() == [2, 3, 4]
-    assert run.hosts.advanced == [2, 3, 4]
-    assert [k for k, _ in run.hosts.published] == [2, 3, 4]
+    assert run.workers.advanced == [2, 3, 4]
+    assert [k for k, _ in run.workers.published] == [2, 3, 4]
     assert len(run.writer.ticks) == 5
 
 
 def test_a_target_that_was_told_of_no_tick_begins_with_the_first():
-    hosts, wire = Hosts(Time()), wire_of(3)
-    hosts.wire_ = wire
-    TargetNode(hosts, Clock((H,), 1, 3), wire, TARGET_OF).publish_until(2)
-    assert [k for k, _ in hosts.published] == [1, 2]
+    workers, wire = Workers(Time()), wire_of(3)
+    workers.wire_ = wire
+    TargetNode(workers, Clock((H,), 1, 3), wire, TARGET_OF).publish_until(2)
+    assert [k for k, _ in workers.published] == [1, 2]
 
 
 def test_where_the_time_went_is_told(case):
-    """It passes where hosts are waited for, by 0.1 s at each message and 0.5 s at each put."""
+    """It passes where workers are waited for, by 0.1 s at each message and 0.5 s at each put."""
     run = case(ticks=2)
     put, take = run.writer.put, run.recorder.take
 
@@ -176,7 +176,7 @@ def test_where_the_time_went_is_told(case):
 
     run.writer.put, run.recorder.take = slow(0.5, put), slow(0.1, take)
     for k in range(3):
-        run.hosts.at(2.0 * k, *run.robots(k))
+        run.workers.at(2.0 * k, *run.robots(k))
     run.run()
     taken = 2 + 2 + 2 * 4  # the target's samples, records of t_0, samples and records since
     assert run.lockstep.recording == pytest.approx(3 * 0.5)
@@ -187,32 +187,32 @@ def test_where_the_time_went_is_told(case):
 
 def test_silence_as_long_as_the_deadline_ends_the_run(case):
     run = case()
-    run.hosts.at(0.0, *run.robots(0)).at(1.0, samples(run.wire, "left", 1))
+    run.workers.at(0.0, *run.robots(0)).at(1.0, samples(run.wire, "left", 1))
     with pytest.raises(BusError) as caught:
         run.run()
     assert str(caught.value) == (
         "tick 1 did not close in 2 s of silence: "
-        "robot 1 on host left sent samples up to tick 1 and lack those of right; "
-        "robot 2 on host right sent samples up to tick 0 and lack nobody's: computing, or stopped"
+        "robot 1 on worker left sent samples up to tick 1 and lack those of right; "
+        "robot 2 on worker right sent samples up to tick 0 and lack nobody's: computing, or stopped"
     )
     assert run.time.now == 1.0 + DEADLINE
-    assert run.hosts.asked[-1] == (1, True)
-    assert (1, True) not in run.hosts.asked[:-1]
+    assert run.workers.asked[-1] == (1, True)
+    assert (1, True) not in run.workers.asked[:-1]
 
 
 def test_silence_of_the_target_is_named(case):
     run = case(ahead=-1)
-    run.hosts.at(0.0, *run.robots(0), *run.robots(1))
+    run.workers.at(0.0, *run.robots(0), *run.robots(1))
     with pytest.raises(BusError, match="the target sent samples up to tick 0"):
         run.run()
 
 
 def test_each_new_batch_begins_the_silence_anew(case):
     run = case(ticks=1)
-    run.hosts.at(0.0, *run.robots(0))
+    run.workers.at(0.0, *run.robots(0))
     messages = run.robots(1)
     for number, message in enumerate(messages, 1):
-        run.hosts.at(number * 0.9 * DEADLINE, message)
+        run.workers.at(number * 0.9 * DEADLINE, message)
     assert run.run() == [0, 1]
     assert run.time.now == pytest.approx(len(messages) * 0.9 * DEADLINE)
 
@@ -221,8 +221,8 @@ def test_each_new_batch_begins_the_silence_anew(case):
 def test_what_is_refused_or_said_again_is_silence(case, say):
     run = case(ticks=1)
     again = say(run.wire, "left", 1)
-    run.hosts.at(0.0, *run.robots(0), again)
-    run.hosts.at(1.0, again, Message(again.key, b"nothing"), Message(again.key, again.payload))
+    run.workers.at(0.0, *run.robots(0), again)
+    run.workers.at(1.0, again, Message(again.key, b"nothing"), Message(again.key, again.payload))
     with pytest.raises(BusError, match="tick 1 did not close"):
         run.run()
     assert run.time.now == DEADLINE
@@ -230,24 +230,24 @@ def test_what_is_refused_or_said_again_is_silence(case, say):
     assert run.recorder.refused.total() == 1
 
 
-def test_the_deadline_rests_while_a_host_is_known_to_be_away(case):
+def test_the_deadline_rests_while_a_worker_is_known_to_be_away(case):
     run = case(ticks=1)
-    run.hosts.away = (0.5, 10 * DEADLINE)
-    run.hosts.at(0.0, *run.robots(0))
-    run.hosts.at(10.8 * DEADLINE, *run.robots(1))
+    run.workers.away = (0.5, 10 * DEADLINE)
+    run.workers.at(0.0, *run.robots(0))
+    run.workers.at(10.8 * DEADLINE, *run.robots(1))
     assert run.run() == [0, 1]
 
 
-def test_the_deadline_begins_when_a_host_is_back(case):
+def test_the_deadline_begins_when_a_worker_is_back(case):
     run = case(ticks=1)
-    run.hosts.away = (0.5, 10 * DEADLINE)
-    run.hosts.at(0.0, *run.robots(0))
+    run.workers.away = (0.5, 10 * DEADLINE)
+    run.workers.at(0.0, *run.robots(0))
     with pytest.raises(BusError, match="tick 1 did not close in 2 s of silence"):
         run.run()
     assert run.time.now == pytest.approx(11 * DEADLINE, abs=0.5)
 
 
-def test_what_a_host_failed_with_goes_before_its_silence(case):
+def test_what_a_worker_failed_with_goes_before_its_silence(case):
     run = case(ticks=1)
 
     def look_after(_k, at_last=False):
@@ -255,24 +255,24 @@ def test_what_a_host_failed_with_goes_before_its_silence(case):
             raise BusError("robot 2 diverged")
         return True
 
-    run.hosts.look_after = look_after
+    run.workers.look_after = look_after
     with pytest.raises(BusError, match="robot 2 diverged"):
         run.run()
 
 
-def test_what_is_no_batch_is_the_hosts_affair(case):
+def test_what_is_no_batch_is_the_workers_affair(case):
     run = case(ticks=1)
     others = [Presence("alive/left", here=True), Message("report/left", b"done")]
-    run.hosts.at(0.0, *run.robots(0), *others, *run.robots(1))
+    run.workers.at(0.0, *run.robots(0), *others, *run.robots(1))
     assert run.run() == [0, 1]
-    assert run.hosts.handled == others
+    assert run.workers.handled == others
     assert not run.recorder.refused
 
 
 def test_who_watches_is_told_the_last_closed_tick_while_another_is_waited_for(case):
     run = case(ticks=2)
     for k in range(3):
-        run.hosts.at(0.6 * k, *run.robots(k))
+        run.workers.at(0.6 * k, *run.robots(k))
     run.run()
     assert run.seen[0] == 0
     closed = {k * H for k in range(3)}
@@ -296,7 +296,7 @@ class Paced:
         ask()
 
 
-def test_a_tick_closes_at_its_pace_and_the_hosts_are_looked_after_meanwhile(case):
+def test_a_tick_closes_at_its_pace_and_the_workers_are_looked_after_meanwhile(case):
     pace = Paced()
     run = case(ticks=3, pace=pace)
     for k in (0, 1):
@@ -304,15 +304,15 @@ def test_a_tick_closes_at_its_pace_and_the_hosts_are_looked_after_meanwhile(case
             run.recorder.take(message)
         run.recorder.close(k)
     for k in (2, 3):
-        run.hosts.at(0.0, *run.robots(k))
+        run.workers.at(0.0, *run.robots(k))
     run.run()
     assert pace.told == [("start", H), ("wait", 2 * H), ("wait", 3 * H)]
-    assert run.hosts.asked == [(2, False), (3, False)]
+    assert run.workers.asked == [(2, False), (3, False)]
 
 
 @pytest.mark.parametrize(
     ("size", "ticks"),
     [(0, 64), (1, 64), (2**18, 64), (2**19, 32), (2**22, 4), (2**23, 4), (2**40, 4)],
 )
-def test_hosts_run_ahead_by_sixteen_megabytes_of_ticks(size, ticks):
+def test_workers_run_ahead_by_sixteen_megabytes_of_ticks(size, ticks):
     assert window(size) == ticks

@@ -23,7 +23,7 @@ from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recording import Recording
-from tests.hosts.runs import Spread
+from tests.cluster.local_runs import Spread
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 from tests.plant_fmu.test_motion import NAMES, PARAMETERS
@@ -95,7 +95,7 @@ def test_the_recording_alone_repeats_the_run(ran):
     assert other.scenario.target == file.scenario.target
 
 
-def test_any_number_of_hosts_gives_one_digest(tmp_path):
+def test_any_number_of_workers_gives_one_digest(tmp_path):
     file = read(tmp_path, MOVER, ("duration = 30.0", "duration = 1.0"))
     outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")]
     with Reader(tmp_path / "1.mcap") as one, Reader(tmp_path / "2.mcap") as two:

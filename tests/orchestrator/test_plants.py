@@ -1,4 +1,4 @@
-"""A host opens its own robots only, wherever their FMUs are, and they move as with all others."""
+"""A worker opens its own robots only, wherever their FMUs are, and they move as with all others."""
 
 import hashlib
 from contextlib import ExitStack
@@ -57,7 +57,7 @@ def test_an_fmu_that_no_own_robot_has_is_not_looked_for(paper):
         group_by_archive(file.scenario, file.folder, [2])
 
 
-def test_robots_of_two_hosts_move_as_those_of_one(paper):
+def test_robots_of_two_workers_move_as_those_of_one(paper):
     file = paper(OWN)
 
     def played(robots=None):
@@ -103,7 +103,7 @@ def test_rows_that_are_given_are_the_robots_own(paper):
     assert [body.q.tolist() for body in bodies(scenario, [2, 6])] == [[20, -1], [60, -1]]
 
 
-def test_a_host_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_path, monkeypatch):
+def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_path, monkeypatch):
     built = build("planar_robot")
     sha256 = hashlib.sha256(built.read_bytes()).hexdigest()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path))

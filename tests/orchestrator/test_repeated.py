@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.repeated import Holdings
-from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SHORT
@@ -17,22 +17,26 @@ RUNS = 60
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="what is held is told by Linux only")
-@pytest.mark.parametrize(("runs", "hosts"), [(RUNS, 1), (3, 2)], ids=["alone", "two hosts"])
-def test_many_runs_hold_no_more_than_the_first(paper, tmp_path, monkeypatch, runs, hosts):
+@pytest.mark.parametrize(("runs", "workers"), [(RUNS, 1), (3, 2)], ids=["alone", "two workers"])
+def test_many_runs_hold_no_more_than_the_first(paper, tmp_path, monkeypatch, runs, workers):
     folder = tmp_path / "t"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     file = paper(SHORT)
-    man = here(file, hosts, Handling(True, 60.0, lambda _text: None)) if hosts > 1 else None
+    launch = (
+        local_workers(file, workers, WorkerPolicy(True, 60.0, lambda _text: None))
+        if workers > 1
+        else None
+    )
     digests, held = set(), []
     for _ in range(runs):
-        outcome = run(file, tmp_path / "run.mcap", man)
+        outcome = run(file, tmp_path / "run.mcap", launch)
         assert outcome.status == "completed", outcome.reason
         with Reader(tmp_path / "run.mcap") as reader:
             digests.add(reader.digest)
         gc.collect()
         held.append(Holdings.now())
-        if hosts > 1:  # Zenoh's network has threads that come and go
+        if workers > 1:  # Zenoh's network has threads that come and go
             held[-1] = replace(held[-1], threads=0)
     assert len(digests) == 1
     assert held[-1].folders == 0

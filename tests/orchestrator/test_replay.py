@@ -130,8 +130,8 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
     changes = [Change.of("--plant", ONE_HEAVY)]
     with Reader(tmp_path / "run.mcap") as reader:
         file = changed(scenario_of(reader), changes, [])
-        man = run_again(reader, file, [3])
-        again = run(file, tmp_path / "what-if.mcap", man, metadata=parent(reader, changes))
+        launch = run_again(reader, file, [3])
+        again = run(file, tmp_path / "what-if.mcap", launch, metadata=parent(reader, changes))
         parents = reader.digest
     own = "[[robots]]\nid = 3\nplant = { parameters = { m2 = 3.0 } }\n"
     own += "controller = { kp = 150.0 }\n"

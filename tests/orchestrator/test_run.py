@@ -13,7 +13,7 @@ from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.runs.alone import Alone
+from nrs_cosim.orchestrator.runs.in_process import InProcess
 from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode
 from nrs_cosim.orchestrator.runs.robots import Robots
 from nrs_cosim.orchestrator.runs.running import run
@@ -249,15 +249,15 @@ class Loop:
         clock, n = clock_of(scenario), scenario.n
         robots = Robots.opened(stack, file, range(1, n + 1))
         self.agents = robots.agents
-        self.hosts = Alone(bus, clock, robots, lambda _t: None)
-        wire = self.hosts.wire()
+        self.workers = InProcess(bus, clock, robots, lambda _t: None)
+        wire = self.workers.wire()
         self.target = TargetNode(bus, clock, wire, target_of(scenario))
         self.recorder = Recorder(writer, wire, n, 0)
-        parts = (clock, self.target, self.hosts, self.recorder)
+        parts = (clock, self.target, self.workers, self.recorder)
         self.lockstep = Lockstep(*parts, {}, 1, 0.1, lambda _t: None)
 
     def ticks(self):
-        self.hosts.begin(self.recorder)
+        self.workers.begin(self.recorder)
         return self.lockstep.run()
 
 
@@ -382,12 +382,12 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED.keys())
-def test_a_bad_batch_of_samples_is_refused_and_its_host_named(paper, change, reason):
+def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(paper, change, reason):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("samples/here", change), Kept())
         with pytest.raises(BusError, match="tick 1: no samples came from here"):
             list(loop.ticks())
-        for item in loop.hosts.inbox.take():
+        for item in loop.workers.inbox.take():
             loop.recorder.take(item)
     assert loop.recorder.refused == {reason: 1}
 
@@ -412,10 +412,10 @@ STATE_BATCH = {
 
 
 @pytest.mark.parametrize(("change", "refused"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
-def test_a_state_that_is_not_recorded_is_missed_and_its_host_named(paper, change, refused):
+def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(paper, change, refused):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("records/here", change), Kept())
-        silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on host here"
+        silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on worker here"
         with pytest.raises(BusError, match=silence):
             list(loop.ticks())
     assert loop.recorder.refused == refused
@@ -427,7 +427,7 @@ def test_a_message_too_many_is_refused_and_counted(paper):
         loop = Loop(stack, paper(SHORT), bus, Kept())
         bus.publisher("samples/nobody")(b"stray")
         list(loop.ticks())
-    assert loop.recorder.refused == {"host": 1}
+    assert loop.recorder.refused == {"worker": 1}
 
 
 def test_what_is_said_again_is_kept_once(paper):

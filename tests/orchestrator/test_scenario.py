@@ -16,20 +16,20 @@ from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 
-TLS = "[bus.tls]\nca = 'ca'\ncertificate = 'c'\nkey = 'k'\nhosts = {%s}\n\n[target]"
+TLS = "[bus.tls]\nca = 'ca'\ncertificate = 'c'\nkey = 'k'\nworkers = {%s}\n\n[target]"
 
 BAD = {
-    "host of a robot that is not there": (
+    "worker of a robot that is not there": (
         ("[target]", TLS % "left = '1-7'"),
-        "bus.tls.hosts.left: got '1-7' in '1-7', but there are robots 1 to 6",
+        "bus.tls.workers.left: got '1-7' in '1-7', but there are robots 1 to 6",
     ),
-    "robot of two hosts": (
+    "robot of two workers": (
         ("[target]", TLS % "left = '1-3', right = '3-6'"),
-        "bus.tls.hosts.right: robot 3 is already 'left''s",
+        "bus.tls.workers.right: robot 3 is already 'left''s",
     ),
-    "host whose name is taken": (
+    "worker whose name is taken": (
         ("[target]", TLS % "target = '1-3'"),
-        "bus.tls.hosts: expected the name of a host",
+        "bus.tls.workers: expected the name of a worker",
     ),
     "certificate without a key": (
         ("[target]", "[bus]\ntls = {ca = 'ca', certificate = 'c'}\n[target]"),
@@ -441,8 +441,8 @@ def test_times_are_whole_nanoseconds():
     assert list(clock.outputs(3)) == [225, 250, 275, 300]
 
 
-def test_hosts_on_other_machines_have_certificates_and_robots(paper):
+def test_workers_on_other_machines_have_certificates_and_robots(paper):
     assert paper().scenario.bus.tls is None
     bus = paper(("[target]", TLS % "left = '1-3', right = '4,5,6'")).scenario.bus
     assert bus.deadline == 30.0
-    assert bus.tls.hosts == {"left": "1-3", "right": "4,5,6"}
+    assert bus.tls.workers == {"left": "1-3", "right": "4,5,6"}

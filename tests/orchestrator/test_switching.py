@@ -21,8 +21,8 @@ from nrs_cosim.orchestrator.scenario.setting import topologies_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import samples
+from tests.cluster.local_runs import digest, turning
 from tests.estimator_agents.paper import second_order
-from tests.hosts.runs import digest, turning
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS, scenario_of
 

@@ -1,4 +1,5 @@
-"""What the recorder takes, lacks, closes and keeps of two hosts' batches; nothing is on a disk."""
+"""What the recorder takes, lacks, closes and keeps of two workers' batches; nothing is on a
+disk."""
 
 import pytest
 
@@ -36,7 +37,7 @@ def test_tick_0_lacks_records_alone(wire):
     assert recorder.is_whole(0)
 
 
-def test_a_later_tick_lacks_what_each_host_did_not_say(wire):
+def test_a_later_tick_lacks_what_each_worker_did_not_say(wire):
     recorder, _ = recorder_of(wire)
     closed(recorder, wire, 0)
     assert recorder.missing(0) == {}
@@ -47,10 +48,10 @@ def test_a_later_tick_lacks_what_each_host_did_not_say(wire):
     }
     for message in whole(wire, 1):
         assert not recorder.is_whole(1)
-        kind, _, host = message.key.partition("/")
-        assert kind in recorder.missing(1)[host]
+        kind, _, worker = message.key.partition("/")
+        assert kind in recorder.missing(1)[worker]
         recorder.take(message)
-        assert kind not in recorder.missing(1).get(host, [])
+        assert kind not in recorder.missing(1).get(worker, [])
     assert recorder.is_whole(1)
 
 
@@ -93,7 +94,7 @@ def test_what_cannot_be_believed_is_counted_by_its_reason(wire):
     recorder.take(Message(good.key, good.payload + b"\0"))
     recorder.take(Message(wire_key("samples", "nobody"), good.payload))
     recorder.take(Message(wire_key("report", "left"), good.payload))
-    assert recorder.refused == {"size": 2, "host": 1, "key": 1}
+    assert recorder.refused == {"size": 2, "worker": 1, "key": 1}
     assert (recorder.taken, recorder.repeated) == (0, 0)
 
 
@@ -113,11 +114,11 @@ def test_what_is_said_again_in_the_same_words_is_kept_once(wire):
 def test_what_is_said_again_in_other_words_ends_the_run(wire, say):
     recorder, _ = recorder_of(wire)
     recorder.take(say(wire, "left", 1))
-    with pytest.raises(BusError, match="tick 1: host left said it twice, and not the same"):
+    with pytest.raises(BusError, match="tick 1: worker left said it twice, and not the same"):
         recorder.take(say(wire, "left", 1, value=2.0))
 
 
-def test_the_last_that_was_heard_of_a_host(wire):
+def test_the_last_that_was_heard_of_a_worker(wire):
     recorder, _ = recorder_of(wire)
     closed(recorder, wire, 2)
     for k in (5, 3):
@@ -134,17 +135,17 @@ def test_samples_of_so_many_closed_ticks_stay_at_hand_and_no_more(wire):
     assert len(recorder._past) == keep  # memory does not grow with the run
     at_hand = [*recorder.samples(TICKS - keep + 1, TICKS + 5)]
     assert [k for k, _, _ in at_hand] == [*range(TICKS - keep + 1, TICKS + 1)]
-    for _, records, host in at_hand:
-        assert host == EVERYONE
+    for _, records, worker in at_hand:
+        assert worker == EVERYONE
         assert sorted(records["robot"].tolist()) == [0, 1, 2]
 
 
-def test_samples_of_open_ticks_are_by_host(wire):
+def test_samples_of_open_ticks_are_by_worker(wire):
     recorder, _ = recorder_of(wire)
     closed(recorder, wire, 1)
     for k in (2, 3, 4):
         recorder.take(samples(wire, "left", k))
-    known = [(k, host) for k, _, host in recorder.samples(1, 3)]
+    known = [(k, worker) for k, _, worker in recorder.samples(1, 3)]
     assert known == [(1, EVERYONE), (2, "left"), (3, "left")]
 
 
@@ -177,8 +178,8 @@ class Read:
         assert topics == ["/target/sample", "/robot_1/sample", "/robot_2/sample"]
         for k in range(-(-start // H), -(-end // H)):
             of_all = [
-                self.wire.unpack_samples(host, samples(self.wire, host, k).payload)[1]
-                for host in ("left", "right", TARGET)
+                self.wire.unpack_samples(worker, samples(self.wire, worker, k).payload)[1]
+                for worker in ("left", "right", TARGET)
             ]
             yield [
                 (k * H, sample_topic(robot), k, data)
@@ -202,7 +203,7 @@ def test_samples_that_are_no_more_at_hand_are_read_from_what_is_flushed(wire, mo
     assert opened == []
     recorder.take(samples(wire, "left", 11))
     found = list(recorder.samples(3, 11))
-    assert [(k, host) for k, _, host in found] == [
+    assert [(k, worker) for k, _, worker in found] == [
         *((k, EVERYONE) for k in range(3, 11)),
         (11, "left"),
     ]
@@ -237,8 +238,8 @@ def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(
     assert again.checkpoints == first.checkpoints
     assert (again.closed, again.messages) == (3, 5)
     assert writer.ticks == [sorted((topic, time, k) for time, topic, k, _ in batch)]
-    ((k, records, host),) = again.samples(3, 3)
-    assert (k, host, sorted(records["robot"].tolist())) == (3, EVERYONE, [0, 1, 2])
+    ((k, records, worker),) = again.samples(3, 3)
+    assert (k, worker, sorted(records["robot"].tolist())) == (3, EVERYONE, [0, 1, 2])
 
 
 def test_channels_tell_each_robots_joints_units_fmu_and_drive():

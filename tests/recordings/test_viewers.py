@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from nrs_cosim.orchestrator.reports.shapes import shapes_of
-from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import describe, scenario_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
@@ -28,7 +28,7 @@ def example(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """The whole recording of the paper's example, and of the one with faults."""
     path = tmp_path_factory.mktemp("viewers") / "run.mcap"
     file = read_scenario(SCENARIOS / f"{request.param}.toml")
-    run(file, path, alone(file))
+    run(file, path, in_process(file))
     return path
 
 

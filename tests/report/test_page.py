@@ -153,9 +153,9 @@ def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
 
 
 def test_what_a_run_says_at_its_end_is_told(paper):
-    spent = replace(story(paper), ending={"time": '{"host": {"plants": 0.5}}', "note": "a word"})
+    spent = replace(story(paper), ending={"time": '{"worker": {"plants": 0.5}}', "note": "a word"})
     (run,) = told(page([spent]))["runs"]
-    assert run["counted"]["time, host, plants"] == "0.5"
+    assert run["counted"]["time, worker, plants"] == "0.5"
     assert run["counted"]["note"] == "a word"
 
 

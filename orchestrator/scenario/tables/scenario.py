@@ -136,21 +136,21 @@ class Robot(Table):
 
 
 class TlsTable(Table):
-    """Certificates of the run's orchestrator, and of the hosts that may take part."""
+    """Certificates of the run's orchestrator, and of the workers that may take part."""
 
     ca: str = Field(description="path of the authority's certificate, PEM, relative to this file")
     certificate: str = Field(description="path of the orchestrator's own")
     key: str = Field(description="path of its private key")
-    hosts: dict[str, Text] = Field(
-        {}, description="robots, such as 1-3,7, by the common name of their host's certificate"
+    workers: dict[str, Text] = Field(
+        {}, description="robots, such as 1-3,7, by the common name of their worker's certificate"
     )
 
 
 class BusTable(Table):
-    """How hosts of a run on several machines talk."""
+    """How workers of a run on several machines talk."""
 
     deadline: Positive = Field(
-        30.0, description="s of wall time; a tick that hosts do not close in it ends the run"
+        30.0, description="s of wall time; a tick that workers do not close in it ends the run"
     )
     tls: TlsTable | None = None
 

@@ -1,11 +1,11 @@
-"""A run whose hosts come from elsewhere, as a test directs it: step by step, told all it shows.
+"""A run whose workers come from elsewhere, as a test directs it: step by step, told all it shows.
 
     with Run(file, folder / "run.mcap", listen=(meet,), pauses=(50,)) as run:
-        left = host("--connect", meet, "--name", "left")
+        left = worker("--connect", meet, "--name", "left")
         run.until("paused at tick 50")
 
-The run is in a thread of the test; `python -m tests.hosts.running` has it in a process of its own,
-which prints what the run shows and goes on after a pause by a line of input.
+The run is in a thread of the test; `python -m tests.cluster.remote_runs` has it in a process of its
+own, which prints what the run shows and goes on after a pause by a line of input.
 """
 
 import json
@@ -21,9 +21,9 @@ from typing import ClassVar
 
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, remote_workers
+from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.hosts.manning import Handling, elsewhere
-from nrs_cosim.orchestrator.hosts.member import Membership, serve
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile, read_scenario
 from nrs_cosim.orchestrator.scenario.setting import clock_of
@@ -91,10 +91,10 @@ class OverError(Exception):
     """The test is over."""
 
 
-class Host(Told):
-    """A host in a thread of its own."""
+class Worker(Told):
+    """A worker in a thread of its own."""
 
-    started: ClassVar[list["Host"]] = []
+    started: ClassVar[list["Worker"]] = []
 
     def __init__(
         self,
@@ -110,14 +110,14 @@ class Host(Told):
         """Join at an endpoint: wait for somebody there, and then look for a run."""
         super().__init__()
         self._over = False
-        member = Membership(name, robots, run, looks or wait, False, True, self._show)
+        joining = JoinOptions(name, robots, run, looks or wait, False, True, self._show)
         endpoints = Endpoints(
             connect=(endpoint,), **{"tls": tls, "wait": wait, "insecure_tcp": True} | options
         )
 
         def whole() -> None:
             try:
-                serve(member, endpoints)
+                serve(joining, endpoints)
             finally:
                 self.take(None)
 
@@ -134,11 +134,11 @@ class Host(Told):
     @classmethod
     def end_all(cls) -> None:
         """End those that are still there, at the next that they have to say."""
-        hosts, cls.started = cls.started, []
-        for host in hosts:
-            host._over = True
-        for host in hosts:
-            host._whole.exception(2 * GUARD)
+        workers, cls.started = cls.started, []
+        for worker in workers:
+            worker._over = True
+        for worker in workers:
+            worker._whole.exception(2 * GUARD)
 
     def end(self) -> None:
         """Wait for its end; raises what it was refused with."""
@@ -153,7 +153,7 @@ class Run(Told):
         file: ScenarioFile,
         output: Path,
         pauses=(),
-        homes=None,
+        assignment=None,
         expected=1,
         wait=GUARD,
         restart=True,
@@ -175,11 +175,11 @@ class Run(Told):
         def whole():
             try:
                 ends = Endpoints(
-                    **{"hosts": homes or {}, "wait": wait, "insecure_tcp": True} | endpoints
+                    **{"workers": assignment or {}, "wait": wait, "insecure_tcp": True} | endpoints
                 )
-                handling = Handling(restart, wait, self.take, expected)
-                man = elsewhere(file, ends, homes or {}, handling)
-                return run(file, output, man, watch=watch)
+                policy = WorkerPolicy(restart, wait, self.take, expected)
+                launch = remote_workers(file, ends, assignment or {}, policy)
+                return run(file, output, launch, watch=watch)
             finally:
                 self.take(None)
 
@@ -251,7 +251,7 @@ class Command(Told):
 
 
 NRS = (sys.executable, "-u", "-m", "nrs_cosim.orchestrator")
-PROCESS = (sys.executable, "-u", "-m", "tests.hosts.running")
+PROCESS = (sys.executable, "-u", "-m", "tests.cluster.remote_runs")
 
 
 @contextmanager

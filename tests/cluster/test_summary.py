@@ -1,11 +1,11 @@
-"""What a user of hosts on this machine is told, and what is refused."""
+"""What a user of workers on this machine is told, and what is refused."""
 
 import re
 
 import pytest
 
+from tests.cluster.local_runs import lossy
 from tests.command import nrs
-from tests.hosts.runs import lossy
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
@@ -20,23 +20,23 @@ def toml(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--hosts", "0"], "--hosts: expected auto or 1 to 6, a robot each at least, got '0'"),
-        (["--hosts", "7"], "--hosts: expected auto or 1 to 6, a robot each at least, got '7'"),
-        (["--hosts", "٢"], "--hosts: expected auto or 1 to 6, a robot each at least, got '٢'"),
+        (["--workers", "0"], "--workers: expected auto or 1 to 6, a robot each at least, got '0'"),
+        (["--workers", "7"], "--workers: expected auto or 1 to 6, a robot each at least, got '7'"),
+        (["--workers", "٢"], "--workers: expected auto or 1 to 6, a robot each at least, got '٢'"),
         (
-            ["--hosts", "many"],
-            "--hosts: expected auto or 1 to 6, a robot each at least, got 'many'",
+            ["--workers", "many"],
+            "--workers: expected auto or 1 to 6, a robot each at least, got 'many'",
         ),
         (
-            ["--hosts", "2", "--listen", "tcp/127.0.0.1:7447"],
-            "--hosts 2: starts hosts here, --listen waits for others",
+            ["--workers", "2", "--listen", "tcp/127.0.0.1:7447"],
+            "--workers 2: starts workers here, --listen waits for others",
         ),
         (["--deadline", "0"], "--deadline: expected more than 0 s, got 0"),
-        (["--hosts", "2", "--wait", "nan"], "--wait: expected a number, got 'nan'"),
-        (["--wait", "9"], "--wait requires --hosts, --listen or --connect"),
+        (["--workers", "2", "--wait", "nan"], "--wait: expected a number, got 'nan'"),
+        (["--wait", "9"], "--wait requires --workers, --listen or --connect"),
         (
             ["--no-restart"],
-            "--no-restart requires --hosts, --listen or --connect",
+            "--no-restart requires --workers, --listen or --connect",
         ),
         (["--tls-key", "x"], "--tls-key requires --listen or --connect"),
         (["--insecure-tcp"], "--insecure-tcp requires --listen or --connect"),
@@ -54,19 +54,19 @@ def lines_of(printed):
     return dict(line.split(None, 1) for line in summary.splitlines()), table.splitlines()
 
 
-@pytest.mark.parametrize("hosts", [1, 3])
-def test_where_the_time_went(toml, tmp_path, hosts):
-    """Shares of the wall time, on average over hosts; with --profile, seconds of each process."""
-    done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--hosts", hosts, "--profile")
+@pytest.mark.parametrize("workers", [1, 3])
+def test_where_the_time_went(toml, tmp_path, workers):
+    """Shares of the wall time, on average over workers; with --profile, seconds of each process."""
+    done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--workers", workers, "--profile")
     assert done.returncode == 0, done.stderr
     told, (title, *rows) = lines_of(done.stdout)
     assert told.keys().isdisjoint({"refused", "restarts"})
     wall = float(re.search(r" in ([\d.]+) s,", told["ticks"])[1])
-    whose = "," if hosts == 1 else " of a host's on average;"
+    whose = "," if workers == 1 else " of a worker's on average;"
     shares = rf"(\d+) % plants, (\d+) % bus, (\d+) % waiting{whose} (\d+) % recording"
     assert 0 <= sum(map(int, re.fullmatch(shares, told["time"]).groups())) <= 200
     assert title.split()[4:] == ["plants", "bus", "recording", "waiting", "other"]
-    names = ["here"] if hosts == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
+    names = ["here"] if workers == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
     assert [row.split()[0] for row in rows] == names
     for row in rows:
         assert sum(map(float, row.split()[1:])) == pytest.approx(wall, abs=0.02)

@@ -12,10 +12,10 @@ from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Bus, Item
 from nrs_cosim.bus.wire import Wire
-from nrs_cosim.orchestrator.runs.host import Heard, Host, Spent, Watch
-from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.runs.worker import Heard, Spent, Watch, Worker
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.recordings.recorder import Recorder
@@ -23,22 +23,22 @@ from nrs_cosim.recordings.recorder import Recorder
 NAME = "here"
 
 
-class Alone:
-    """The only host of a run; see `orchestrator.runs.lockstep.Hosts`."""
+class InProcess:
+    """The only worker of a run; see `orchestrator.runs.lockstep.Workers`."""
 
     def __init__(self, bus: Bus, clock: Clock, robots: Robots, watch: Watch) -> None:
-        self.homes = {NAME: robots.numbers}
+        self.assignment = {NAME: robots.numbers}
         self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         self.refused: Counter[str] = Counter()
         self.restarts = 0
-        self._wire = wire_of(robots.scenario, self.homes, Seal())
+        self._wire = wire_of(robots.scenario, self.assignment, Seal())
         heard = bus.listen(wire_key(SAMPLES, "*"))
-        self._host: Host = robots.hosted(NAME, bus, heard, self._wire, clock)
+        self._worker: Worker = robots.worker(NAME, bus, heard, self._wire, clock)
         self._robots, self._watch = robots, watch
         self._ticks: Iterator[int] = iter(())
 
     def wire(self) -> Wire:
-        """Return the wire between the host and the recorder."""
+        """Return the wire between the worker and the recorder."""
         return self._wire
 
     def told(self) -> Sequence[Mapping[str, Any]]:
@@ -46,15 +46,15 @@ class Alone:
         return self._robots.told
 
     def spent(self) -> dict[str, Spent]:
-        """Return where the time of the host went."""
-        return {NAME: self._host.spent}
+        """Return where the time of the worker went."""
+        return {NAME: self._worker.spent}
 
     def begin(self, recorder: Recorder) -> None:
         """Begin where a recording ends: at the checkpoint, and then through what it has."""
         point = point_of(self._robots.numbers, recorder.checkpoints, recorder.closed)
         if point.start:
-            self._host.restore(point.start, point.checkpoints)
-        self._ticks = self._host.run(point.recorded, self._watch, _Alone(recorder))
+            self._worker.restore(point.start, point.checkpoints)
+        self._ticks = self._worker.run(point.recorded, self._watch, _RecordedSamples(recorder))
         if point.recorded >= 0:
             while next(self._ticks) < point.recorded:
                 pass
@@ -68,15 +68,15 @@ class Alone:
         raise BusError(f"a message that nobody put: {item}")
 
     def look_after(self, k: int, at_last: bool = False) -> bool:  # noqa: ARG002
-        """Return that the host is there."""
+        """Return that the worker is there."""
         return True
 
     def end(self) -> None:
-        """Do nothing: the host ends with the run."""
+        """Do nothing: the worker ends with the run."""
 
 
-class _Alone:
-    """In one thread nothing comes while the host waits: the recording has it, or nobody."""
+class _RecordedSamples:
+    """In one thread nothing comes while the worker waits: the recording has it, or nobody."""
 
     patience = 0.0
 
@@ -90,22 +90,24 @@ class _Alone:
         return self._recorder.samples(k, k + AT_ONCE - 1)
 
     def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
-        """Pass over what no host of the run put; the recorder counts it."""
+        """Pass over what no worker of the run put; the recorder counts it."""
         return ()
 
 
-def alone(file: ScenarioFile) -> Manning:
+def in_process(file: ScenarioFile) -> Launcher:
     """Return how a run gets all its robots into this thread."""
 
-    def man(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Hosts]:
+    def launch(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
         robots = Robots.opened(stack, file, range(1, file.scenario.n + 1))
         return on_a_session(stack, clock, robots, watch)
 
-    return man
+    return launch
 
 
-def on_a_session(stack: ExitStack, clock: Clock, robots: Robots, watch: Watch) -> tuple[Bus, Hosts]:
+def on_a_session(
+    stack: ExitStack, clock: Clock, robots: Robots, watch: Watch
+) -> tuple[Bus, Workers]:
     """Return robots in this thread on a session of their own; the stack ends it."""
     bus = ZenohBus(uuid4().hex)
     stack.callback(bus.close)
-    return bus, Alone(bus, clock, robots, watch)
+    return bus, InProcess(bus, clock, robots, watch)

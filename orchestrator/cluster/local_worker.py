@@ -1,4 +1,4 @@
-"""A host process on this machine, as the orchestrator starts, watches and ends it."""
+"""A worker process on this machine, as the orchestrator starts, watches and ends it."""
 
 import os
 import signal
@@ -15,8 +15,8 @@ STARTING = 60.0
 """s: how long it may look for the run that started it."""
 
 
-class LocalHost:
-    """A process that runs `orchestrator.hosts.process` for some robots of a run on this machine."""
+class LocalWorker:
+    """A process of this machine that runs `orchestrator.cluster.worker_main` for some robots."""
 
     def __init__(self, name: str, robots: Sequence[int], endpoint: str, folder: Path) -> None:
         """Start it; it will join over an endpoint. What it prints is kept in a folder."""
@@ -30,7 +30,13 @@ class LocalHost:
         try:
             with self._printed.open("wb") as printed:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.hosts.process", *command],
+                    [
+                        sys.executable,
+                        "-P",
+                        "-m",
+                        "nrs_cosim.orchestrator.cluster.worker_main",
+                        *command,
+                    ],
                     stdin=subprocess.DEVNULL,
                     stdout=printed,
                     stderr=printed,
@@ -38,7 +44,7 @@ class LocalHost:
                     start_new_session=True,
                 )
         except OSError as error:
-            raise RunError(f"host {name} cannot be started: {error.strerror}") from None
+            raise RunError(f"worker {name} cannot be started: {error.strerror}") from None
 
     @property
     def pid(self) -> int:
@@ -67,7 +73,7 @@ class LocalHost:
         """Return the last that it printed, as the end of a sentence; nothing when it did not."""
         with suppress(OSError):
             lines = self._printed.read_text(errors="replace")[-_PRINTED:].splitlines()
-            ours = "host: "  # what it says of itself, as it is said here too
+            ours = "worker: "  # what it says of itself, as it is said here too
             said = [line.strip() for line in lines if line.strip() and not line.startswith(ours)]
             return f"; it printed: {' / '.join(said[-3:])}" if said else ""
         return ""

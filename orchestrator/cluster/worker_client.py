@@ -1,4 +1,4 @@
-"""The process of a host: it joins a run, runs its robots in it, and leaves when the run ends.
+"""The process of a worker: it joins a run, runs its robots in it, and leaves when the run ends.
 
 It needs no scenario file: it is given the scenario, and knows FMUs by their content. When its link
 or the orchestrator is gone, it forgets the run and asks to be let in again; what its robots did so
@@ -29,14 +29,14 @@ from nrs_cosim.bus.keys import (
     START,
     wire_key,
 )
-from nrs_cosim.bus.network.access import expect_host_name
+from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
 from nrs_cosim.bus.parts import parted
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Answer, Cut, Item, Message, Presence
 from nrs_cosim.bus.wire import RefusedError, Wire
-from nrs_cosim.orchestrator.hosts.notes import (
+from nrs_cosim.orchestrator.cluster.protocol import (
     END,
     TICK,
     Go,
@@ -47,9 +47,9 @@ from nrs_cosim.orchestrator.hosts.notes import (
     Told,
     Welcome,
 )
-from nrs_cosim.orchestrator.runs.host import Heard
 from nrs_cosim.orchestrator.runs.restart import AT_ONCE
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.runs.worker import Heard
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import named
 from nrs_cosim.orchestrator.scenario.setting import clock_of
@@ -73,8 +73,8 @@ class EndedError(CosimError):
 
 
 @dataclass(frozen=True, slots=True)
-class Membership:
-    """How a host joins."""
+class JoinOptions:
+    """How a worker joins."""
 
     name: str
     robots: Sequence[int] | None
@@ -93,46 +93,48 @@ class Membership:
     """Whether the orchestrator is the one that started it: its paths are the user's own."""
 
 
-def serve(member: Membership, endpoints: Endpoints) -> None:
+def serve(options: JoinOptions, endpoints: Endpoints) -> None:
     """Join a run, run robots in it until it ends.
 
-    Raises `RunError` when there is no run in time, or the host is not let in; `InputError` when its
-    robots cannot be opened.
+    Raises `RunError` when there is no run in time, or the worker is not let in; `InputError` when
+    its robots cannot be opened.
     """
-    expect_host_name(member.name, "--name")
+    expect_worker_name(options.name, "--name")
     while True:
         bus = ZenohBus("*", endpoints)
         close = bus.close
         try:
             with ExitStack() as stack:
-                welcome = _let_in(bus, member, endpoints.tls is not None)
-                _take_part(stack, bus, member, welcome)
+                welcome = _join_run(bus, options, endpoints.tls is not None)
+                _run_assigned(stack, bus, options, welcome)
         except EndedError:
             return
         except AbandonedError as error:
-            if not member.stays:
+            if not options.stays:
                 return
             close = Thread(target=bus.close).start  # a cut link is waited for, some 10 s
-            member.show(f"{error}; looking for it again")
+            options.show(f"{error}; looking for it again")
         finally:
             close()
 
 
-def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
+def _join_run(bus: ZenohBus, options: JoinOptions, tls: bool) -> Welcome:
     """Look for a run, and ask to be let in until it does."""
     inbox = bus.listen()
-    robots = None if member.robots is None else tuple(member.robots)
+    robots = None if options.robots is None else tuple(options.robots)
     own = KeyPair()
     hello = Hello(
         version=version("nrs-cosim"), incarnation=bus.id, robots=robots, public=own.public
     ).written()
-    present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, member.name)
-    until = monotonic() + member.wait
-    last = "no run was found that waits for hosts"
+    present, join = wire_key(ALIVE, ORCHESTRATOR), wire_key(JOIN, options.name)
+    until = monotonic() + options.wait
+    last = "no run was found that waits for workers"
     if tls:
-        last += f"; if there is one, its bus.tls.hosts may lack a certificate named {member.name}"
-    if member.run is not None:
-        last = f"no run was found whose id begins with {member.run}; --run is of another"
+        last += (
+            f"; if there is one, its bus.tls.workers may lack a certificate named {options.name}"
+        )
+    if options.run is not None:
+        last = f"no run was found whose id begins with {options.run}; --run is of another"
     items: Sequence[Item] = ()
     while monotonic() < until:
         if not items:
@@ -143,7 +145,7 @@ def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
             if isinstance(item, Presence):
                 runs.add(item.key.split("/")[1])
             elif item == Answer(present, None):
-                if run := _the_one(runs, member.run or ""):
+                if run := _chosen_run(runs, options.run or ""):
                     bus.run_id = run
                     bus.ask(join, hello, inbox)
             elif isinstance(item, Answer) and item.payload:
@@ -151,12 +153,12 @@ def _let_in(bus: ZenohBus, member: Membership, tls: bool) -> Welcome:
                 if isinstance(note, Welcome) and note.run == bus.run_id:
                     return note
                 if isinstance(note, Refusal):
-                    last = _not_yet(note)
-    raise RunError(f"not let into a run within {member.wait:g} s: {last}")
+                    last = _reason_to_wait(note)
+    raise RunError(f"not let into a run within {options.wait:g} s: {last}")
 
 
-def _not_yet(refusal: Refusal) -> str:
-    """Return why a host is not let in now; raises where asking again is of no use."""
+def _reason_to_wait(refusal: Refusal) -> str:
+    """Return why a worker is not let in now; raises where asking again is of no use."""
     if refusal.over:
         raise EndedError(refusal.reason)
     if refusal.final:
@@ -165,7 +167,7 @@ def _not_yet(refusal: Refusal) -> str:
     return refusal.reason
 
 
-def _the_one(runs: Collection[str], begin: str) -> str | None:
+def _chosen_run(runs: Collection[str], begin: str) -> str | None:
     """Return the run that was meant, if it is there; `RunError` when it might be several."""
     meant = sorted(run for run in runs if run.startswith(begin) and "*" not in run)
     if len(meant) > 1:
@@ -180,16 +182,16 @@ def _welcome_or_refusal(own: KeyPair, where: str, data: bytes) -> Welcome | Refu
     return None
 
 
-def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Welcome) -> None:
+def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome: Welcome) -> None:
     """Open the robots, and run them from where the orchestrator says, until it ends the run."""
-    name, seal = member.name, Seal(welcome.secret)
+    name, seal = options.name, Seal(welcome.secret)
     report_key = wire_key(REPORT, name)
     put_report = bus.publisher(report_key)
 
     def report(note: Report) -> None:
         put_report(seal.closed(report_key, note.written()))
 
-    member.show(f"joined {welcome.name} with {named(welcome.robots)}")
+    options.show(f"joined {welcome.name} with {named(welcome.robots)}")
     inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(ORDERS, name))
     for kind in (SAMPLES, RECORDS):
         bus.publisher(wire_key(kind, name))  # before it asks to begin: see there
@@ -198,10 +200,10 @@ def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Wel
     bus.announce(wire_key(ALIVE, f"{name}/{bus.id}"))
     listening = _Listening(bus, inbox, name, seal)
     try:
-        own = welcome.folder if member.is_own else None
+        own = welcome.folder if options.is_own else None
         folder = Path(own) if own else Path("/nonexistent")
         file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
-        finder = _Finder(bus, member, welcome, folder, seal)
+        finder = _Finder(bus, options, welcome, folder, seal)
         robots = Robots.opened(stack, file, welcome.robots, finder.find)
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
@@ -211,28 +213,28 @@ def _take_part(stack: ExitStack, bus: ZenohBus, member: Membership, welcome: Wel
         listening.ask_to_begin(Ready(incarnation=bus.id, plants=told))
     )
     clock = clock_of(file.scenario)
-    listening.wire = wire = wire_of(file.scenario, go.homes, seal)
+    listening.wire = wire = wire_of(file.scenario, go.assignment, seal)
     listening.recorded = go.recorded
-    host = robots.hosted(name, bus, inbox, wire, clock)
+    worker = robots.worker(name, bus, inbox, wire, clock)
     if go.start:
-        host.restore(go.start, checkpoints)
+        worker.restore(go.start, checkpoints)
     k = go.start
     try:
-        for k in host.run(go.recorded, lambda _time: None, listening):  # noqa: B007
+        for k in worker.run(go.recorded, lambda _time: None, listening):  # noqa: B007
             pass
     except (AbandonedError, EndedError):
         raise
     except RunError as error:
-        cause = replace(error.cause, tick=host.now)
-        report(Report(tick=host.now, failed=str(error), place=host.place, cause=cause))
+        cause = replace(error.cause, tick=worker.now)
+        report(Report(tick=worker.now, failed=str(error), place=worker.place, cause=cause))
     else:
-        spent = host.spent
+        spent = worker.spent
         report(Report(tick=k, plants=spent.plants, bus=spent.bus, waiting=spent.waiting))
     listening.until_end()
 
 
 class _Listening:
-    """What a host hears beside samples, and how it asks for those that it missed."""
+    """What a worker hears beside samples, and how it asks for those that it missed."""
 
     patience = _SILENCE
 
@@ -256,7 +258,7 @@ class _Listening:
                     if item.payload is not None:
                         go = go or self._seal.opened(f"{key}/{ready.incarnation}", item.payload)
                     elif not go:
-                        raise AbandonedError("the orchestrator does not know this host any more")
+                        raise AbandonedError("the orchestrator does not know this worker any more")
                 elif isinstance(item, Message) and not item.key.startswith(ORDERS):
                     self._early.append(item)
                 else:
@@ -281,12 +283,12 @@ class _Listening:
             self._lacking = k, now
         for item in early:
             if isinstance(item, Message):
-                host = item.key.rpartition("/")[2]
+                worker = item.key.rpartition("/")[2]
                 with suppress(RefusedError):
-                    yield (*self.wire.unpack_samples(host, item.payload), host)
+                    yield (*self.wire.unpack_samples(worker, item.payload), worker)
 
     def handle(self, item: Item) -> Iterable[Heard]:
-        """Take an answer or an order; `AbandonedError` and `EndedError` end the host's part."""
+        """Take an answer or an order; `AbandonedError` and `EndedError` end the worker's part."""
         if isinstance(item, Cut) or item == Presence(wire_key(ALIVE, ORCHESTRATOR), here=False):
             raise AbandonedError("the orchestrator is gone")
         if isinstance(item, Message):
@@ -297,8 +299,8 @@ class _Listening:
         elif isinstance(item, Answer) and item.payload:
             key = f"{wire_key(HEARD, self._name)}/answer"
             parts = parted(self._seal.opened(key, item.payload) or b"") or []
-            for k, records, host in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
-                yield TICK.unpack(k)[0], self.wire.samples.parsed(records), host.decode()
+            for k, records, worker in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
+                yield TICK.unpack(k)[0], self.wire.samples.parsed(records), worker.decode()
 
     def until_end(self) -> None:
         """Wait until the run is over; raises as `handle`."""
@@ -314,12 +316,12 @@ class _Listening:
 
 
 class _Finder:
-    """Finds the FMUs of a run on a host, by content."""
+    """Finds the FMUs of a run on a worker, by content."""
 
     def __init__(
-        self, bus: ZenohBus, member: Membership, welcome: Welcome, folder: Path, seal: Seal
+        self, bus: ZenohBus, options: JoinOptions, welcome: Welcome, folder: Path, seal: Seal
     ) -> None:
-        self._bus, self._member, self._welcome, self._folder = bus, member, welcome, folder
+        self._bus, self._options, self._welcome, self._folder = bus, options, welcome, folder
         self._seal = seal
 
     def find(self, fmu: str) -> Archive:
@@ -330,7 +332,7 @@ class _Finder:
         when it is not there.
         """
         sha256 = self._welcome.fmus.get(fmu, "")
-        if fmu in bundled_models() or self._member.allow_fmus or self._member.is_own:
+        if fmu in bundled_models() or self._options.allow_fmus or self._options.is_own:
             with suppress(FmuError):
                 archive = find_archive(fmu, self._folder)
                 if archive.sha256 == sha256:
@@ -339,12 +341,13 @@ class _Finder:
         return replace(find_archive(str(path), Path()), label=fmu)
 
     def _fetched(self, fmu: str, sha256: str) -> Path:
-        if self._member.is_own:
+        if self._options.is_own:
             raise FmuError(f"{fmu}: is gone, or is no more what it was when the run began")
-        if not self._member.allow_fmus:
+        if not self._options.allow_fmus:
             raise FmuError(
-                f"{fmu}: this host has no FMU of SHA-256 {sha256[:16]}… in its cache; --allow-fmus "
-                "lets it run the orchestrator's, and those at paths that the scenario names"
+                f"{fmu}: this worker has no FMU of SHA-256 {sha256[:16]}… in its cache; "
+                "--allow-fmus lets it run the orchestrator's, and those at paths that the scenario "
+                "names"
             )
         inbox, key = self._bus.listen(), wire_key(FMU, sha256)
         self._bus.ask(key, self._seal.closed(key, b""), inbox)

@@ -1,4 +1,4 @@
-"""Runs on hosts of this machine, into which a test looks and reaches at a chosen tick."""
+"""Runs on workers of this machine, into which a test looks and reaches at a chosen tick."""
 
 import os
 import re
@@ -6,7 +6,7 @@ import signal
 from collections import defaultdict
 from pathlib import Path
 
-from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.setting import clock_of
@@ -67,8 +67,8 @@ def mixed(duration="2.0"):
     )
 
 
-def hosts_of(parent=None):
-    """Return the processes of the hosts that a process has, by name, as the kernel tells it."""
+def workers_of(parent=None):
+    """Return the processes of the workers that a process has, by name, as the kernel tells it."""
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -83,19 +83,19 @@ def hosts_of(parent=None):
 
 
 class Spread:
-    """A run on hosts of this machine, in which something is done when a tick closes.
+    """A run on workers of this machine, in which something is done when a tick closes.
 
-    `said` is what the user was told of hosts, `crew` the hosts as the run sees them; `look` is
-    called whenever the run looks around, with the time that it has reached.
+    `said` is what the user was told of workers, `coordinator` the workers as the run sees them;
+    `look` is called whenever the run looks around, with the time that it has reached.
     """
 
-    def __init__(self, file, hosts, *, restart=True, wait=GUARD):
-        self.said, self.crew = [], None
+    def __init__(self, file, workers, *, restart=True, wait=GUARD):
+        self.said, self.coordinator = [], None
         self.look = lambda _time: None
         self._file, self._clock = file, clock_of(file.scenario)
         self._todo = defaultdict(list)
         self._signalled = set()
-        self._man = here(file, hosts, Handling(restart, wait, self.said.append))
+        self._launch = local_workers(file, workers, WorkerPolicy(restart, wait, self.said.append))
 
     def at(self, k, act):
         """Do something as soon as tick k is closed; 0 is before the first."""
@@ -103,10 +103,10 @@ class Spread:
         return self
 
     def kill(self, k, *numbers, by=signal.SIGKILL):
-        """Send hosts a signal as soon as tick k is closed and they are there, each process once."""
+        """Send workers a signal once tick k is closed and they are there, each process once."""
 
         def act():
-            alive = {name: pid for name, pid in hosts_of().items() if pid not in self._signalled}
+            alive = {name: pid for name, pid in workers_of().items() if pid not in self._signalled}
             if {f"local-{number}" for number in numbers} <= alive.keys():
                 for number in numbers:
                     self._signalled.add(alive[f"local-{number}"])
@@ -118,11 +118,11 @@ class Spread:
 
     def run(self, path, **options):
         """Run it all, and return the outcome."""
-        return run(self._file, path, self._manned, watch=self._watch, **options)
+        return run(self._file, path, self._launched, watch=self._watch, **options)
 
-    def _manned(self, *arguments):
-        bus, self.crew = self._man(*arguments)
-        return bus, self.crew
+    def _launched(self, *arguments):
+        bus, self.coordinator = self._launch(*arguments)
+        return bus, self.coordinator
 
     def _watch(self, time_ns):
         self.look(time_ns)

@@ -1,4 +1,4 @@
-"""A host of two robots whose plants, bus and clock are made up: what it says, and from where."""
+"""A worker of two robots whose plants, bus and clock are made up: what it says, and from where."""
 
 from collections import defaultdict
 
@@ -17,12 +17,12 @@ from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.errors import DivergedError
-from nrs_cosim.orchestrator.runs.host import Host, needed
+from nrs_cosim.orchestrator.runs.worker import Worker, needed
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.plant_fmu.errors import FmuError
 
 H, TICKS, M, EVERY = 100_000_000, 6, 2, 2
-HOMES = {"here": np.array([1, 3]), "there": np.array([2]), TARGET: np.array([0])}
+ASSIGNMENT = {"here": np.array([1, 3]), "there": np.array([2]), TARGET: np.array([0])}
 TOPOLOGY = Topology.of([[0, 1, 0], [0, 0, 0], [1, 1, 0]], [1, 1, 0])
 """Robot 2 hears the target alone, and all others hear it."""
 
@@ -69,34 +69,34 @@ class Bus:
         arrived, self.arrived = self.arrived, []
         return arrived
 
-    def sample(self, host, k):
-        """Return what another host says at t_k: anything, as long as it is the same again."""
-        records = self.wire.samples.blank(HOMES[host])
+    def sample(self, worker, k):
+        """Return what another worker says at t_k: anything, as long as it is the same again."""
+        records = self.wire.samples.blank(ASSIGNMENT[worker])
         records["k"], records["time_ns"] = k, k * H
-        drawn = np.random.default_rng([k, len(host)]).normal(size=(2, len(records), M))
+        drawn = np.random.default_rng([k, len(worker)]).normal(size=(2, len(records), M))
         records["position"], records["velocity"] = drawn
         return records
 
-    def said(self, host, k):
+    def said(self, worker, k):
         """Return it as it travels."""
         return Message(
-            wire_key(SAMPLES, host), self.wire.pack_samples(host, k, self.sample(host, k))
+            wire_key(SAMPLES, worker), self.wire.pack_samples(worker, k, self.sample(worker, k))
         )
 
 
 class Case:
-    """A host, and what it hears when it lacks something."""
+    """A worker, and what it hears when it lacks something."""
 
     patience = 0.25
 
     def __init__(self, every=EVERY, limit=1e6, start=1.0):
-        self.wire = Wire(M, Clock((H,), 2, TICKS), HOMES, Seal(b"secret"))
+        self.wire = Wire(M, Clock((H,), 2, TICKS), ASSIGNMENT, Seal(b"secret"))
         self.bus, self.plants = Bus(self.wire), Springs()
-        robots = HOMES["here"]
+        robots = ASSIGNMENT["here"]
         initial = Estimate(np.full((2, M), start), np.full((2, M), 0.5))
         agents = Agents(robots, Topologies.constant(TOPOLOGY), FirstOrder(0.9, 1.1), initial)
         clock = Clock((H,), 2, TICKS)
-        self.host = Host(
+        self.worker = Worker(
             "here", self.bus, self.bus, self.wire, clock, agents, self.plants, limit, every
         )
         self.lacks, self.handled = [], []
@@ -106,7 +106,7 @@ class Case:
         if "here" in missing:
             payloads = self.bus.put[wire_key(SAMPLES, "here")]
             self.bus.arrived.append(Message(wire_key(SAMPLES, "here"), payloads[-1]))
-        self.bus.arrived += [self.bus.said(host, k) for host in missing if host != "here"]
+        self.bus.arrived += [self.bus.said(worker, k) for worker in missing if worker != "here"]
         return ()
 
     def handle(self, item):
@@ -114,7 +114,7 @@ class Case:
         return ()
 
     def run(self, recorded=-1, watch=lambda _t: None):
-        return list(self.host.run(recorded, watch, self))
+        return list(self.worker.run(recorded, watch, self))
 
     def told(self):
         """Return what it said beside samples, by tick."""
@@ -128,12 +128,12 @@ class Case:
         return {k: records.tobytes() for k, records in unpacked}
 
 
-def test_a_host_is_at_the_beginning_until_it_runs():
-    host = Case().host
-    assert (host.now, host.place) == (0, (0, 0, 0))
+def test_a_worker_is_at_the_beginning_until_it_runs():
+    worker = Case().worker
+    assert (worker.now, worker.place) == (0, (0, 0, 0))
 
 
-def test_a_host_says_each_tick_whole_and_its_plants_advance_on_the_grid():
+def test_a_worker_says_each_tick_whole_and_its_plants_advance_on_the_grid():
     case, reached = Case(), []
     assert case.run(watch=reached.append) == [*range(TICKS + 1)]
     assert sorted(case.samples()) == [*range(1, TICKS + 1)]
@@ -147,10 +147,10 @@ def test_a_host_says_each_tick_whole_and_its_plants_advance_on_the_grid():
 
 def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
     case = Case()
-    ticks = case.host.run(-1, lambda _t: None, case)
+    ticks = case.worker.run(-1, lambda _t: None, case)
     next(ticks), next(ticks)
     position, velocity = np.full((2, M), 1.0) + 0.1 * 0.5, np.full((2, M), 0.5)
-    np.testing.assert_allclose(case.host.left.position, position)
+    np.testing.assert_allclose(case.worker.left.position, position)
     heard = {0: case.bus.sample(TARGET, 1)[0], 2: case.bus.sample("there", 1)[0]}
     left = {row: (position[row], velocity[row]) for row in (0, 1)}
     for row, sources in ((0, (0, 2)), (1, (None, 2))):
@@ -158,24 +158,24 @@ def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
         for j in sources:
             told = left[0] if j is None else (heard[j]["position"], heard[j]["velocity"])
             d += (np.array(told) - np.array(left[row])) / 2
-        after = case.host.agents.estimate
+        after = case.worker.agents.estimate
         np.testing.assert_allclose(after.position[row], position[row] + 0.9 * d[0])
         np.testing.assert_allclose(after.velocity[row], velocity[row] + 1.1 * d[1])
 
 
 @pytest.mark.parametrize("start", [2, 4])
 @pytest.mark.parametrize("recorded", [4, 5])
-def test_a_host_that_was_restored_says_the_same_bits_and_only_what_is_new(start, recorded):
+def test_a_worker_that_was_restored_says_the_same_bits_and_only_what_is_new(start, recorded):
     first = Case()
     first.run()
     again = Case()
-    again.host.restore(start, first.told()[start].checkpoints)
+    again.worker.restore(start, first.told()[start].checkpoints)
     own = first.bus.put[wire_key(SAMPLES, "here")]
 
     def lack(k, missing):
         if k <= recorded and "here" in missing:
             again.bus.arrived.append(Message(wire_key(SAMPLES, "here"), own[k - 1]))
-            missing = [host for host in missing if host != "here"]
+            missing = [worker for worker in missing if worker != "here"]
         return Case.lack(again, k, missing)
 
     again.lack = lack
@@ -195,7 +195,7 @@ def test_a_damaged_checkpoint_is_refused_and_its_robot_named(parts):
     good = first.told()[2].checkpoints[0]
     damaged = CHECKPOINT.encode(Blob(3, 2, 2 * H, joined([bytes(16)] * parts)))
     with pytest.raises(FmuError, match="robot 3's checkpoint is damaged"):
-        Case().host.restore(2, [good, damaged])
+        Case().worker.restore(2, [good, damaged])
 
 
 @pytest.mark.parametrize(("every", "exact"), [(0, True), (EVERY, False)])
@@ -208,7 +208,7 @@ def test_no_checkpoint_is_taken_where_none_is_due_or_none_would_be_exact(every, 
 
 def test_samples_come_in_any_order_and_what_is_not_believed_is_passed_over():
     case = Case()
-    others = [case.bus.said(host, k) for k in (3, 1, 2, 4, 6, 5) for host in (TARGET, "there")]
+    others = [case.bus.said(worker, k) for k in (3, 1, 2, 4, 6, 5) for worker in (TARGET, "there")]
     spoilt = Message(others[0].key, others[0].payload[:-1])
     unknown = Presence("alive/there", here=False)
     case.bus.arrived = [*others, spoilt, unknown, Message("orders/here", b"")]
@@ -248,12 +248,12 @@ def test_what_goes_beyond_all_bounds_is_named_with_its_place(spoil, words, done)
     with pytest.raises(DivergedError) as caught:
         case.run()
     assert str(caught.value).startswith(f"diverged at t = 0 s: {words}")
-    assert case.host.place == (0, done, 3 if "robot 3" in words else 1)
+    assert case.worker.place == (0, done, 3 if "robot 3" in words else 1)
 
 
 @pytest.mark.parametrize(("start", "limit", "fails"), [(5.0, 5.0, False), (5.0, 4.999, True)])
 def test_a_number_may_be_as_large_as_the_limit(start, limit, fails):
-    ticks = Case(limit=limit, start=start).host.run(-1, lambda _t: None, Case())
+    ticks = Case(limit=limit, start=start).worker.run(-1, lambda _t: None, Case())
     if fails:
         with pytest.raises(
             DivergedError, match=r"estimated position is .* beyond run.divergence_l"
@@ -263,7 +263,7 @@ def test_a_number_may_be_as_large_as_the_limit(start, limit, fails):
         assert next(ticks) == 0
 
 
-def test_robots_need_the_hosts_of_those_that_they_hear_and_the_targets():
-    assert needed(np.array([2]), HOMES) == {"there", TARGET}
-    assert needed(np.array([1, 2]), HOMES) == {"here", "there", TARGET}
-    assert needed(np.array([0]), HOMES) == {TARGET}
+def test_robots_need_the_workers_of_those_that_they_hear_and_the_targets():
+    assert needed(np.array([2]), ASSIGNMENT) == {"there", TARGET}
+    assert needed(np.array([1, 2]), ASSIGNMENT) == {"here", "there", TARGET}
+    assert needed(np.array([0]), ASSIGNMENT) == {TARGET}

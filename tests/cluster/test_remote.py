@@ -1,4 +1,4 @@
-"""Hosts join a run over loopback, are refused with the reason, die, and come back: same bits."""
+"""Workers join a run over loopback, are refused with the reason, die, and come back: same bits."""
 
 import json
 import re
@@ -9,12 +9,12 @@ from math import inf
 import pytest
 
 from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.orchestrator.cluster import coordinator, worker_client
+from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.commands.cli import main
-from nrs_cosim.orchestrator.hosts import crew, member
-from nrs_cosim.orchestrator.hosts.crew import Crew
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.cluster.remote_runs import PROCESS, SCENARIO, Run, Worker, alone, digest_of, scenario
 from tests.guard import GUARD, LIMIT, VAIN
-from tests.hosts.running import PROCESS, SCENARIO, Host, Run, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.cable import cable_to
 from tests.network.ports import free_port
@@ -60,53 +60,55 @@ def meet():
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-def test_early_and_late_hosts_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
+def test_early_and_late_workers_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
     file, digest = short
-    early = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "early", "--robots", "1-2")
+    early = nrs("worker", "--insecure-tcp", "--connect", meet, "--name", "early", "--robots", "1-2")
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
-        run.until("waits for hosts; missing: robots 1-6")
+        run.until("waits for workers; missing: robots 1-6")
         run.until("early has joined with robots 1-2; missing: robots 3-6")
-        others = [nrs("host", "--insecure-tcp", "--connect", meet, "--name", name) for name in "bc"]
+        others = [
+            nrs("worker", "--insecure-tcp", "--connect", meet, "--name", name) for name in "bc"
+        ]
         assert "with robots 3-4" in run.until("missing: robots 5-6")
         assert run.until("has joined with robots 5-6").endswith("robots 5-6")
         assert run.digest() == digest
-    for host in [early, *others]:
-        status, printed = host.end()
+    for worker in [early, *others]:
+        status, printed = worker.end()
         assert status == 0
         assert "joined paper with robots" in printed
 
 
 OLDER = """
-import nrs_cosim.orchestrator.hosts.member as member
+import nrs_cosim.orchestrator.cluster.worker_client as worker_client
 from nrs_cosim.orchestrator.commands.cli import main
-member.version = lambda _: "0.0.1"
+worker_client.version = lambda _: "0.0.1"
 main()
 """
 
 
 @pytest.fixture
 def until_refused(monkeypatch):
-    """Have a host's time to look for a run be over once it was refused, each host's by itself."""
-    here, refused, clock = threading.local(), member._not_yet, member.monotonic
+    """Have a worker's time to look for a run be over once it was refused, each by itself."""
+    here, refused, clock = threading.local(), worker_client._reason_to_wait, worker_client.monotonic
 
     def note(refusal):
         here.is_over = True
         return refused(refusal)
 
-    monkeypatch.setattr(member, "_not_yet", note)
+    monkeypatch.setattr(worker_client, "_reason_to_wait", note)
     monkeypatch.setattr(
-        member, "monotonic", lambda: inf if getattr(here, "is_over", False) else clock()
+        worker_client, "monotonic", lambda: inf if getattr(here, "is_over", False) else clock()
     )
 
 
 @pytest.mark.usefixtures("until_refused")
-def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
+def test_workers_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
     file, digest = short
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
-        good = Host(meet, "good", (1, 2))
+        good = Worker(meet, "good", (1, 2))
         run.until("good has joined")
         older = nrs(
-            "host",
+            "worker",
             "--insecure-tcp",
             "--connect",
             meet,
@@ -114,34 +116,34 @@ def test_hosts_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
             "x",
             program=(sys.executable, "-c", OLDER),
         )
-        free = "--robots: robots 3-6 of 6 have no home yet, but"
-        for host, kind, why in [
-            (("a", (2, 3)), InputError, f"{free} this host asks for robots 2-3"),
-            (("b", (6, 7)), InputError, f"{free} this host asks for robots 6-7"),
+        free = "--robots: robots 3-6 of 6 have no worker yet, but"
+        for worker, kind, why in [
+            (("a", (2, 3)), InputError, f"{free} this worker asks for robots 2-3"),
+            (("b", (6, 7)), InputError, f"{free} this worker asks for robots 6-7"),
             (
                 ("good",),
                 RunError,
-                f"within {GUARD:g} s: there is a host of the name 'good' already",
+                f"within {GUARD:g} s: there is a worker of the name 'good' already",
             ),
-            (("a/b",), InputError, "--name: expected the name of a host"),
+            (("a/b",), InputError, "--name: expected the name of a worker"),
         ]:
             with pytest.raises(kind, match=re.escape(why)):
-                Host(meet, *host).end()
+                Worker(meet, *worker).end()
         with pytest.raises(
             BusError, match=f"no connection within {VAIN} s: .* nobody listens there"
         ):
-            Host(f"tcp/127.0.0.1:{free_port()}", "c", wait=VAIN).end()
+            Worker(f"tcp/127.0.0.1:{free_port()}", "c", wait=VAIN).end()
         status, printed = older.end()
         assert (status, "Traceback" in printed) == (1, False)
-        assert "the host of 0.0.1: install the same" in printed
-        last = Host(meet, "last")
+        assert "the worker of 0.0.1: install the same" in printed
+        last = Worker(meet, "last")
         assert run.digest() == digest
     good.end()
     last.end()
 
 
 BEYOND = [
-    ["host", "--connect"],
+    ["worker", "--connect"],
     ["run", str(SCENARIO), "--connect"],
     ["run", str(SCENARIO), "--listen"],
 ]
@@ -158,7 +160,7 @@ def test_plain_tcp_is_to_be_asked_for_on_loopback_too(command, address, monkeypa
     assert "--insecure-tcp" in told
 
 
-def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path):
+def test_of_two_runs_on_one_router_a_worker_says_which(short, meet, nrs, tmp_path):
     file, digest = short
     router = nrs(meet, program=ROUTER)
     router.until("open")
@@ -166,45 +168,45 @@ def test_of_two_runs_on_one_router_a_host_says_which(short, meet, nrs, tmp_path)
         Run(file, tmp_path / "one.mcap", connect=(meet,)) as one,
         Run(file, tmp_path / "two.mcap", connect=(meet,)) as two,
     ):
-        first, second = (run.until("waits for hosts").split()[1] for run in (one, two))
+        first, second = (run.until("waits for workers").split()[1] for run in (one, two))
         both = ", ".join(sorted([first, second]))
         with pytest.raises(RunError, match=f"--run: give one of the 2 runs here: {both}"):
-            Host(meet, "unsure").end()
+            Worker(meet, "unsure").end()
         with pytest.raises(RunError, match="no run was found whose id begins with x"):
-            Host(meet, "wrong", run="x", looks=VAIN).end()
-        hosts = [Host(meet, "both", run=first[:8]), Host(meet, "both", run=second)]
+            Worker(meet, "wrong", run="x", looks=VAIN).end()
+        workers = [Worker(meet, "both", run=first[:8]), Worker(meet, "both", run=second)]
         assert [one.digest(), two.digest()] == [digest, digest]
-    for host in hosts:
-        host.end()
+    for worker in workers:
+        worker.end()
 
 
 @pytest.mark.usefixtures("until_refused")
-def test_a_host_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
+def test_a_worker_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
     file, digest = long
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
-        stays = Host(meet, "stays", (1, 2, 4))
+        stays = Worker(meet, "stays", (1, 2, 4))
         dies = nrs(
-            "host", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "3,5-6"
+            "worker", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "3,5-6"
         )
         run.until("paused at tick 100")
         dies.kill()
         run.go_on.set()
         gone = run.until("dies (robots 3, 5-6) is gone")
-        assert "; waiting for it to come back; missing: host dies" in gone
+        assert "; waiting for it to come back; missing: worker dies" in gone
         with pytest.raises(RunError, match=r"take the place of dies \(robots 3, 5-6\) by --name"):
-            Host(meet, "other").end()
-        again = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "dies")
+            Worker(meet, "other").end()
+        again = nrs("worker", "--insecure-tcp", "--connect", meet, "--name", "dies")
         run.until("dies has joined with robots 3, 5-6")
         assert run.digest() == digest
     stays.end()
     assert again.end()[0] == 0
 
 
-def test_a_host_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
+def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
     short, meet, monkeypatch, tmp_path
 ):
     file, digest = short
-    hear_out, heard = Crew._hear_out, []
+    hear_out, heard = Coordinator._hear_out, []
 
     def cut(self, is_enough):
         heard.append(is_enough)
@@ -212,65 +214,67 @@ def test_a_host_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
             cable.cut()
         hear_out(self, is_enough)
 
-    monkeypatch.setattr(Crew, "_hear_out", cut)
-    monkeypatch.setattr(crew, "END", b"?")
+    monkeypatch.setattr(Coordinator, "_hear_out", cut)
+    monkeypatch.setattr(coordinator, "END", b"?")
     with cable_to(int(meet.rpartition(":")[2])) as cable:
         with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
-            host = Host(cable.endpoint, "host")
+            worker = Worker(cable.endpoint, "worker")
             assert run.digest() == digest
-        host.end()
-    assert any("the orchestrator is gone; looking for it again" in line for line in host.told())
+        worker.end()
+    assert any("the orchestrator is gone; looking for it again" in line for line in worker.told())
 
 
-def test_without_restart_a_host_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
+def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
     with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
-        stays = Host(meet, "stays", (1, 2, 3, 4))
-        dies = nrs("host", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "5-6")
+        stays = Worker(meet, "stays", (1, 2, 3, 4))
+        dies = nrs(
+            "worker", "--insecure-tcp", "--connect", meet, "--name", "dies", "--robots", "5-6"
+        )
         run.until("paused")
         dies.kill()
         run.go_on.set()
         outcome = run.outcome()
     assert outcome.status == "failed"
-    assert outcome.reason.startswith("host dies (robots 5-6) is gone, after tick 1")
+    assert outcome.reason.startswith("worker dies (robots 5-6) is gone, after tick 1")
     stays.end()
 
 
-def test_robots_without_a_host_are_named(meet, nrs, tmp_path):
+def test_robots_without_a_worker_are_named(meet, nrs, tmp_path):
     path = scenario(tmp_path, SHORT)
     run = nrs(
         "run", path, "--insecure-tcp", "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap"
     )
-    host = Host(meet, "some", (2, 3, 4, 5), looks=LIMIT, wait=LIMIT)
+    worker = Worker(meet, "some", (2, 3, 4, 5), looks=LIMIT, wait=LIMIT)
     status, printed = run.end()
     assert status == 1
-    assert re.search("robots 1(, |-)6 had no host for 2 s", printed)
+    assert re.search("robots 1(, |-)6 had no worker for 2 s", printed)
     assert not (tmp_path / "x.mcap").exists()
     with pytest.raises(RunError, match=f"(no connection|not let into a run) within {LIMIT:g} s"):
-        host.end()
+        worker.end()
 
 
-def test_hosts_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
+def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
     long, meet, nrs, tmp_path
 ):
     _, digest = long
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     told = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
     run = nrs(json.dumps({**told, "listen": [meet], "pauses": [100]}), program=PROCESS)
-    hosts = [
-        nrs("host", "--insecure-tcp", "--connect", meet, "--name", name, "--robots", robots)
+    workers = [
+        nrs("worker", "--insecure-tcp", "--connect", meet, "--name", name, "--robots", robots)
         for name, robots in (("left", "1-3"), ("right", "4-6"))
     ]
     run.until("paused at tick 100")
     run.kill()
-    for host in hosts:
-        host.until("the orchestrator is gone; looking for it again")
+    for worker in workers:
+        worker.until("the orchestrator is gone; looking for it again")
     resumed = nrs("resume", cut, "--insecure-tcp", "--listen", meet, "-o", whole)
     assert resumed.end()[0] == 0
-    assert [host.end()[0] for host in hosts] == [0, 0]
+    assert [worker.end()[0] for worker in workers] == [0, 0]
     assert digest_of(whole) == digest
 
 
-def test_with_tls_in_the_scenario_hosts_have_the_places_of_their_certificates(nrs, tmp_path):
+def test_with_tls_in_the_scenario_workers_have_the_places_of_their_certificates(nrs, tmp_path):
     authority, meet = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     path = scenario(tmp_path, SHORT)
     digest = alone(read_scenario(path), tmp_path)
@@ -280,16 +284,16 @@ def test_with_tls_in_the_scenario_hosts_have_the_places_of_their_certificates(nr
 ca = "ca.pem"
 certificate = "orchestrator.pem"
 key = "orchestrator-key.pem"
-hosts = { left = "1,3-5", right = "2,6" }
+workers = { left = "1,3-5", right = "2,6" }
 """
     path.write_text(path.read_text("utf-8") + table, "utf-8")
     whole = tmp_path / "run.mcap"
     run = nrs("run", path, "--insecure-tcp", "--listen", meet, "-o", whole)
-    hosts = []
+    workers = []
     for name in ("left", "right"):
         tls = authority.issue(name)
         options = ("--tls-ca", tls.ca, "--tls-certificate", tls.certificate, "--tls-key", tls.key)
-        hosts.append(nrs("host", "--insecure-tcp", "--connect", meet, *options))
-    assert [each.end()[0] for each in (run, *hosts)] == [0, 0, 0]
-    assert "joined paper with robots 1, 3-5" in hosts[0].lines[0]
+        workers.append(nrs("worker", "--insecure-tcp", "--connect", meet, *options))
+    assert [each.end()[0] for each in (run, *workers)] == [0, 0, 0]
+    assert "joined paper with robots 1, 3-5" in workers[0].lines[0]
     assert digest_of(whole) == digest

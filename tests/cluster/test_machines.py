@@ -5,7 +5,7 @@ import json
 import pytest
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.hosts.running import NRS, PROCESS, alone, digest_of, scenario
+from tests.cluster.remote_runs import NRS, PROCESS, alone, digest_of, scenario
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
 
@@ -14,7 +14,7 @@ PORT = 7447
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
-def test_hosts_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, nrs, tmp_path):
+def test_workers_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, nrs, tmp_path):
     path = scenario(tmp_path, TICKS)
     digest = alone(read_scenario(path), tmp_path)
     with two_machines(delay_ms=5, loss_percent=1) as wire:
@@ -25,7 +25,7 @@ def test_hosts_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, n
             tls = authority.issue("orchestrator", wire.left.address)
             own = {
                 "tls": [str(tls.ca), str(tls.certificate), str(tls.key)],
-                "homes": {"a": [1, 2, 3], "b": [4, 5, 6]},
+                "assignment": {"a": [1, 2, 3], "b": [4, 5, 6]},
             }
             for name in others:
                 tls = authority.issue(name, wire.right.address)
@@ -34,18 +34,20 @@ def test_hosts_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, n
         told = {"file": str(path), "output": str(tmp_path / "run.mcap"), "listen": [meet]}
         told |= {"pauses": [PAUSE], "expected": 2, **own}
         run = nrs(json.dumps(told), program=wire.left.command(*PROCESS))
-        hosts = [
-            nrs("host", "--connect", meet, "--name", name, *more, program=wire.right.command(*NRS))
+        workers = [
+            nrs(
+                "worker", "--connect", meet, "--name", name, *more, program=wire.right.command(*NRS)
+            )
             for name, more in others.items()
         ]
         run.until(f"paused at tick {PAUSE}")
         wire.cut()
         run.say()
         run.until("is gone, after tick")
-        for host in hosts:
-            host.until("the orchestrator is gone; looking for it again")
+        for worker in workers:
+            worker.until("the orchestrator is gone; looking for it again")
         wire.mend()
         assert run.end()[0] == 0
-        assert [host.end()[0] for host in hosts] == [0, 0]
+        assert [worker.end()[0] for worker in workers] == [0, 0]
     assert "completed" in run.lines[-1]
     assert digest_of(tmp_path / "run.mcap") == digest

@@ -14,11 +14,11 @@ from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Message, Rejected
-from nrs_cosim.orchestrator.hosts.crew import screen_of
+from nrs_cosim.orchestrator.cluster.coordinator import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.reading import Reader
+from tests.cluster.remote_runs import PROCESS, Worker, alone, scenario
 from tests.guard import GUARD
-from tests.hosts.running import PROCESS, Host, alone, scenario
 from tests.network.ports import free_port
 
 BLOCK = zenoh.CongestionControl.BLOCK
@@ -55,7 +55,7 @@ def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
     ]
 
 
-def test_a_message_that_is_longer_than_any_hosts_is_not_taken_in(tmp_path):
+def test_a_message_that_is_longer_than_any_workers_is_not_taken_in(tmp_path):
     listen = Endpoints(listen=(f"unixsock-stream/{tmp_path}/s",))
     assert zenoh_settings(listen)["transport/link/rx/max_message_size"] == 256 * 2**20
 
@@ -80,15 +80,15 @@ def test_600_megabytes_of_a_stranger_are_never_held_together(nrs, tmp_path):
     path, meet = scenario(tmp_path, 20), f"tcp/127.0.0.1:{free_port()}"
     told = {"file": str(path), "output": str(tmp_path / "x.mcap"), "listen": [meet]}
     run = nrs(dumps(told | {"pauses": [10]}), program=PROCESS)
-    id_ = run.until("waits for hosts").split()[1]
-    host = Host(meet, "left")
+    id_ = run.until("waits for workers").split()[1]
+    worker = Worker(meet, "left")
     run.until("paused at tick 10")
     before = peak(run.process.pid)
     subprocess.run([sys.executable, "-c", FLOOD, meet, id_], check=True, timeout=GUARD)
     held = peak(run.process.pid) - before
     run.say()
     status, printed = run.end()
-    host.end()
+    worker.end()
     assert (status, "completed" in printed) == (0, True), printed
     assert held < 300 * MB, f"{held / MB:.0f} MB"
     with Reader(tmp_path / "x.mcap") as reader:

@@ -1,11 +1,11 @@
-"""What hosts and the orchestrator write to each other beside samples, as JSON.
+"""What workers and the orchestrator write to each other beside samples, as JSON.
 
-A host asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`) and
-is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`). All but the
-first two steps are under the run's seal. Those cannot be; but a `Welcome`, which holds the run's
-secret, is encrypted to a key of which the `Hello` has the public half alone: whoever repeats a
-`Hello` gets nothing that it can read. Where anyone may speak, on plain TCP, a stranger may be let
-in while robots are free, and may lure a host into a run of its own.
+A worker asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`)
+and is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`). All but
+the first two steps are under the run's seal. Those cannot be; but a `Welcome`, which holds the
+run's secret, is encrypted to a key of which the `Hello` has the public half alone: whoever repeats
+a `Hello` gets nothing that it can read. Where anyone may speak, on plain TCP, a stranger may be let
+in while robots are free, and may lure a worker into a run of its own.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from nrs_cosim.bus.errors import BusError, Cause
 from nrs_cosim.bus.parts import joined, parted
 
 END = b"end"
-"""What ends a host."""
+"""What ends a worker."""
 TICK = Struct("<I")
 """A tick by number, in a question and in its answer."""
 
@@ -46,20 +46,20 @@ class Note(BaseModel):
 
 
 class Hello(Note):
-    """A host wants to join."""
+    """A worker wants to join."""
 
     version: str
     """Of nrs-cosim."""
     incarnation: str
-    """Which of the hosts of this name it is: the id of its session."""
+    """Which of the workers of this name it is: the id of its session."""
     robots: tuple[int, ...] | None
-    """The ones that it wants; None for any home that is free."""
+    """The ones that it wants; None for any slot that is free."""
     public: bytes
     """The key that its `Welcome` is encrypted to; nobody else has the private one."""
 
 
 class Welcome(Note):
-    """A host is let in."""
+    """A worker is let in."""
 
     run: str
     secret: Annotated[bytes, Field(min_length=32, max_length=32)]
@@ -69,14 +69,14 @@ class Welcome(Note):
     scenario: str
     """Its text."""
     folder: str | None
-    """What its paths are relative to, for a host of the same machine."""
+    """What its paths are relative to, for a worker of the same machine."""
     fmus: dict[str, str]
     """The SHA-256 of each FMU, by what the scenario calls it."""
     robots: tuple[int, ...]
 
 
 class Refusal(Note):
-    """A host is not let in."""
+    """A worker is not let in."""
 
     reason: str
     final: bool
@@ -100,7 +100,7 @@ class Told(Note):
 
 
 class Ready(Note):
-    """A host's robots are open."""
+    """A worker's robots are open."""
 
     incarnation: str
     plants: tuple[Told, ...]
@@ -108,9 +108,9 @@ class Ready(Note):
 
 
 class Go(Note):
-    """A host is to begin: at the tick `start`, of a recording that has those up to `recorded`."""
+    """A worker is to begin: at the tick `start`, of a recording that has those up to `recorded`."""
 
-    homes: dict[str, tuple[int, ...]]
+    assignment: dict[str, tuple[int, ...]]
     start: int
     recorded: int
 
@@ -126,13 +126,13 @@ class Go(Note):
 
 
 class Report(Note):
-    """How a host ended: it is done, or failed at a tick, or could not open its robots (−1)."""
+    """How a worker ended: it is done, or failed at a tick, or could not open its robots (−1)."""
 
     tick: int
     failed: str | None = None
     cause: Cause | None = None
     place: tuple[int, int, int] = (0, 0, 0)
-    """Where in the tick; see `orchestrator.runs.host.Host`."""
+    """Where in the tick; see `orchestrator.runs.worker.Worker`."""
     plants: float = 0.0
     bus: float = 0.0
     waiting: float = 0.0

@@ -14,16 +14,16 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.wire import Tick
-from nrs_cosim.orchestrator.hosts.notes import Go, Hello, Ready, Refusal, Report, Welcome
+from nrs_cosim.orchestrator.cluster.protocol import Go, Hello, Ready, Refusal, Report, Welcome
 from nrs_cosim.orchestrator.runs.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.cluster.remote_runs import Run, Worker, alone, scenario
 from tests.guard import GUARD, VAIN
-from tests.hosts.running import Host, Run, alone, scenario
 from tests.network.authority import Authority
 from tests.network.ports import free_port
 
 PAUSE, TICKS = 50, 100
-HOMES = {"left": (1, 2, 3), "right": (4, 5, 6)}
+ASSIGNMENT = {"left": (1, 2, 3), "right": (4, 5, 6)}
 QUESTIONS = {"start", "heard", "fmu", "question"}
 """Reasons of refusals that are not of messages that were put."""
 GARBAGE = [
@@ -82,7 +82,7 @@ class Intruder:
         self._put += 1
 
     def count(self):
-        """Return how many messages were put, when the last has come to where the hosts meet."""
+        """Return how many messages were put, when the last has come to where the workers meet."""
         self.put("/last", b"")
         assert self._came.wait(GUARD)
         next(self.session.get("nrs/none", timeout=GUARD), None)  # by then it is judged there
@@ -96,29 +96,29 @@ class Intruder:
 
 def forged(file, overheard):
     """Yield keys and messages that nobody is to believe."""
-    stranger = wire_of(file.scenario, HOMES, Seal(b"guessed"))
-    unsealed = wire_of(file.scenario, HOMES, Seal())
+    stranger = wire_of(file.scenario, ASSIGNMENT, Seal(b"guessed"))
+    unsealed = wire_of(file.scenario, ASSIGNMENT, Seal())
     genuine, records = overheard["samples/left"], overheard["records/left"]
     later = PAUSE + 5
     times = stranger.times
     for wire in (stranger, unsealed):
-        for host in ("left", "target"):
-            nodes = np.array(HOMES.get(host, (0,)))
+        for worker in ("left", "target"):
+            nodes = np.array(ASSIGNMENT.get(worker, (0,)))
             samples = wire.samples.blank(nodes)
             samples["k"], samples["time_ns"] = later, times.t(later)
-            yield f"samples/{host}", wire.pack_samples(host, later, samples)
-            yield f"samples/{host}", wire.pack_samples(host, later + 1, samples)
+            yield f"samples/{worker}", wire.pack_samples(worker, later, samples)
+            yield f"samples/{worker}", wire.pack_samples(worker, later + 1, samples)
             samples["position"] = np.nan
-            yield f"samples/{host}", wire.pack_samples(host, later, samples)
-        nodes = np.tile(np.array(HOMES["left"]), len(times.outputs(later)))
+            yield f"samples/{worker}", wire.pack_samples(worker, later, samples)
+        nodes = np.tile(np.array(ASSIGNMENT["left"]), len(times.outputs(later)))
         tick = Tick(wire.states.blank(nodes), wire.none, ())
         yield "records/left", wire.pack_tick("left", later, tick)
     failed = Report(tick=1, failed="so it says").written()
-    for host in ("left", "right", "nobody"):
-        key = f"report/{host}"
+    for worker in ("left", "right", "nobody"):
+        key = f"report/{worker}"
         yield key, Seal(b"guessed").closed(key, failed)
-        yield f"orders/{host}", Seal(b"guessed").closed(f"orders/{host}", b"end")
-        yield f"orders/{host}", b"end"
+        yield f"orders/{worker}", Seal(b"guessed").closed(f"orders/{worker}", b"end")
+        yield f"orders/{worker}", b"end"
         yield key, failed
     flipped = genuine[:-1] + bytes([genuine[-1] ^ 1])
     for key in ("samples/right", "samples/target", "records/left", "samples/nobody", "report/left"):
@@ -136,9 +136,9 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
     file, digest = run_alone
     listen = (f"tcp/{meet}",)
     with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(10, PAUSE)) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(listen[0], id_) as intruder:
-            hosts = [Host(listen[0], name, robots) for name, robots in HOMES.items()]
+            workers = [Worker(listen[0], name, robots) for name, robots in ASSIGNMENT.items()]
             run.until("paused at tick 10")
             run.go_on.set()
             run.until(f"paused at tick {PAUSE}")
@@ -147,8 +147,8 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
             put = intruder.count()
             run.go_on.set()
             assert run.digest() == digest
-            for host in hosts:
-                host.end()
+            for worker in workers:
+                worker.end()
     assert put > 50
     refused = run.outcome().refused
     assert {why: n for why, n in refused.items() if why in QUESTIONS} == {}
@@ -159,7 +159,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
     file, digest = run_alone
     listen = (f"tcp/{meet}",)
     with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(listen[0], id_) as intruder:
             seen = []
             intruder.session.liveliness().declare_subscriber(
@@ -171,7 +171,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             for payload in GARBAGE:
                 (answer,) = intruder.ask("join/stranger", payload)
                 assert Refusal.read(answer).final
-            hosts = [Host(listen[0], name, robots) for name, robots in HOMES.items()]
+            workers = [Worker(listen[0], name, robots) for name, robots in ASSIGNMENT.items()]
             run.until(f"paused at tick {PAUSE}")
             incarnation = seen[0].rpartition("/")[2]
             tokens = [
@@ -195,8 +195,8 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             for reply in replies:
                 assert not [r for r in reply if r.ok and b"secret" in r.ok.payload.to_bytes()]
             assert run.digest() == digest
-            for host in hosts:
-                host.end()
+            for worker in workers:
+                worker.end()
     assert run.outcome().refused["start"] >= len(GARBAGE)
     assert run.outcome().refused["heard"] >= 2 * len(GARBAGE)
 
@@ -205,29 +205,36 @@ def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
     file, digest = run_alone
     listen = (f"tcp/{meet}",)
     with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(listen[0], id_) as intruder:
             asked = []
 
             def lie(query):
                 asked.append(str(query.key_expr).removeprefix(intruder.prefix))
                 query.reply_err(b"no")
-                go = Go(homes=HOMES, start=7, recorded=-1).with_checkpoints([])
+                go = Go(assignment=ASSIGNMENT, start=7, recorded=-1).with_checkpoints([])
                 for answer in (*GARBAGE[:-1], go):
                     query.reply(query.key_expr, answer)
                 query.drop()
 
             for kind in ("start", "heard", "fmu"):
                 intruder.session.declare_queryable(f"nrs/*/{kind}/*", lie)
-            stays = Host(listen[0], "left", HOMES["left"])
+            stays = Worker(listen[0], "left", ASSIGNMENT["left"])
             dies = nrs(
-                "host", "--insecure-tcp", "--connect", *listen, "--name", "right", "--robots", "4-6"
+                "worker",
+                "--insecure-tcp",
+                "--connect",
+                *listen,
+                "--name",
+                "right",
+                "--robots",
+                "4-6",
             )
             run.until("paused")
             dies.kill()
             run.go_on.set()
             run.until("right (robots 4-6) is gone")
-            again = Host(listen[0], "right")
+            again = Worker(listen[0], "right")
             assert run.digest() == digest
             stays.end()
             again.end()
@@ -242,49 +249,49 @@ def tls(tmp_path):
     return {**{n: authority.issue(n) for n in names}, "foreign": foreign.issue("left")}
 
 
-def test_with_tls_only_listed_hosts_get_in_each_to_its_own_place(run_alone, meet, tls, tmp_path):
+def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(run_alone, meet, tls, tmp_path):
     file, digest = run_alone
     listen = (f"tls/{meet}",)
     with Run(
-        file, tmp_path / "run.mcap", homes=HOMES, listen=listen, tls=tls["orchestrator"]
+        file, tmp_path / "run.mcap", assignment=ASSIGNMENT, listen=listen, tls=tls["orchestrator"]
     ) as run:
-        run.until("waits for hosts; missing: host left, host right")
+        run.until("waits for workers; missing: worker left, worker right")
         for name, certificate, kind, why in [
             ("left", "foreign", InputError, "its certificate is refused here"),
-            ("unlisted", "unlisted", RunError, "its bus.tls.hosts may lack .* named unlisted"),
+            ("unlisted", "unlisted", RunError, "its bus.tls.workers may lack .* named unlisted"),
             ("left", "right", RunError, "no run was found"),
         ]:
             waits = {"wait": VAIN} if kind is InputError else {"looks": VAIN}
             with pytest.raises(kind, match=why):
-                Host(listen[0], name, tls=tls[certificate], **waits).end()
+                Worker(listen[0], name, tls=tls[certificate], **waits).end()
         trusting = replace(tls["foreign"], ca=tls["left"].ca)
         with pytest.raises(InputError, match="refused: it does not know the authority"):
-            Host(listen[0], "left", tls=trusting, wait=VAIN).end()
+            Worker(listen[0], "left", tls=trusting, wait=VAIN).end()
         with pytest.raises(InputError, match="needs certificates"):
-            Host(listen[0], "left")
+            Worker(listen[0], "left")
         with pytest.raises(BusError):
-            Host(f"tcp/{meet}", "left", wait=VAIN).end()
+            Worker(f"tcp/{meet}", "left", wait=VAIN).end()
         with pytest.raises(InputError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
-            Host(listen[0], "left", (1, 2), tls=tls["left"]).end()
-        hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
+            Worker(listen[0], "left", (1, 2), tls=tls["left"]).end()
+        workers = [Worker(listen[0], name, tls=tls[name]) for name in ASSIGNMENT]
         assert run.digest() == digest
-    for host in hosts:
-        host.end()
+    for worker in workers:
+        worker.end()
     assert not run.outcome().refused
 
 
-def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tmp_path):
+def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, tmp_path):
     file, digest = run_alone
     listen = (f"tls/{meet}",)
     ends = {"listen": listen, "tls": tls["orchestrator"]}
-    with Run(file, tmp_path / "run.mcap", homes=HOMES, pauses=(PAUSE,), **ends) as run:
-        id_ = run.until("waits for hosts").split()[1]
+    with Run(file, tmp_path / "run.mcap", assignment=ASSIGNMENT, pauses=(PAUSE,), **ends) as run:
+        id_ = run.until("waits for workers").split()[1]
         client = Endpoints(connect=listen, tls=tls["right"])
         with open_session(client) as lurer, open_session(client) as session:
             lured = []
             lurer.declare_queryable("nrs/**", lambda query: lured.append(str(query.key_expr)))
             token = lurer.liveliness().declare_token(f"nrs/{'0' * 32}/alive/orchestrator")
-            hosts = [Host(listen[0], name, tls=tls[name]) for name in HOMES]
+            workers = [Worker(listen[0], name, tls=tls[name]) for name in ASSIGNMENT]
             run.until("paused")
             for kind in ("samples", "records", "report", "orders"):
                 for name in ("left", "target", "nobody", "right"):
@@ -297,14 +304,14 @@ def test_with_tls_a_listed_host_speaks_for_itself_alone(run_alone, meet, tls, tm
                 assert list(session.get(f"nrs/{id_}/{key}", payload=b"", timeout=VAIN)) == []
             run.go_on.set()
             assert run.digest() == digest
-            for host in hosts:
-                host.end()
+            for worker in workers:
+                worker.end()
             token.undeclare()
     assert lured == []
     assert run.outcome().refused == {"seal": 3}  # right's own samples, records and report
 
 
-def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
+def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
     with open_session(Endpoints(listen=(f"tcp/{meet}",), insecure_tcp=True)) as session:
         run = "0" * 32
         token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
@@ -322,7 +329,7 @@ def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
 
         session.declare_queryable("nrs/*/join/*", lie)
         with pytest.raises(RunError, match="not let into the run: because"):
-            Host(f"tcp/{meet}", "left").end()
+            Worker(f"tcp/{meet}", "left").end()
         welcome = Welcome(
             run=run,
             secret=b"x" * 32,
@@ -335,5 +342,5 @@ def test_on_plain_tcp_a_stranger_may_lure_a_host_but_not_crash_it(meet):
         answers = iter([])
         encrypting.append(welcome)
         with pytest.raises(InputError, match="lure"):
-            Host(f"tcp/{meet}", "left").end()
+            Worker(f"tcp/{meet}", "left").end()
         token.undeclare()

@@ -1,4 +1,4 @@
-"""Hosts die, stop and fail, and the run goes on to the same bits, or says who, how and when."""
+"""Workers die, stop and fail, and the run goes on to the same bits, or says who, how and when."""
 
 import os
 import random
@@ -8,13 +8,13 @@ import signal
 
 import pytest
 
-from nrs_cosim.orchestrator.hosts import manning
-from nrs_cosim.orchestrator.hosts.local import LocalHost
+from nrs_cosim.orchestrator.cluster import launcher
+from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.reading import Reader
+from tests.cluster.local_runs import Spread, digest, lossy, scenario, story, workers_of
 from tests.guard import LIMIT
-from tests.hosts.runs import Spread, digest, hosts_of, lossy, scenario, story
 from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.conftest import FAULTS, built
 from tests.plant_fmu.test_isolation import scenario as crashing
@@ -22,7 +22,7 @@ from tests.plant_fmu.test_isolation import scenario as crashing
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
 TICKS = 300
-WINDOW = 64  # how many ticks a host may be ahead of the last that is closed
+WINDOW = 64  # how many ticks a worker may be ahead of the last that is closed
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +33,13 @@ def whole(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("hosts", [2, 3, 4, 5, 6])
-def test_any_host_may_die_at_any_tick(tmp_path, whole, hosts):
+@pytest.mark.parametrize("workers", [2, 3, 4, 5, 6])
+def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
     """Four deaths a run, drawn by a seed."""
-    draw = random.Random(hosts)
-    spread = Spread(lossy(), hosts)
+    draw = random.Random(workers)
+    spread = Spread(lossy(), workers)
     for k in draw.sample(range(1, TICKS - WINDOW), 4):
-        spread.kill(k, draw.randint(1, hosts))
+        spread.kill(k, draw.randint(1, workers))
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.ticks) == ("completed", "", TICKS)
     assert outcome.restarts == 4
@@ -65,7 +65,7 @@ def test_after_the_last_tick_nobody_is_missed(tmp_path, whole):
 def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monkeypatch):
     """The first two that are started, and the third while the second begins anew."""
 
-    class Doomed(LocalHost):
+    class Doomed(LocalWorker):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
             if len(killed) < 3:
@@ -73,7 +73,7 @@ def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monk
                 killed.append(self.pid)
 
     killed = []
-    monkeypatch.setattr(manning, "LocalHost", Doomed)
+    monkeypatch.setattr(launcher, "LocalWorker", Doomed)
     spread = Spread(lossy(), 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
@@ -82,7 +82,7 @@ def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monk
 
 
 def without_states(folder):
-    """Write an FMU that cannot say what state it is in, to be run in the host's own process."""
+    """Write an FMU that cannot say what state it is in, to be run in the worker's own process."""
     return rewritten(
         folder / "forgetful.fmu",
         3,
@@ -109,10 +109,10 @@ def test_without_restart_a_death_ends_the_run(tmp_path):
     assert (outcome.status, outcome.restarts) == ("failed", 0)
     k = outcome.ticks
     assert 70 <= k <= 70 + WINDOW
-    assert outcome.reason == f"host local-2 (robots 3-4) was ended by SIGKILL, after tick {k}"
+    assert outcome.reason == f"worker local-2 (robots 3-4) was ended by SIGKILL, after tick {k}"
     with Reader(outcome.path) as reader:
         assert (reader.status, reader.reason, reader.ticks) == ("failed", outcome.reason, k)
-        assert (reader.ending.cause.kind, reader.ending.cause.tick) == ("host", k + 1)
+        assert (reader.ending.cause.kind, reader.ending.cause.tick) == ("worker", k + 1)
 
 
 def test_who_is_stopped_is_waited_for(tmp_path, whole):
@@ -125,7 +125,7 @@ def test_who_is_stopped_is_waited_for(tmp_path, whole):
             os.kill(stopped.pop(), signal.SIGCONT)
 
     def stop():
-        stopped.append(hosts_of()["local-2"])
+        stopped.append(workers_of()["local-2"])
         os.kill(stopped[0], signal.SIGSTOP)
         spread.look = look
 
@@ -150,26 +150,26 @@ def test_who_is_silent_for_too_long_is_named_with_what_all_wait_for(tmp_path):
             reader.ticks + 1,
         )
     silent, *others = sorted(outcome.reason.partition(": ")[2].split("; "), key=len, reverse=True)
-    name = "robots 3-4 on host local-2"
+    name = "robots 3-4 on worker local-2"
     assert re.fullmatch(f"{name} {said} nobody's: computing, or stopped", silent)
     for other in others:
-        assert re.fullmatch(f"robots (1-2|5-6) on host local-[13] {said} those of local-2", other)
+        assert re.fullmatch(f"robots (1-2|5-6) on worker local-[13] {said} those of local-2", other)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-def test_a_host_that_always_dies_at_a_tick_ends_the_run(tmp_path):
+def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     """Its FMU crashes in its own process, at 0.55 s."""
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     text = crashing("segfault", at=0.55, plant="isolate = false")
     spread = Spread(parse_scenario(text, "crash", tmp_path, "crash"), 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.ticks) == ("failed", 5)
-    told = r"host local-2 \(robots 2-3\) was ended by SIGSEGV; .*, after tick 5, for the 4th time"
+    told = r"worker local-2 \(robots 2-3\) was ended by SIGSEGV; .*, after tick 5, for the 4th time"
     assert re.match(told, outcome.reason), outcome.reason
 
 
 def test_an_fmu_that_is_not_there_any_more_ends_the_run(tmp_path):
-    """A host that is started again opens its FMUs anew."""
+    """A worker that is started again opens its FMUs anew."""
     own = '[[robots]]\nid = 3\nplant = { fmu = "forgetful.fmu", isolate = false }\n[[faults.links]]'
     path = without_states(tmp_path)
     spread = Spread(lossy(("[[faults.links]]", own), folder=tmp_path), 2)
@@ -192,7 +192,7 @@ def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-def test_a_failure_is_told_also_when_another_host_hangs_at_the_same_tick(tmp_path):
+def test_a_failure_is_told_also_when_another_worker_hangs_at_the_same_tick(tmp_path):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     text = crashing("error", at=0.55, plant="isolate = false")
     one = run(parse_scenario(text, "error", tmp_path, "error"), tmp_path / "1.mcap")
@@ -204,14 +204,14 @@ def test_a_failure_is_told_also_when_another_host_hangs_at_the_same_tick(tmp_pat
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
 
-def test_hosts_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
+def test_workers_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
     class Held:
         def start(self, time_ns):
             pass
 
         def wait(self, time_ns, ask):
             if time_ns == 5_000_000_000:
-                os.kill(hosts_of()["local-1"], signal.SIGKILL)
+                os.kill(workers_of()["local-1"], signal.SIGKILL)
                 while not spread.said:
                     ask()
 
@@ -223,7 +223,7 @@ def test_hosts_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
 
 @pytest.mark.parametrize("worst", ["position", "qd"])
 def test_of_many_failures_the_first_of_one_process_is_told(tmp_path, worst):
-    """At t = 0 robots on all hosts are beyond the limit, each in another quantity."""
+    """At t = 0 robots on all workers are beyond the limit, each in another quantity."""
     beyond = {"position": 5, "velocity": 3, "q": 2, "qd": 1} if worst == "position" else {"qd": 4}
     initial = [
         (

@@ -1,4 +1,4 @@
-"""The process of a host that the orchestrator starts here: `nrs host` without a command line.
+"""The process of a worker that the orchestrator starts here: `nrs worker` without a command line.
 
 It imports little, so that it is soon there, and it ends with the orchestrator.
 """
@@ -10,7 +10,7 @@ import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.bus.network.endpoints import Endpoints
-from nrs_cosim.orchestrator.hosts.member import Membership, serve
+from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 from nrs_cosim.plant_fmu.isolation.worker import follow
 
@@ -27,11 +27,11 @@ def main() -> None:
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(told.robots, "--robots")
-    member = Membership(
+    options = JoinOptions(
         told.name, robots, None, told.wait, False, False, lambda _text: None, is_own=True
     )
     try:
-        serve(member, Endpoints(connect=(told.connect,), wait=told.wait))
+        serve(options, Endpoints(connect=(told.connect,), wait=told.wait))
     except CosimError as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -1,4 +1,4 @@
-"""A run that was cut, stopped or failed goes on, on any number of hosts, to the same bits."""
+"""A run that was cut, stopped or failed goes on, on any number of workers, to the same bits."""
 
 import os
 import re
@@ -15,9 +15,9 @@ import pytest
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import past_of, run
 from nrs_cosim.recordings.reading import Reader
+from tests.cluster.local_runs import Spread, digest, lossy, mixed, story, workers_of
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.hosts.runs import Spread, digest, hosts_of, lossy, mixed, story
 from tests.plant_fmu.archives import rewritten
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -29,26 +29,26 @@ SAYS = ["run", "robots", "plants", "driven", "ticks", "messages", "estimates", "
 DRIVER = """
 import os, signal, sys
 from pathlib import Path
-from nrs_cosim.orchestrator.runs.alone import alone
-from nrs_cosim.orchestrator.hosts.manning import Handling, here
+from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.alone import alone
+from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.orchestrator.scenario.setting import clock_of
-from tests.hosts.runs import hosts_of
+from tests.cluster.local_runs import workers_of
 
-scenario, recording, hosts, k, number = sys.argv[1:]
+scenario, recording, workers, k, number = sys.argv[1:]
 file = read_scenario(Path(scenario))
 t = clock_of(file.scenario).t(int(k))
 
 def watch(time_ns):
     if time_ns >= t:
-        print(*hosts_of().values(), flush=True)
+        print(*workers_of().values(), flush=True)
         os.kill(os.getpid(), int(number))
 
-man = here(file, int(hosts), Handling(True, 60.0, print)) if hosts != "1" else alone(file)
-run(file, Path(recording), man, watch=watch)
+policy = WorkerPolicy(True, 60.0, print)
+launch = local_workers(file, int(workers), policy) if workers != "1" else in_process(file)
+run(file, Path(recording), launch, watch=watch)
 """
 
 
@@ -79,7 +79,7 @@ def expect_ended(pids):
 
 
 @pytest.mark.parametrize(("before", "k", "after"), [(3, 47, 2), (2, 130, 1), (1, 203, 3)])
-def test_a_killed_run_is_resumed_with_another_number_of_hosts(
+def test_a_killed_run_is_resumed_with_another_number_of_workers(
     tmp_path, toml, whole, before, k, after
 ):
     cut, path = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
@@ -93,33 +93,37 @@ def test_a_killed_run_is_resumed_with_another_number_of_hosts(
             env={**os.environ, "TMPDIR": folder},
         )
     assert killed.returncode == -signal.SIGKILL, killed.stderr
-    hosts = [int(pid) for pid in killed.stdout.splitlines()[-1].split()]
-    assert len(hosts) == (before if before > 1 else 0)
-    expect_ended(hosts)
+    workers = [int(pid) for pid in killed.stdout.splitlines()[-1].split()]
+    assert len(workers) == (before if before > 1 else 0)
+    expect_ended(workers)
     with Reader(cut) as reader:
         assert reader.status == "unfinished"
-    done = nrs("resume", cut, "-o", path, "--hosts", after)
+    done = nrs("resume", cut, "-o", path, "--workers", after)
     assert done.returncode == 0, done.stderr
     assert story(path) == story(whole)
     assert digest(path) == digest(whole)
 
 
-def interrupted(file, path, k, hosts=2):
+def interrupted(file, path, k, workers=2):
     """Return the recording of a run that its user stopped after tick k."""
 
     def stop():
         raise Interrupted
 
-    outcome = Spread(file, hosts).at(k, stop).run(path)
+    outcome = Spread(file, workers).at(k, stop).run(path)
     assert (outcome.status, outcome.ticks) == ("interrupted", k)
     return path
 
 
-def resumed(file, cut, path, hosts=1):
+def resumed(file, cut, path, workers=1):
     """Resume a recording, and return the outcome."""
     with Reader(cut) as reader:
         past = past_of(reader)
-        return Spread(file, hosts).run(path, past=past) if hosts > 1 else run(file, path, past=past)
+        return (
+            Spread(file, workers).run(path, past=past)
+            if workers > 1
+            else run(file, path, past=past)
+        )
 
 
 def test_an_interrupted_run_is_resumed_and_again(tmp_path, whole):
@@ -141,12 +145,12 @@ def test_an_interrupted_run_is_resumed_and_again(tmp_path, whole):
     assert digest(outcome.path) == digest(whole)
 
 
-@pytest.mark.parametrize("hosts", [1, 2])
-def test_plants_of_all_kinds_are_resumed(tmp_path, hosts):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_plants_of_all_kinds_are_resumed(tmp_path, workers):
     file = mixed()
     run(file, tmp_path / "whole.mcap")
     cut = interrupted(file, tmp_path / "cut.mcap", 13, 3)
-    outcome = resumed(file, cut, tmp_path / "again.mcap", hosts)
+    outcome = resumed(file, cut, tmp_path / "again.mcap", workers)
     assert story(outcome.path) == story(tmp_path / "whole.mcap")
     assert digest(outcome.path) == digest(tmp_path / "whole.mcap")
 
@@ -159,7 +163,7 @@ def test_a_run_for_which_the_disk_was_too_small_is_resumed(tmp_path, toml, whole
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
     failed = subprocess.run(
-        [*NRS, "run", toml, "-o", cut, "--hosts", "2"],
+        [*NRS, "run", toml, "-o", cut, "--workers", "2"],
         check=False,
         capture_output=True,
         text=True,
@@ -240,34 +244,34 @@ def test_fmus_are_found_where_the_scenario_was_and_must_be_the_same(tmp_path, mo
     assert not (tmp_path / "again.mcap").exists()
 
 
-def test_ctrl_c_while_hosts_run_closes_the_recording(tmp_path, toml):
+def test_ctrl_c_while_workers_run_closes_the_recording(tmp_path, toml):
     toml.write_text(LOSSY.text.replace("duration = 30.0", "duration = 30000.0"), "utf-8")
     path = tmp_path / "cut.mcap"
-    command = [*NRS, "run", toml, "-o", path, "--hosts", "2"]
+    command = [*NRS, "run", toml, "-o", path, "--workers", "2"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         while not path.exists() or path.stat().st_size < 100_000:
             assert process.poll() is None
-        hosts = hosts_of(process.pid).values()
-        assert len(hosts) == 2
+        workers = workers_of(process.pid).values()
+        assert len(workers) == 2
         process.send_signal(signal.SIGINT)
         printed, errors = process.communicate(timeout=GUARD)
     assert process.returncode == 130, errors
     assert b"Traceback" not in errors
     assert b"interrupted, stopped by the user after t = " in printed
-    expect_ended(hosts)
+    expect_ended(workers)
     with Reader(path) as reader:
         assert (reader.status, reader.damage) == ("interrupted", [])
 
 
-def test_ctrl_c_before_hosts_are_ready_leaves_nothing(tmp_path, toml):
+def test_ctrl_c_before_workers_are_ready_leaves_nothing(tmp_path, toml):
     path = tmp_path / "none.mcap"
-    command = [*NRS, "run", toml, "-o", path, "--hosts", "3"]
+    command = [*NRS, "run", toml, "-o", path, "--workers", "3"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        while len(hosts := hosts_of(process.pid).values()) < 3:
+        while len(workers := workers_of(process.pid).values()) < 3:
             assert process.poll() is None
         process.send_signal(signal.SIGINT)
         printed, errors = process.communicate(timeout=GUARD)
     assert (process.returncode, printed) == (130, b"")
     assert errors == b"interrupted: before the run began; nothing is recorded\n"
     assert not path.exists()
-    expect_ended(hosts)
+    expect_ended(workers)

@@ -1,4 +1,4 @@
-"""A run's secret is told to the host that asked to join, and to nobody who repeats its words."""
+"""A run's secret is told to the worker that asked to join, and to nobody who repeats its words."""
 
 from importlib.metadata import version
 
@@ -8,14 +8,14 @@ import zenoh
 
 from nrs_cosim.bus.encryption import KeyPair
 from nrs_cosim.bus.seal import Seal
-from nrs_cosim.orchestrator.hosts import manning
-from nrs_cosim.orchestrator.hosts.notes import Hello, Refusal, Welcome
+from nrs_cosim.orchestrator.cluster import launcher
+from nrs_cosim.orchestrator.cluster.protocol import Hello, Refusal, Welcome
 from nrs_cosim.orchestrator.runs.lockstep import MOST_WINDOW
 from nrs_cosim.orchestrator.runs.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.cluster.remote_runs import Run, Worker, alone, scenario
+from tests.cluster.test_intruder import ASSIGNMENT, Intruder
 from tests.guard import GUARD
-from tests.hosts.running import Host, Run, alone, scenario
-from tests.hosts.test_intruder import HOMES, Intruder
 from tests.network.ports import free_port
 
 PAUSE, TICKS = 20, 40
@@ -35,8 +35,8 @@ def meet():
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-def hello(public, incarnation="its-session", robots=HOMES["left"]):
-    """Return what a host says to be let in."""
+def hello(public, incarnation="its-session", robots=ASSIGNMENT["left"]):
+    """Return what a worker says to be let in."""
     told = {"version": version("nrs-cosim"), "incarnation": incarnation, "robots": robots}
     return Hello(**told, public=public).written()
 
@@ -56,10 +56,12 @@ def asked(intruder, key, payload):
     return answers(ask(intruder, key, payload))
 
 
-def test_a_thief_that_repeats_a_hosts_words_gets_nothing_and_is_counted(run_alone, meet, tmp_path):
+def test_a_thief_that_repeats_a_workers_words_gets_nothing_and_is_counted(
+    run_alone, meet, tmp_path
+):
     file, digest = run_alone
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(meet, id_) as intruder:
             said = {}
 
@@ -68,9 +70,9 @@ def test_a_thief_that_repeats_a_hosts_words_gets_nothing_and_is_counted(run_alon
                 query.drop()
 
             intruder.session.declare_queryable("nrs/*/join/*", overhear)
-            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
             run.until("paused")
-            assert said.keys() == HOMES.keys()
+            assert said.keys() == ASSIGNMENT.keys()
             own, replies = KeyPair(), []
             for name, words in said.items():
                 theirs = Hello.read(words)
@@ -82,21 +84,22 @@ def test_a_thief_that_repeats_a_hosts_words_gets_nothing_and_is_counted(run_alon
             run.go_on.set()
             assert run.digest() == digest
             assert [answers(each) for each in replies] == [[]] * len(replies)
-            for host in hosts:
-                host.end()
-    assert run.outcome().refused == {"join": 3 * len(HOMES), "key": 1}  # and what was counted by
+            for worker in workers:
+                worker.end()
+    # The one that was counted by is refused too.
+    assert run.outcome().refused == {"join": 3 * len(ASSIGNMENT), "key": 1}
 
 
-def test_a_welcome_is_repeated_to_its_host_and_read_by_it_alone(run_alone, meet, tmp_path):
+def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, meet, tmp_path):
     file, digest = run_alone
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(meet, id_) as one, Intruder(meet, id_) as thief:
             own, other, where = KeyPair(), KeyPair(), f"{id_}/join/left"
             words = hello(own.public)
             (answer,) = asked(one, "join/left", words)
             welcome = Welcome.read(own.decrypt(where, answer))
-            assert (welcome.run, welcome.robots) == (id_, HOMES["left"])
+            assert (welcome.run, welcome.robots) == (id_, ASSIGNMENT["left"])
             assert asked(one, "join/left", words) == [answer]
             assert asked(thief, "join/left", words) == [answer]
             for hidden in (welcome.secret, welcome.secret.hex().encode(), b"paper", b"sampling"):
@@ -104,7 +107,7 @@ def test_a_welcome_is_repeated_to_its_host_and_read_by_it_alone(run_alone, meet,
             assert other.decrypt(where, answer) is None
             stolen = ask(thief, "join/left", hello(other.public))
             (refusal,) = asked(thief, "join/left", hello(other.public, "another-session"))
-            assert "there is a host of the name" in Refusal.read(refusal).reason
+            assert "there is a worker of the name" in Refusal.read(refusal).reason
             known = words.replace(own.public.hex().encode(), b"0" * 64)
             (refusal,) = asked(thief, "join/right", known)
             assert "public key is none" in Refusal.read(refusal).reason
@@ -120,11 +123,11 @@ def test_a_welcome_is_repeated_to_its_host_and_read_by_it_alone(run_alone, meet,
             assert seen.recv().kind == zenoh.SampleKind.PUT
             token.undeclare()
             run.until("left (robots 1-3) is gone")
-            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
             assert run.digest() == digest
             assert answers(stolen) == []
-            for host in hosts:
-                host.end()
+            for worker in workers:
+                worker.end()
     assert run.outcome().refused == {"join": 1}
 
 
@@ -132,21 +135,21 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
     meet, tmp_path, monkeypatch
 ):
     file = read_scenario(scenario(tmp_path, PAUSE + 2 * MOST_WINDOW))
-    monkeypatch.setattr(manning, "token_bytes", lambda size: b"s" * size)
+    monkeypatch.setattr(launcher, "token_bytes", lambda size: b"s" * size)
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for hosts").split()[1]
+        id_ = run.until("waits for workers").split()[1]
         with Intruder(meet, id_) as forger:
-            hosts = [Host(meet, name, robots) for name, robots in HOMES.items()]
+            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
             run.until("paused")
-            wire = wire_of(file.scenario, HOMES, Seal(b"s" * 32))
-            samples, k = wire.samples.blank(np.array(HOMES["left"])), PAUSE + MOST_WINDOW + 5
-            samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no host has reached
+            wire = wire_of(file.scenario, ASSIGNMENT, Seal(b"s" * 32))
+            samples, k = wire.samples.blank(np.array(ASSIGNMENT["left"])), PAUSE + MOST_WINDOW + 5
+            samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no worker has reached
             forger.put("samples/left", wire.pack_samples("left", k, samples))
             forger.count()
             run.go_on.set()
             outcome = run.outcome()
-            for host in hosts:
-                host.end()
+            for worker in workers:
+                worker.end()
     assert outcome.status == "failed"
-    assert f"tick {k}: host left said it twice, and not the same" in outcome.reason
+    assert f"tick {k}: worker left said it twice, and not the same" in outcome.reason
     assert "another party that has the run's secret put a message in its name" in outcome.reason

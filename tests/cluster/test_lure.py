@@ -1,4 +1,5 @@
-"""An FMU whose loading alone writes a file: who names it by path does not get a host to load it."""
+"""An FMU whose loading alone writes a file: who names it by path does not get a worker to load
+it."""
 
 import hashlib
 import subprocess
@@ -13,15 +14,15 @@ from nrs_cosim.bus.encryption import encrypt
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
-from nrs_cosim.orchestrator.hosts.member import Membership, serve
-from nrs_cosim.orchestrator.hosts.notes import Hello, Welcome
+from nrs_cosim.orchestrator.cluster.protocol import Hello, Welcome
+from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
+from tests.cluster.remote_runs import scenario
+from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.hosts.running import scenario
-from tests.hosts.test_content import foreign_copy
 from tests.network.ports import free_port
 
 RUN = "0" * 32
@@ -54,7 +55,7 @@ def lure(tmp_path):
 
 @pytest.mark.parametrize("allow", [False, True], ids=["not allowed", "allowed"])
 @pytest.mark.parametrize("relative", [False, True], ids=["absolute", "relative to its folder"])
-def test_a_host_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
+def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
     lure, tmp_path, allow, relative
 ):
     fmu, mark = lure
@@ -84,9 +85,9 @@ def test_a_host_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
 
         session.declare_queryable("nrs/*/join/*", welcome)
         session.declare_queryable("nrs/*/fmu/*", no_answer)
-        member = Membership("left", None, None, GUARD, allow, False, Mock())
+        joining = JoinOptions("left", None, None, GUARD, allow, False, Mock())
         with pytest.raises(InputError) as refused:
-            serve(member, Endpoints(connect=(meet,), insecure_tcp=True))
+            serve(joining, Endpoints(connect=(meet,), insecure_tcp=True))
         token.undeclare()
     assert mark.exists() == (allow and not relative)
     if not allow:

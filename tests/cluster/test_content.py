@@ -1,11 +1,12 @@
-"""FMUs go by content: a host runs the very bytes that the orchestrator has, or says what to do."""
+"""FMUs go by content: a worker runs the very bytes that the orchestrator has, or says what to
+do."""
 
 import zipfile
 from pathlib import Path
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from tests.hosts.running import Run, alone, scenario
+from tests.cluster.remote_runs import Run, alone, scenario
 from tests.network.ports import free_port
 
 
@@ -27,12 +28,10 @@ def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
     file, meet = read_scenario(path), f"tcp/127.0.0.1:{free_port()}"
     digest = alone(file, tmp_path)
     elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
-    join = ("host", "--insecure-tcp", "--connect", meet, "--name", "other")
+    join = ("worker", "--insecure-tcp", "--connect", meet, "--name", "other")
     with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
         wary = nrs(*join, environment=elsewhere)
-        why = (
-            f"own.fmu: this host has no FMU of SHA-256 {find_archive(str(fmu), Path()).sha256[:16]}"
-        )
+        why = f"this worker has no FMU of SHA-256 {find_archive(str(fmu), Path()).sha256[:16]}"
         assert why in run.until("other cannot open robots 1-6")
         status, printed = wary.end()
         assert (status, why in printed, "--allow-fmus" in printed) == (2, True, True), printed
@@ -47,10 +46,10 @@ def test_a_bundled_model_is_built_there_to_the_same_bytes(nrs, tmp_path):
     file, meet = read_scenario(scenario(tmp_path, 20)), f"tcp/127.0.0.1:{free_port()}"
     with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
         elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
-        host = nrs(
-            "host", "--insecure-tcp", "--connect", meet, "--name", "other", environment=elsewhere
+        worker = nrs(
+            "worker", "--insecure-tcp", "--connect", meet, "--name", "other", environment=elsewhere
         )
         assert run.digest() == alone(file, tmp_path)
-        assert host.end()[0] == 0
+        assert worker.end()[0] == 0
     (built,) = (tmp_path / "elsewhere").glob("*.fmu")
     assert built.read_bytes() == find_archive("two_link_arm", Path()).path.read_bytes()

@@ -1,9 +1,9 @@
-"""A host runs some robots in one process, on one way to the bus: their agents and plants.
+"""A worker runs some robots in one process, on one way to the bus: their agents and plants.
 
 At t_k its agents' left limits travel as one batch, the in-neighbours' are heard, the agents jump,
 and what else is to be recorded of the tick follows; then the plants advance over (t_k, t_{k+1}].
-Data alone makes it wait: it needs the samples of t_k from each host of an in-neighbour, and the
-target's, whose pace keeps all hosts within a window of the recorder.
+Data alone makes it wait: it needs the samples of t_k from each worker of an in-neighbour, and the
+target's, whose pace keeps all workers within a window of the recorder.
 """
 
 from collections import defaultdict
@@ -29,32 +29,32 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
 
 Watch = Callable[[int], None]
-"""Is told each simulated time, ns, that a host has reached; may raise `Interrupted`."""
+"""Is told each simulated time, ns, that a worker has reached; may raise `Interrupted`."""
 
 
 Heard = tuple[int, Records, str]
-"""Samples that were heard: k, they, and the host that put them, or `EVERYONE`."""
+"""Samples that were heard: k, they, and the worker that put them, or `EVERYONE`."""
 
 
-def needed(in_neighbours: NDArray[np.integer], homes: Mapping[str, Nodes]) -> frozenset[str]:
-    """Return the hosts whose samples robots with some in-neighbours need; the target's always."""
-    return frozenset(h for h, nodes in homes.items() if np.isin(nodes, in_neighbours).any()) | {
-        TARGET
-    }
+def needed(in_neighbours: NDArray[np.integer], assignment: Mapping[str, Nodes]) -> frozenset[str]:
+    """Return the workers whose samples robots with some in-neighbours need; the target's always."""
+    return frozenset(
+        h for h, nodes in assignment.items() if np.isin(nodes, in_neighbours).any()
+    ) | {TARGET}
 
 
-class HostPlants(Plants, Checkpointed, Protocol):
-    """All plants of a host."""
+class WorkerPlants(Plants, Checkpointed, Protocol):
+    """All plants of a worker."""
 
 
 class Listening(Protocol):
-    """How a host comes by what is not in its inbox."""
+    """How a worker comes by what is not in its inbox."""
 
     patience: float
     """s: how long to wait for anything at a time."""
 
     def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:
-        """Return what is known otherwise of the samples of tick k that hosts are missing."""
+        """Return what is known otherwise of the samples of tick k that workers are missing."""
 
     def handle(self, item: Item) -> Iterable[Heard]:
         """Take an item that is no batch of samples; return the samples that it brings."""
@@ -69,7 +69,7 @@ class Spent:
     waiting: float = 0.0
 
 
-class Host:
+class Worker:
     """The robots of one process. Rows of all arrays are the agents' robots, ascending."""
 
     def __init__(
@@ -80,7 +80,7 @@ class Host:
         wire: Wire,
         clock: Clock,
         agents: Agents,
-        plants: HostPlants,
+        plants: WorkerPlants,
         divergence_limit: float,
         checkpoint_every: int,
     ) -> None:
@@ -97,15 +97,15 @@ class Host:
         self._put_samples = bus.publisher(wire_key(SAMPLES, name))
         self._put_records = bus.publisher(wire_key(RECORDS, name))
         self._inbox = inbox
-        self._keys = {wire_key(SAMPLES, host): host for host in wire.homes}
+        self._keys = {wire_key(SAMPLES, worker): worker for worker in wire.assignment}
         self._heard: defaultdict[int, dict[str, Records]] = defaultdict(dict)
-        """Samples of this tick and later ones, by k and host."""
-        self._needed = needed(agents.in_neighbours, wire.homes)
+        """Samples of this tick and later ones, by k and worker."""
+        self._needed = needed(agents.in_neighbours, wire.assignment)
         self._wanted = {
-            host: np.flatnonzero(np.isin(wire.homes[host], agents.in_neighbours))
-            for host in self._needed
+            worker: np.flatnonzero(np.isin(wire.assignment[worker], agents.in_neighbours))
+            for worker in self._needed
         }
-        """Which rows of a host's samples are in-neighbours'."""
+        """Which rows of a worker's samples are in-neighbours'."""
         self.now = 0
         """The tick that it is at."""
         self.place = (0, 0, 0)
@@ -198,9 +198,9 @@ class Host:
         heard = self._heard.pop(k)
         if EVERYONE in heard:
             heard = {EVERYONE: heard[EVERYONE]}
-        for host, records in heard.items():
-            rows = self._wanted.get(host)
-            if rows is None or len(records) != len(self._wire.homes[host]):
+        for worker, records in heard.items():
+            rows = self._wanted.get(worker)
+            if rows is None or len(records) != len(self._wire.assignment[worker]):
                 rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
             self.agents.hear(
                 k, records["robot"][rows], records["position"][rows], records["velocity"][rows]
@@ -218,18 +218,18 @@ class Host:
 
         The recorder hears it too, and counts it.
         """
-        if not isinstance(item, Message) or not (host := self._keys.get(item.key)):
+        if not isinstance(item, Message) or not (worker := self._keys.get(item.key)):
             return listening.handle(item)
         try:
-            return [(*self._wire.unpack_samples(host, item.payload), host)]
+            return [(*self._wire.unpack_samples(worker, item.payload), worker)]
         except RefusedError:
             return ()
 
     def _keep(self, now: int, heard: Iterable[Heard]) -> None:
         """Keep the samples of this tick and later ones."""
-        for k, records, host in heard:
+        for k, records, worker in heard:
             if k >= now:
-                self._heard[k].setdefault(host, records)
+                self._heard[k].setdefault(worker, records)
 
     def _tell(self, k: int, states: Records, checkpoints: Sequence[bytes]) -> None:
         began = perf_counter()

@@ -7,8 +7,8 @@ import pytest
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.reading import Reader
-from tests.hosts.running import Host, Run, alone
-from tests.hosts.runs import Spread, digest, lossy, mixed, scenario, story, turning
+from tests.cluster.local_runs import Spread, digest, lossy, mixed, scenario, story, turning
+from tests.cluster.remote_runs import Run, Worker, alone
 from tests.orchestrator.conftest import SCENARIOS
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -24,11 +24,11 @@ TURNS = {
 def test_one_digest(tmp_path):
     """With lost and late samples."""
     run(lossy(), tmp_path / "1.mcap")
-    for hosts in (2, 3, 6):
-        spread = Spread(lossy(), hosts)
-        outcome = spread.run(tmp_path / f"{hosts}.mcap")
+    for workers in (2, 3, 6):
+        spread = Spread(lossy(), workers)
+        outcome = spread.run(tmp_path / f"{workers}.mcap")
         assert (outcome.status, outcome.reason, outcome.refused) == ("completed", "", {})
-        assert len(spread.crew.homes) == hosts
+        assert len(spread.coordinator.assignment) == workers
         assert story(outcome.path) == story(tmp_path / "1.mcap")
         assert digest(outcome.path) == digest(tmp_path / "1.mcap")
 
@@ -44,15 +44,15 @@ def test_digraphs_in_turn_and_apart(tmp_path, name):
 
 
 def assert_same(folder, file):
-    """On hosts that share a process and meet at a socket, for what they say is the same."""
+    """On workers that share a process and meet at a socket, for what they say is the same."""
     one = alone(file, folder)
     for n in (2, 3, 6):
         meet = f"unixsock-stream/{folder}/{n}"
         with Run(file, folder / f"{n}.mcap", listen=(meet,), expected=n) as spread:
-            hosts = [Host(meet, f"host-{i}") for i in range(n)]
+            workers = [Worker(meet, f"worker-{i}") for i in range(n)]
             assert spread.digest() == one
-        for host in hosts:
-            host.end()
+        for worker in workers:
+            worker.end()
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +68,10 @@ def plants(path):
         return json.loads(reader.metadata[RUN]["plants"])
 
 
-@pytest.mark.parametrize("hosts", [2, 6])
-def test_plants_of_all_kinds(tmp_path, driven, hosts):
+@pytest.mark.parametrize("workers", [2, 6])
+def test_plants_of_all_kinds(tmp_path, driven, workers):
     path = tmp_path / "n.mcap"
-    assert Spread(mixed(), hosts).run(path).status == "completed"
+    assert Spread(mixed(), workers).run(path).status == "completed"
     assert story(path) == story(driven)
     assert digest(path) == digest(driven)
     assert plants(path) == plants(driven)

@@ -1,4 +1,4 @@
-"""How a run gets hosts that are processes of their own, started here or coming from elsewhere."""
+"""How a run gets workers that are processes of their own, started here or coming from elsewhere."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -15,50 +15,51 @@ from nrs_cosim.bus.network.endpoints import Address, Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Bus
-from nrs_cosim.orchestrator.hosts.crew import Crew, Fmu, Terms, screen_of
-from nrs_cosim.orchestrator.hosts.local import LocalHost
-from nrs_cosim.orchestrator.runs.host import Watch
-from nrs_cosim.orchestrator.runs.lockstep import Hosts, Manning
+from nrs_cosim.orchestrator.cluster.coordinator import Coordinator, Fmu, Terms, screen_of
+from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
+from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import group_by_archive
+from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
 from nrs_cosim.plant_fmu.folders import own_folder
 
-_ROBOTS_A_HOST = 50
+_ROBOTS_A_WORKER = 50
 """From so many robots on, a process more is worth what it costs."""
 
 
 @dataclass(frozen=True, slots=True)
-class Handling:
-    """What is done about hosts that come and go."""
+class WorkerPolicy:
+    """What is done about workers that come and go."""
 
     restart: bool
     """Whether the run goes on without one that is gone."""
     wait: float
-    """s: how long a robot may be without a host."""
+    """s: how long a robot may be without a worker."""
     show: Callable[[str], None]
     """Is told in words who comes and goes."""
     expected: int = 1
-    """How many hosts share the robots, when they do not say which they want."""
+    """How many workers share the robots, when they do not say which they want."""
 
 
-def here(file: ScenarioFile, hosts: int, handling: Handling) -> Manning:
+def local_workers(file: ScenarioFile, workers: int, policy: WorkerPolicy) -> Launcher:
     """The robots in several processes of this machine, which meet at a socket of the user's own."""
 
-    def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
-        load_native()  # compiled once, before every host looks for it
+    def launch(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Workers]:
+        load_native()  # compiled once, before every worker looks for it
         folder = stack.enter_context(own_folder())
         endpoint = meeting_place(stack, folder)
-        start = partial(LocalHost, endpoint=endpoint, folder=folder)
+        start = partial(LocalWorker, endpoint=endpoint, folder=folder)
         n = file.scenario.n
         robots = range(1, n + 1)
-        homes = {
-            f"local-{i + 1}": robots[i * n // hosts : (i + 1) * n // hosts] for i in range(hosts)
+        assignment = {
+            f"local-{i + 1}": robots[i * n // workers : (i + 1) * n // workers]
+            for i in range(workers)
         }
-        return _crew(stack, file, Endpoints(listen=(endpoint,)), homes, handling, start)
+        return _coordinator(stack, file, Endpoints(listen=(endpoint,)), assignment, policy, start)
 
-    return man
+    return launch
 
 
 def meeting_place(stack: ExitStack, folder: Path) -> str:
@@ -77,28 +78,28 @@ def meeting_place(stack: ExitStack, folder: Path) -> str:
     )
 
 
-def elsewhere(
+def remote_workers(
     file: ScenarioFile,
     endpoints: Endpoints,
-    homes: Mapping[str, Sequence[int]],
-    handling: Handling,
-) -> Manning:
-    """The robots on hosts that join by themselves; `homes` are those whose names are known."""
+    assignment: Mapping[str, Sequence[int]],
+    policy: WorkerPolicy,
+) -> Launcher:
+    """The robots on workers that join by themselves; `assignment` has those of known names."""
 
-    def man(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Hosts]:
-        return _crew(stack, file, endpoints, homes, handling, None)
+    def launch(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Workers]:
+        return _coordinator(stack, file, endpoints, assignment, policy, None)
 
-    return man
+    return launch
 
 
-def _crew(
+def _coordinator(
     stack: ExitStack,
     file: ScenarioFile,
     endpoints: Endpoints,
-    homes: Mapping[str, Sequence[int]],
-    handling: Handling,
-    start: Callable[[str, Sequence[int]], LocalHost] | None,
-) -> tuple[Bus, Hosts]:
+    assignment: Mapping[str, Sequence[int]],
+    policy: WorkerPolicy,
+    start: Callable[[str, Sequence[int]], LocalWorker] | None,
+) -> tuple[Bus, Workers]:
     fmus = _fmus(file)
     bus = ZenohBus(uuid4().hex, endpoints)
     stack.callback(bus.close)
@@ -110,16 +111,16 @@ def _crew(
         inbox = bus.listen_to_all(screen_of(Seal(secret)))
     else:
         inbox = bus.listen(*batches, screen=screen_of(Seal(secret)))
-    terms = Terms(handling.expected, start, handling.restart, handling.wait, handling.show)
-    crew = Crew(bus, inbox, file, fmus, homes, terms, secret)
-    stack.callback(crew.close)
-    crew.gather()
-    return bus, crew
+    terms = Terms(policy.expected, start, policy.restart, policy.wait, policy.show)
+    coordinator = Coordinator(bus, inbox, file, fmus, assignment, terms, secret)
+    stack.callback(coordinator.close)
+    coordinator.gather()
+    return bus, coordinator
 
 
-def hosts_worth_it(n: int) -> int:
+def workers_worth_it(n: int) -> int:
     """Return into how many processes n robots are best spread on this machine."""
-    return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_HOST))
+    return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_WORKER))
 
 
 def _fmus(file: ScenarioFile) -> Mapping[str, Fmu]:

@@ -1,12 +1,12 @@
-"""A run on hosts leaves nothing behind: no process, and no temporary folder."""
+"""A run on workers leaves nothing behind: no process, and no temporary folder."""
 
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from tests.hosts.running import Host, commands
-from tests.hosts.runs import hosts_of
+from tests.cluster.local_runs import workers_of
+from tests.cluster.remote_runs import Worker, commands
 
 
 @pytest.fixture
@@ -16,14 +16,14 @@ def nothing_is_left(tmp_path_factory, monkeypatch):
         monkeypatch.setattr(tempfile, "tempdir", folder)
         monkeypatch.setenv("TMPDIR", folder)
         yield
-        assert hosts_of() == {}
+        assert workers_of() == {}
         assert [path.name for path in Path(folder).iterdir()] == []
 
 
 @pytest.fixture(autouse=True)
-def _hosts_end():
+def _workers_end():
     yield
-    Host.end_all()
+    Worker.end_all()
 
 
 @pytest.fixture

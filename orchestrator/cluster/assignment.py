@@ -1,0 +1,161 @@
+"""Every robot has a slot, and a slot has at most one worker at a time."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from time import monotonic
+from typing import Any
+
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.transport import Put
+from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
+from nrs_cosim.orchestrator.cluster.protocol import Hello, Report
+from nrs_cosim.orchestrator.scenario.numbers import named
+
+
+class NotAdmittedError(Exception):
+    """A worker that cannot have the slot that it asks for; `final` if asking again is of no use."""
+
+    def __init__(self, reason: str, *, final: bool) -> None:
+        super().__init__(reason)
+        self.final = final
+
+
+@dataclass(slots=True)
+class WorkerSlot:
+    """Some robots, and the worker that has them."""
+
+    robots: Sequence[int]
+    process: LocalWorker | None = None
+    """When the orchestrator starts it."""
+    reserved: bool = False
+    """For a worker of this name, also when it does not come."""
+    incarnation: str | None = None
+    """The id of the session of the worker that is let in; None while there is none."""
+    hello: bytes = b""
+    """What that worker said to be let in, and says again where the answer was lost."""
+    welcome: bytes = b""
+    """The answer, which that worker alone can read."""
+    since: float = field(default_factory=monotonic)
+    """When that changed."""
+    present: bool = False
+    is_away: bool = False
+    """Whether its worker was done and its link was lost: it does not know how the run ends."""
+    knows: bool = False
+    """Whether its worker said that it has heard of the end."""
+    plants: list[dict[str, Any]] = field(default_factory=list)
+    begin: Put | None = None
+    """Answers a worker that is ready and waits for its beginning."""
+    recorded: int = -1
+    """The last tick that was recorded when it began."""
+    is_ready: bool = False
+    caught_up: int = -1
+    """The last recorded tick whose samples it asked for to catch up."""
+    deaths: int = 0
+    """At the tick `died_at`."""
+    died_at: int = -2
+    report: Report | None = None
+
+    @property
+    def seconds(self) -> float:
+        """How long ago a worker was let in, or went."""
+        return monotonic() - self.since
+
+    def admit(self, incarnation: str | None) -> None:
+        """Have another worker from now on, which is not here yet; None for none."""
+        self.incarnation, self.since, self.present = incarnation, monotonic(), False
+        self.hello = self.welcome = b""
+        self.begin, self.is_ready, self.is_away, self.knows = None, False, False, False
+
+
+class Assignment(dict[str, WorkerSlot]):
+    """The assignment of n robots by the names of their workers."""
+
+    def __init__(self, n: int, expected: int) -> None:
+        """Let so many workers share the robots, of those that name none."""
+        super().__init__()
+        self._n, self._expected = n, expected
+        self.free: Sequence[int] = range(1, n + 1)
+        """The robots that have no worker yet, ascending."""
+
+    def __setitem__(self, name: str, slot: WorkerSlot) -> None:
+        """Let a worker have a slot; its robots are free until then."""
+        super().__setitem__(name, slot)
+        taken = {*slot.robots}
+        self.free = [robot for robot in self.free if robot not in taken]
+
+    def __delitem__(self, name: str) -> None:
+        """Let a worker go for good; its robots are free again."""
+        self.free = sorted([*self.free, *self[name].robots])
+        super().__delitem__(name)
+
+    def missing(self) -> str:
+        """Say who is missing, as the end of a sentence; nothing when nobody is."""
+        vacant = [f"worker {name}" for name, slot in self.items() if slot.incarnation is None]
+        missing = ([named(self.free)] if self.free else []) + vacant
+        return f"; missing: {', '.join(missing)}" if missing else ""
+
+    def without_worker(self) -> Iterator[tuple[int, float]]:
+        """Yield the robots whose remote worker is not here, and since when."""
+        for slot in self.values():
+            if not (slot.is_ready or slot.begin or slot.process):
+                yield from ((robot, slot.since) for robot in slot.robots)
+
+    def place(self, name: str, hello: Hello) -> WorkerSlot:
+        """Return the slot of a worker that may have it; `NotAdmittedError` when it may not."""
+        if hello.version != version("nrs-cosim"):
+            raise NotAdmittedError(
+                f"the run is of nrs-cosim {version('nrs-cosim')}, the worker of {hello.version}: "
+                "install the same",
+                final=True,
+            )
+        slot = self.get(name)
+        if slot is None:
+            slot = self._new(hello)
+            self[name] = slot
+        elif slot.incarnation is not None and not slot.process:
+            raise NotAdmittedError(
+                f"there is a worker of the name {quoted(name)} already", final=False
+            )
+        elif hello.robots is not None and tuple(slot.robots) != hello.robots:
+            raise NotAdmittedError(
+                f"--robots: {quoted(name)} has {named(slot.robots)} in this run, not "
+                f"{named(hello.robots)}",
+                final=True,
+            )
+        return slot
+
+    def _new(self, hello: Hello) -> WorkerSlot:
+        free = self.free
+        if not free:
+            vacant = [
+                f"{name} ({named(slot.robots)})"
+                for name, slot in self.items()
+                if slot.incarnation is None
+            ]
+            raise NotAdmittedError(
+                "every robot has a worker"
+                + (f"; take the place of {' or '.join(vacant)} by --name" if vacant else ""),
+                final=not vacant,
+            )
+        if hello.robots is None:
+            left = max(self._expected - len(self), 1)
+            return WorkerSlot(free[: -(-len(free) // left)])
+        if not hello.robots or not {*hello.robots} <= {*free}:
+            raise NotAdmittedError(
+                f"--robots: {named(free)} of {self._n} have no worker yet, but "
+                f"this worker asks for {named(hello.robots) if hello.robots else 'none'}",
+                final=True,
+            )
+        return WorkerSlot(sorted({*hello.robots}))
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return what the user is told of the plants, by group, whatever worker they are on."""
+        merged: dict[str, dict[str, Any]] = {}
+        for slot in self.values():
+            for told in slot.plants:
+                alike = str({**told, "robots": None})
+                merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
+        for told in merged.values():
+            told["robots"].sort()
+        return sorted(merged.values(), key=lambda told: told["robots"][0])

@@ -1,0 +1,145 @@
+"""Which slot a worker gets, and what it is told when it gets none; no process is started."""
+
+from importlib.metadata import version
+
+import pytest
+
+from nrs_cosim.orchestrator.cluster.assignment import Assignment, NotAdmittedError, WorkerSlot
+from nrs_cosim.orchestrator.cluster.protocol import Hello, Report
+
+VERSION = version("nrs-cosim")
+
+
+def hello(robots=None, incarnation="a", of=VERSION):
+    return Hello(version=of, incarnation=incarnation, robots=robots, public=bytes(32))
+
+
+def let_in(assignment, name, robots=None, incarnation=None):
+    """Let a worker in under its name, as the id of its session; return its robots."""
+    slot = assignment.place(name, hello(robots, incarnation or name))
+    slot.admit(incarnation or name)
+    return list(slot.robots)
+
+
+def refused(assignment, name, note):
+    with pytest.raises(NotAdmittedError) as caught:
+        assignment.place(name, note)
+    return str(caught.value), caught.value.final
+
+
+def test_workers_that_name_no_robots_share_them():
+    assignment = Assignment(7, 3)
+    assert [let_in(assignment, name) for name in "abc"] == [[1, 2, 3], [4, 5], [6, 7]]
+    assert list(assignment.free) == []
+    assert assignment.missing() == ""
+
+
+def test_a_worker_more_than_expected_takes_what_is_left():
+    assignment = Assignment(4, 1)
+    assert let_in(assignment, "a", (2,)) == [2]
+    assert let_in(assignment, "b") == [1, 3, 4]
+
+
+def test_robots_that_are_named_are_had_in_order():
+    assignment = Assignment(5, 1)
+    assert let_in(assignment, "a", (4, 1)) == [1, 4]
+    assert list(assignment.free) == [2, 3, 5]
+    assert assignment.missing() == "; missing: robots 2-3, 5"
+
+
+@pytest.mark.parametrize(
+    ("robots", "asks_for"), [((), "none"), ((1, 4), "robots 1, 4"), ((6,), "robot 6")]
+)
+def test_robots_that_are_not_free_are_refused(robots, asks_for):
+    assignment = Assignment(5, 1)
+    let_in(assignment, "a", (4,))
+    why, final = refused(assignment, "b", hello(robots))
+    assert why == (
+        f"--robots: robots 1-3, 5 of 5 have no worker yet, but this worker asks for {asks_for}"
+    )
+    assert final
+    assert list(assignment) == ["a"]
+
+
+def test_another_version_is_refused_for_good():
+    why, final = refused(Assignment(2, 1), "a", hello(of="0.0.0"))
+    assert f"the run is of nrs-cosim {VERSION}, the worker of 0.0.0" in why
+    assert final
+
+
+@pytest.mark.parametrize("incarnation", ["first", "second"])
+def test_a_name_that_is_taken_is_refused_for_now_whoever_asks(incarnation):
+    """The id of a session is no secret, so it does not show that its owner asks."""
+    assignment = Assignment(2, 1)
+    let_in(assignment, "a", incarnation="first")
+    assert refused(assignment, "a", hello(incarnation=incarnation)) == (
+        "there is a worker of the name 'a' already",
+        False,
+    )
+
+
+def test_a_worker_that_comes_again_has_the_robots_of_its_name_and_no_others():
+    assignment = Assignment(4, 1)
+    let_in(assignment, "a", (1, 3))
+    assignment["a"].admit(None)
+    assert assignment.missing() == "; missing: robots 2, 4, worker a"
+    assert assignment.place("a", hello((1, 3), "again")) is assignment["a"]
+    assert assignment.place("a", hello(None, "again")) is assignment["a"]
+    why, final = refused(assignment, "a", hello((1, 2), "again"))
+    assert why == "--robots: 'a' has robots 1, 3 in this run, not robots 1-2"
+    assert final
+
+
+def test_without_a_free_robot_the_places_that_are_vacant_are_named():
+    assignment = Assignment(3, 1)
+    let_in(assignment, "a", (1, 2))
+    let_in(assignment, "b", (3,))
+    assert refused(assignment, "c", hello()) == ("every robot has a worker", True)
+    assignment["a"].admit(None)
+    assert refused(assignment, "c", hello()) == (
+        "every robot has a worker; take the place of a (robots 1-2) by --name",
+        False,
+    )
+
+
+def test_a_worker_that_goes_for_good_frees_its_robots():
+    assignment = Assignment(4, 1)
+    let_in(assignment, "a", (1, 4))
+    del assignment["a"]
+    assert list(assignment.free) == [1, 2, 3, 4]
+    assert let_in(assignment, "b") == [1, 2, 3, 4]
+
+
+def test_robots_are_without_a_worker_until_it_is_ready():
+    assignment = Assignment(3, 1)
+    let_in(assignment, "a", (1, 3))
+    assert [robot for robot, _ in assignment.without_worker()] == [1, 3]
+    assignment["a"].begin = lambda _data: None
+    assert list(assignment.without_worker()) == []
+    assignment["a"].admit("another")
+    assert [robot for robot, _ in assignment.without_worker()] == [1, 3]
+    assignment["a"].is_ready = True
+    assert list(assignment.without_worker()) == []
+
+
+def test_another_worker_has_all_before_it():
+    slot = WorkerSlot([1])
+    slot.admit("first")
+    slot.present = slot.is_ready = slot.is_away = slot.knows = True
+    slot.begin, slot.report = (lambda _data: None), Report(tick=3)
+    slot.admit("second")
+    assert slot.incarnation == "second"
+    assert not any((slot.present, slot.is_ready, slot.is_away, slot.knows, slot.begin))
+    assert slot.seconds >= 0
+
+
+def test_plants_that_are_alike_are_told_once_whatever_worker_they_are_on():
+    assignment = Assignment(5, 2)
+    let_in(assignment, "a", (2, 5))
+    let_in(assignment, "b", (1, 3, 4))
+    assignment["a"].plants = [{"fmu": "arm", "robots": [2, 5]}]
+    assignment["b"].plants = [{"fmu": "arm", "robots": [1, 4]}, {"fmu": "other", "robots": [3]}]
+    assert assignment.told() == [
+        {"fmu": "arm", "robots": [1, 2, 4, 5]},
+        {"fmu": "other", "robots": [3]},
+    ]
