@@ -81,6 +81,7 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     """Say what a recording holds; also of one that was cut or never closed."""
     from nrs_cosim.orchestrator.commands import showing
     from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.commands.tables import grid
     from nrs_cosim.orchestrator.promises.judging import judge
     from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
     from nrs_cosim.recordings.reading import Reader
@@ -91,7 +92,7 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     if as_json:
         print_json({**told, "theory": judged.as_json()})
         return
-    showing.summary(out, lines(told, measured))
+    grid(out, lines(told, measured))
     showing.judgement(out, judged)
     for damage in reader.damage:
         say("yellow", "damage", damage)
@@ -131,9 +132,9 @@ def recover(
     output: NewRecording,
 ) -> None:
     """Make a whole recording of all that a damaged one still holds, and say what is missing."""
-    from nrs_cosim.orchestrator.commands import showing
     from nrs_cosim.orchestrator.commands.places import make_folder
     from nrs_cosim.orchestrator.commands.progress import reading
+    from nrs_cosim.orchestrator.commands.tables import grid
     from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
     from nrs_cosim.recordings.reading import Reader
     from nrs_cosim.recordings.recovering import recover as whole
@@ -149,7 +150,7 @@ def recover(
             say("yellow", "damage", damage)
     with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
         told = lines(describe(reader), measure(reader))
-    showing.summary(out, told)
+    grid(out, told)
 
 
 @app.command()

@@ -25,10 +25,10 @@ fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 @fmu.command("list")
 def fmu_list() -> None:
     """List the bundled models."""
+    from nrs_cosim.orchestrator.commands.tables import grid
     from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 
-    for name in bundled_models():
-        out.print(f"{name:<16}{declaration(name).description}", markup=False)
+    grid(out, {name: declaration(name).description for name in bundled_models()}, 15)
 
 
 @fmu.command("info")

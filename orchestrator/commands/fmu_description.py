@@ -10,39 +10,36 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
+from rich.table import Column
 
-from nrs_cosim.orchestrator.commands.showing import summary
+from nrs_cosim.orchestrator.commands.tables import grid, table
+from nrs_cosim.orchestrator.terminal import prose
 
-LONGEST = 40
-"""A longer name, or start, moves the rest of its line alone."""
 MOST_STARTS = 4
 """Of one family, before the rest are left out."""
 _CAUSALITIES = {"structuralParameter": "structural", "calculatedParameter": "calculated"}
-_TITLES = ("variable", "causality", "numbers", "unit", "start", "about")
+_COLUMNS = (
+    Column("variable"),
+    Column("causality"),
+    Column("numbers", justify="right"),
+    *map(Column, ("unit", "start", "about")),
+)
 
 
 def show(console: Console, told: Mapping[str, Any]) -> None:
     """Show what `Archive.told` says."""
-    summary(console, dict(_lines(told)))
+    grid(console, dict(_lines(told)))
     families = [
         list(family)
         for _, family in groupby(told["variables"], lambda v: v["name"].partition("[")[0])
     ]
-    rows = [_TITLES, *map(_row, families)]
-    widths = [min(max(map(len, column)), LONGEST) for column in list(zip(*rows, strict=True))[:-1]]
     console.print()
-    for row in rows:
-        numbers = _TITLES.index("numbers")
-        cells = [
-            cell.rjust(width) if i == numbers else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=False))
-        ]
-        line = escape("  ".join([*cells, row[-1]]).rstrip())
-        console.print(f"[bold]{line}[/]" if row is _TITLES else line)
+    table(console, _COLUMNS, (tuple(map(escape, _row(family))) for family in families))
     if any(family[0]["causality"] == "structuralParameter" for family in families):
-        console.print(
+        prose(
+            console,
             "\nA structural parameter decides how many numbers others hold; as any parameter, it "
-            "stands in a scenario's plant.parameters."
+            "stands in a scenario's plant.parameters.",
         )
 
 

@@ -21,6 +21,7 @@ from nrs_cosim.orchestrator.cluster.launcher import (
 from nrs_cosim.orchestrator.commands import progress, showing
 from nrs_cosim.orchestrator.commands.locks import expect_unlocked
 from nrs_cosim.orchestrator.commands.places import place_for
+from nrs_cosim.orchestrator.commands.tables import grid
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.promises.judging import judge
 from nrs_cosim.orchestrator.runs.in_process import in_process
@@ -147,7 +148,7 @@ def perform(
         told["lost"] = f"{outcome.restarts} x a worker was gone"
     if outcome.refused:
         told["refused"] = _counted(outcome)
-    showing.summary(out, told | last)
+    grid(out, told | last)
     showing.judgement(out, judged)
     if profile:
         showing.profile(out, outcome.profile, took)

@@ -1,20 +1,21 @@
 """What a person sees in a terminal: a run's summary, the theory's verdict."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
+from rich.table import Column
 
+from nrs_cosim.orchestrator.commands.tables import findings, grid, table
 from nrs_cosim.orchestrator.commands.verdict import grounds, verdict
 from nrs_cosim.orchestrator.scenario.numbers import decimals
 from nrs_cosim.orchestrator.terminal import prose
 
 if TYPE_CHECKING:
+    from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.estimator_agents.theory.design import Design, Gains
     from nrs_cosim.estimator_agents.theory.estimates import Pair
     from nrs_cosim.orchestrator.commands.doctor import Diagnosis
@@ -33,76 +34,64 @@ _VERDICTS = {
     "ok": "[green]ok[/]",
     "warning": "[yellow]warning[/]",
 }
-
+_BOUNDS = ("this target", "any target", "paper")
 
 NEAR = 0.01
 """By how much a measured factor may differ without a word."""
-
-
-def summary(console: Console, lines: Mapping[str, str]) -> None:
-    """Show short lines by name."""
-    if not console.is_terminal:
-        for name, line in lines.items():
-            console.print(f"[bold]{name:<10}[/] {escape(line)}")
-        return
-    table = Table.grid(padding=(0, 1))
-    table.add_column(style="bold", min_width=10, no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, line in lines.items():
-        table.add_row(name, Text(line))
-    console.print(table, soft_wrap=False)
 
 
 def check(
     console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
 ) -> None:
     """Show the theory's verdict on a scenario."""
-    summary(console, verdict(checked) | grounds(promised))
-    table = Table(box=None, pad_edge=False)
-    first = f"condition{', of links without faults' * checked.faulty}"
-    for title in (first, "value", "bound", "margin", "", "source"):
-        table.add_column(
-            title, justify="right" if title in {"value", "bound", "margin"} else "left"
-        )
-    for c in checked.conditions:
-        mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
-        bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
-        numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
-        source = f"{c.source}, [yellow]sampled[/]" if c.sampled else c.source
-        table.add_row(c.name, *numbers, mark, source)
+    grid(console, verdict(checked) | grounds(promised))
     console.print()
-    console.print(table)
-    table = Table(box=None, pad_edge=False)
-    table.add_column("in the long run")
-    for title in ("this target", "any target", "paper"):
-        table.add_column(title, justify="right")
-    for row in rows:
-        name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
-        numbers = (_number(row.exact), _number(row.sharp), _stated(row))
-        table.add_row(name, *numbers)
+    if checked.faulty:
+        prose(console, "conditions are of links without faults")
+    table(
+        console,
+        (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
+        map(_condition, checked.conditions),
+    )
     console.print()
-    console.print(table)
+    table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
+
+
+def _columns(first: str, *numbers: str) -> tuple[Column, ...]:
+    """Return the columns of a name and of numbers."""
+    return (Column(first), *(Column(title, justify="right") for title in numbers))
+
+
+def _condition(c: "Condition") -> tuple[str, ...]:
+    """Return a row of the conditions."""
+    mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
+    bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
+    numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
+    source = escape(c.source) + ", [yellow]sampled[/]" * c.sampled
+    return escape(c.name), *numbers, mark, source
+
+
+def _bounds(row: "Bound") -> tuple[str, ...]:
+    """Return a row of bounds."""
+    name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
+    return name, _number(row.exact), _number(row.sharp), _stated(row)
 
 
 def judgement(console: Console, judged: "Judgement") -> None:
     """Show a run's measurements beside the theory's promises, and whether they are kept."""
     if judged.why_not:
-        summary(console, {"theory": f"says nothing of this run: {judged.why_not}"})
+        grid(console, {"theory": f"says nothing of this run: {judged.why_not}"})
         return
-    table = Table(box=None, pad_edge=False)
-    table.add_column("last fifth")
-    for title in ("measured", "this target", "any target", "paper"):
-        table.add_column(title, justify="right")
-    table.add_column("")
+    rows = []
     for row in judged.quantities:
         bound = row.bound
         numbers = map(_number, (row.measured, bound.exact, bound.sharp))
-        table.add_row(bound.name, *numbers, _stated(bound), _status(row))
+        rows.append((bound.name, *numbers, _stated(bound), _status(row)))
     if judged.measured_factor is not None and judged.factor is not None:
         factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
-        table.add_row("factor", *factors, "", "", "each tick")
-    console.print(table)
-    summary(console, _beside(judged))
+        rows.append(("factor", *factors, "", "", "each tick"))
+    table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), rows)
+    grid(console, _beside(judged))
 
 
 def _status(row: "Judged") -> str:
@@ -145,7 +134,7 @@ def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled:
             "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
         }
     console.print()
-    summary(console, told)
+    grid(console, told)
 
 
 def _gains(found: "Gains | None") -> str:
@@ -179,20 +168,17 @@ def fmu_check(console: Console, checked: "FmuCheck") -> None:
     """Show what was found of an FMU, by topic."""
     for topic, found in groupby(checked.findings, lambda finding: finding.topic):
         console.print(f"[bold]{topic}[/]")
-        for finding in found:
-            mark = _VERDICTS[finding.verdict]
-            gap = " " * (15 - len(Text.from_markup(mark)))
-            console.print(f"  {escape(finding.name):<22}{mark}{gap}{escape(finding.text)}")
+        rows = ((finding.name, _VERDICTS[finding.verdict], finding.text) for finding in found)
+        findings(console, rows, (22, 15))
 
 
 def diagnosis(console: Console, made: "Diagnosis") -> None:
     """Show what a machine is fit for, by topic, and what is to be done where it is not."""
+    marks = {**_VERDICTS, "fails": "[red]fails[/]"}
     for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
         console.print(f"[bold]{topic}[/]")
-        for symptom in symptoms:
-            mark = "[red]fails[/]" if symptom.verdict == "fails" else _VERDICTS[symptom.verdict]
-            gap = " " * (9 - len(Text.from_markup(mark)))
-            console.print(f"  {escape(f'{symptom.name:<20}')}{mark}{gap}{escape(symptom.text)}")
+        rows = ((symptom.name, marks[symptom.verdict], symptom.text) for symptom in symptoms)
+        findings(console, rows, (20, 9))
 
 
 def comparison(console: Console, found: "Comparison") -> None:
@@ -212,14 +198,12 @@ def comparison(console: Console, found: "Comparison") -> None:
     moved = [apart for apart in found.distances if apart.largest]
     if not moved:
         return
-    table = Table(box=None, pad_edge=False)
-    for title in ("robot", "quantity", "largest |A - B|", "at t, s", "rms"):
-        table.add_column(title, justify="left" if title == "quantity" else "right")
-    for apart in moved:
-        numbers = (f"{apart.largest:.4g}", f"{apart.at:g}", f"{apart.rms:.4g}")
-        table.add_row(str(apart.robot), apart.quantity, *numbers)
+    rows = (
+        (str(a.robot), a.quantity, f"{a.largest:.4g}", f"{a.at:g}", f"{a.rms:.4g}") for a in moved
+    )
+    numbers = _columns("quantity", "largest |A - B|", "at t, s", "rms")
     console.print()
-    console.print(table)
+    table(console, (Column("robot", justify="right"), *numbers), rows)
 
 
 def _short(value: Any, most: int = 60) -> str:
@@ -245,10 +229,6 @@ def shares(told: "Profile", wall: float) -> str:
 
 def profile(console: Console, told: "Profile", wall: float) -> None:
     """Show where the wall time, s, of each process of a run went."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("s of wall time")
-    for title in ("plants", "bus", "recording", "waiting", "other"):
-        table.add_column(title, justify="right")
     mine = told.orchestrator
     rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.workers.items()}
     if told.in_one_thread:
@@ -256,8 +236,10 @@ def profile(console: Console, told: "Profile", wall: float) -> None:
         rows[name] = plants, bus + mine.bus, told.recording, mine.waiting
     else:
         rows["orchestrator"] = mine.plants, mine.bus, told.recording, mine.waiting
-    for name, parts in rows.items():
-        numbers = (f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0)))
-        table.add_row(name, *numbers)
+    cells = (
+        (name, *(f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0))))
+        for name, parts in rows.items()
+    )
+    titles = ("plants", "bus", "recording", "waiting", "other")
     console.print()
-    console.print(table)
+    table(console, _columns("s of wall time", *titles), cells)

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from nrs_cosim.orchestrator.commands import showing
 from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.commands.tables import grid
 from nrs_cosim.orchestrator.replays.comparing import Comparison
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import lines
@@ -30,7 +31,7 @@ def plain(screen):
 @pytest.mark.parametrize("width", [40, 60, 120])
 def test_lines_of_a_summary_end_between_words_and_hang_below_their_name(width):
     screen = console(terminal=True, width=width)
-    showing.summary(screen, {"driven": WORDS, "digest": "0" * 64})
+    grid(screen, {"driven": WORDS, "digest": "0" * 64})
     first, *more = plain(screen).splitlines()
     text = [line for line in (first, *more) if "0" not in line]
     assert first.startswith("driven     robots")

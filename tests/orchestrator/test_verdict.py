@@ -68,7 +68,7 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     written = io.StringIO()
     promised = promises(scenario)
     showing.check(Console(file=written, width=200), checked, promised, bounds(promised))
-    assert "condition, of links without faults" in written.getvalue()
+    assert "conditions are of links without faults" in written.getvalue()
 
 
 def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faults():

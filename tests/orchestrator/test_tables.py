@@ -1,0 +1,117 @@
+"""Tables keep their words whole on a terminal of 60 columns as of 120, and lose none of them."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from rich.table import Column
+
+from nrs_cosim.orchestrator.commands.tables import findings, table
+from tests.command import nrs
+from tests.guard import GUARD
+from tests.orchestrator.conftest import SCENARIOS, SHORT
+
+WIDTHS = (60, 120)
+COLUMNS = (Column("what"), Column("value", justify="right"), Column(), Column("paper"))
+ROW = (r"a \[b]", "0.9", "[green]holds[/]", "159, unproven")
+
+
+def console(width, *, terminal=True):
+    return Console(file=StringIO(), force_terminal=terminal, width=width, soft_wrap=True)
+
+
+def lines(screen):
+    return re.sub(r"\x1b\[[0-9;]*m", "", screen.file.getvalue()).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("width", "expected"),
+    [
+        (34, ["what   value         paper", "a [b]    0.9  holds  159, unproven"]),
+        (33, ["what   value", "a [b]    0.9  holds", "  paper: 159, unproven"]),
+        (18, ["what   value", "a [b]    0.9", "  holds; paper:", "  159, unproven"]),
+    ],
+)
+def test_a_column_without_room_stands_below_its_row_with_its_title(width, expected):
+    screen = console(width)
+    table(screen, COLUMNS, [ROW])
+    assert [line.rstrip() for line in lines(screen)] == expected
+
+
+def test_in_a_pipe_there_is_room_for_all_columns():
+    screen = console(18, terminal=False)
+    table(screen, COLUMNS, [ROW])
+    assert lines(screen) == ["what   value         paper", "a [b]    0.9  holds  159, unproven"]
+
+
+@pytest.mark.parametrize("width", [30, 60, 120])
+def test_the_text_of_a_finding_hangs_beside_its_name_or_below(width):
+    screen = console(width)
+    text = "a torque that is held, of order one in its step and in no other way " * 3
+    findings(screen, [("M symmetric", "[green]holds[/]", text)], (14, 8))
+    first, *more = lines(screen)
+    assert first.startswith("  M symmetric   holds")
+    assert all(len(line.rstrip()) <= width for line in (first, *more))
+    hangs = 4 if width < 60 else 24
+    assert more
+    assert all(line.startswith(" " * hangs) for line in more)
+    assert " ".join(" ".join((first, *more)).split()) == f"M symmetric holds {text.strip()}"
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    """Return a short run of the paper's example, whose bounds on tracking are unproven."""
+    path = tmp_path_factory.mktemp("terminal") / "s.toml"
+    path.write_text((SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT))
+    return path
+
+
+def screen_of(folder, width, command):
+    """Return what tmux shows of a command in a terminal of so many columns."""
+    if not shutil.which("tmux"):
+        pytest.skip("the system package tmux is not installed")
+    tmux = ["tmux", "-L", folder.name, "-f", "/dev/null"]
+    done = " ".join([*tmux, "wait-for", "-S", "done"])
+    program = f"{shlex.join(command)}; echo status $?; {done}; exec cat"
+    env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+
+    def run(*words):
+        told = subprocess.run(
+            [*tmux, *words], env=env, check=True, capture_output=True, text=True, timeout=GUARD
+        )
+        return told.stdout
+
+    run("new-session", "-d", "-x", str(width), "-y", "200", program)
+    try:
+        run("wait-for", "done")
+        return run("capture-pane", "-p").rstrip().splitlines()
+    finally:
+        run("kill-server")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("command", ["check", "run", "fmu check", "fmu info"])
+def test_a_terminal_breaks_no_word(scenario, tmp_path, command, width):
+    given = ["two_link_arm"] if "fmu" in command else [str(scenario)]
+    words = [*command.split(), *given]
+    if command == "run":
+        words += ["-o", str(tmp_path / "t.mcap"), "--profile"]
+    *shown, status = screen_of(tmp_path, width, ["nrs", *words])
+    assert status == "status 0"
+    piped = nrs(*words, *(["--force"] if command == "run" else [])).stdout
+    said = {word for word in piped.split() if len(word) < width - 11 and not timed(word)}
+    there = {word.rstrip(":;") for line in shown for word in line.split()}
+    assert {word for word in said if word.rstrip(":;") not in there} == set()
+    assert not [line for line in shown if "…" in line]
+
+
+def timed(word):
+    """Return whether it may be a time or a share of time, which no two runs have in common."""
+    return re.fullmatch(r"[\d.]+", word)
