@@ -14,40 +14,41 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from nrs_cosim.api import errors, replay
     from nrs_cosim.api.recording import Recording
+    from nrs_cosim.api.replay import compare
     from nrs_cosim.api.run import resume, run
     from nrs_cosim.api.scenario import Scenario
     from nrs_cosim.api.theory import Theory, check
-    from nrs_cosim.bus.errors import CosimError, InputError, RunError
     from nrs_cosim.estimator_agents.algorithm import Algorithm
     from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 
 _HOMES = {
     "Algorithm": "nrs_cosim.estimator_agents.algorithm",
-    "CosimError": "nrs_cosim.bus.errors",
     "Disagreement": "nrs_cosim.estimator_agents.estimate",
     "Estimate": "nrs_cosim.estimator_agents.estimate",
-    "InputError": "nrs_cosim.bus.errors",
     "Recording": "nrs_cosim.api.recording",
-    "RunError": "nrs_cosim.bus.errors",
     "Scenario": "nrs_cosim.api.scenario",
     "Theory": "nrs_cosim.api.theory",
     "check": "nrs_cosim.api.theory",
+    "compare": "nrs_cosim.api.replay",
+    "errors": "nrs_cosim.api",
+    "replay": "nrs_cosim.api",
     "resume": "nrs_cosim.api.run",
     "run": "nrs_cosim.api.run",
 }
 
 __all__ = [
     "Algorithm",
-    "CosimError",
     "Disagreement",
     "Estimate",
-    "InputError",
     "Recording",
-    "RunError",
     "Scenario",
     "Theory",
     "check",
+    "compare",
+    "errors",
+    "replay",
     "resume",
     "run",
 ]
@@ -57,7 +58,9 @@ def __getattr__(name: str) -> Any:
     """Load what a public name stands for."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    home = _HOMES[name]
+    is_module = home == "nrs_cosim.api"
+    value = import_module(f"{home}.{name}") if is_module else getattr(import_module(home), name)
     globals()[name] = value
     return value
 

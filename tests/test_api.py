@@ -71,7 +71,7 @@ class TestScenario:
         assert nrs.check(by_edges).as_json() == nrs.check(by_matrix).as_json()
 
     def test_all_that_is_wrong_is_named_at_once(self, paper):
-        with pytest.raises(nrs.InputError) as refused:
+        with pytest.raises(nrs.errors.InputError) as refused:
             paper.replace({"algorithm.alfa": 1.0, "run.seed": "x"})
         assert "algorithm.alfa: unknown key; did you mean 'alpha'?" in str(refused.value)
         assert "run.seed" in str(refused.value)
@@ -101,7 +101,7 @@ class TestRun:
     def test_what_is_there_is_replaced_when_asked_for(self, short, tmp_path):
         path = tmp_path / "run.mcap"
         nrs.run(short, path).close()
-        with pytest.raises(nrs.InputError, match="is there already"):
+        with pytest.raises(nrs.errors.InputError, match="is there already"):
             nrs.run(short, path)
         with nrs.run(short.replace({"run.seed": 2}), path, force=True) as recording:
             assert recording.path == path
@@ -121,7 +121,7 @@ class TestRun:
 
     @pytest.mark.parametrize("workers", [0, 7, 1.5, "all"])
     def test_workers_that_cannot_be_are_refused(self, short, workers):
-        with pytest.raises(nrs.InputError, match="workers: expected auto or 1 to 6"):
+        with pytest.raises(nrs.errors.InputError, match="workers: expected auto or 1 to 6"):
             nrs.run(short, workers=workers)
 
     def test_in_a_thread_and_in_a_loop_of_asyncio(self, short):
@@ -225,11 +225,82 @@ class TestRecording:
 
 
 def test_the_import_loads_nothing_that_is_not_used():
-    program = "import sys, nrs_cosim; nrs_cosim.InputError; print(*sys.modules)"
+    program = "import sys, nrs_cosim; nrs_cosim.__all__; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert not {"numpy", "scipy", "zenoh", "fmpy", "pydantic"} & set(done.stdout.split())
+
+
+def leaves(error: type[Exception]) -> set[str]:
+    """Return the names of the errors below one, as far as they are ours."""
+    below = [kind for kind in error.__subclasses__() if kind.__module__.startswith("nrs_cosim")]
+    return {error.__name__}.union(*map(leaves, below))
+
+
+def test_errors_are_one_tree_that_is_drawn_as_it_is():
+    drawn = re.findall(r"[├└│ ]*── (\w+)|^(CosimError)$", nrs.errors.__doc__, re.MULTILINE)
+    names = {name or root for name, root in drawn}
+    assert names == set(nrs.errors.__all__)
+    for name in nrs.errors.__all__:
+        assert issubclass(getattr(nrs.errors, name), nrs.errors.CosimError)
+    # what is caught within this project, or is another base of a leaf, is not raised to users
+    inside = {
+        "Interrupted",
+        "RefusedError",
+        "NotLetInError",
+        "RecordingError",
+        "UnstableStepError",
+        "OverBudgetError",
+    }
+    assert leaves(nrs.errors.CosimError) - inside <= names
+
+
+class TestReplay:
+    def test_a_recording_is_verified_with_and_without_its_plants(self, short, tmp_path):
+        with nrs.run(short, tmp_path / "run.mcap") as recording:
+            for agents_only in (False, True):
+                found = nrs.replay.verify(recording, agents_only=agents_only)
+                assert (found.status, found.ticks) == ("identical", recording.ticks)
+                assert found.messages == found.as_json()["messages"] > 500
+        assert nrs.replay.verify(tmp_path / "run.mcap").status == "identical"
+
+    def test_what_if_is_what_the_command_makes(self, short, tmp_path):
+        path = tmp_path / "run.mcap"
+        with nrs.run(short, path) as recording:
+            assert command(
+                "replay", path, "--plant", "robots=2,controller.kp=150.0", "-o", tmp_path / "a.mcap"
+            ).returncode == 0  # fmt: skip
+            stiff = {"controller.kp": 150.0}
+            with nrs.replay.what_if(recording, stiff, tmp_path / "b.mcap", robots=[2]) as mine:
+                found = nrs.compare(mine, tmp_path / "a.mcap")
+                assert found.is_same
+                assert nrs.compare(recording, mine).first.robot == 2
+            with nrs.replay.what_if(path, {"algorithm.beta": 0.5}) as other:
+                assert other.to_scenario()["algorithm.beta"] == 0.5
+                with nrs.run(short.replace({"algorithm.beta": 0.5})) as fresh:
+                    assert other.digest == fresh.digest
+
+    @pytest.mark.parametrize(
+        ("changes", "robots", "words"),
+        [
+            ({}, None, "changes: expected a key and a value at least"),
+            ({"algorithm.beta": 0.5}, [1], "robots: expected some, and changes of their plants"),
+            ({"controller.kp": 1.0}, [], "robots: expected some"),
+            ({"run.seed": 2}, None, "expected a key of plant, controller or disturbance"),
+            ({"algorithm.bet": 0.5}, None, "did you mean 'beta'"),
+        ],
+        ids=["none", "robots of an algorithm", "no robots", "another key", "a typo"],
+    )
+    def test_what_cannot_be_changed_is_named(self, short, changes, robots, words):
+        with nrs.run(short) as recording, pytest.raises(nrs.errors.InputError, match=words):
+            nrs.replay.what_if(recording, changes, robots=robots)
+
+    def test_its_own_output_is_refused(self, short, tmp_path):
+        path = tmp_path / "run.mcap"
+        with nrs.run(short, path) as recording, pytest.raises(nrs.errors.InputError):
+            nrs.replay.what_if(recording, {"controller.kp": 1.0}, path, force=True)
+        assert nrs.replay.verify(path, agents_only=True).status == "identical"
 
 
 def test_every_public_name_is_there_with_its_words():
@@ -240,7 +311,7 @@ def test_every_public_name_is_there_with_its_words():
         nrs.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("module", ["api.scenario", "api.run", "api.theory"])
+@pytest.mark.parametrize("module", ["api.scenario", "api.run", "api.theory", "api.replay"])
 def test_the_examples_in_the_docstrings_are_true(module, monkeypatch):
     monkeypatch.chdir(ROOT)
     failed, tried = doctest.testmod(importlib.import_module(f"nrs_cosim.{module}"))
@@ -272,7 +343,7 @@ def test_a_notebook_runs_and_is_interrupted_as_a_script_is(tmp_path):
 def test_the_programs_in_its_document_are_true(tmp_path):
     text = (ROOT / "docs/api.md").read_text("utf-8")
     programs = re.findall(r"```python\n(.*?)```(?:\s*```\n(.*?)```)?", text, re.DOTALL)
-    assert len(programs) == 2
+    assert len(programs) == 3
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     for program, expected in programs:
         done = subprocess.run(

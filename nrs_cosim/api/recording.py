@@ -13,6 +13,7 @@ from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.orchestrator.promises.judging import judge
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.orchestrator.scenario.setting import target_of
 from nrs_cosim.recordings import Recording as Tables
 
@@ -55,6 +56,10 @@ class Recording(Tables):
     def path(self) -> Path:
         """Where the file is."""
         return Path(self._reader.path)
+
+    @property
+    def _resolved(self) -> ScenarioFile:
+        return scenario_of(self._reader)
 
     def to_scenario(self) -> Scenario:
         """Return the scenario that was run, to be changed and run again."""

@@ -3,7 +3,7 @@
 import logging
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
@@ -77,7 +77,7 @@ def run(
         ('completed', 10)
     """
     file = scenario._file
-    return _run(file, output, _launcher(file, workers), progress, deadline, force, None)
+    return execute(file, output, _launcher(file, workers), progress, deadline, force, None)
 
 
 def resume(
@@ -105,7 +105,7 @@ def resume(
             begun = stack.enter_context(Recording(begun))
         file = resumable(begun._reader, None if output is None else Path(output))
         past = past_of(begun._reader)
-        return _run(file, output, _launcher(file, workers), progress, deadline, force, past)
+        return execute(file, output, _launcher(file, workers), progress, deadline, force, past)
 
 
 def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Launcher:
@@ -122,15 +122,17 @@ def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Launcher:
     )
 
 
-def _run(
+def execute(
     file: ScenarioFile,
     output: str | PathLike[str] | None,
     launcher: Launcher,
     progress: Progress | None,
-    deadline: float | None,
-    force: bool,
-    past: Iterator[list[Message]] | None,
+    deadline: float | None = None,
+    force: bool = False,
+    past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Recording:
+    """Run a resolved scenario, and return its recording."""
     clock = clock_of(file.scenario)
     end = seconds(clock.t(clock.ticks))
     with ExitStack() as stack:
@@ -157,6 +159,7 @@ def _run(
             watch=watch,
             deadline=deadline,
             past=past,
+            metadata=metadata,
         )
         path = place.settle(outcome.status == "completed")
         if stopped():

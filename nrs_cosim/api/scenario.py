@@ -63,7 +63,7 @@ class Scenario:
         folder: str | PathLike[str] = ".",
         **more: Any,
     ) -> None:
-        text = tomlkit.dumps(_plain({**(tables or {}), **more}))
+        text = tomlkit.dumps(plain({**(tables or {}), **more}))
         self._text = text
         self._file = resolve_scenario(text, name, Path(folder).absolute(), name)
 
@@ -167,15 +167,15 @@ class Scenario:
         )
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as TOML knows it: arrays are lists, and what is None is not there."""
     match value:
         case Mapping():
-            return {str(key): _plain(item) for key, item in value.items() if item is not None}
+            return {str(key): plain(item) for key, item in value.items() if item is not None}
         case np.ndarray() | np.generic():
             return value.tolist()
         case list() | tuple() | range():
-            return [_plain(item) for item in value]
+            return [plain(item) for item in value]
         case PathLike():
             return str(value)
     return value
@@ -191,4 +191,4 @@ def _set(document: Any, key: str, value: Any) -> None:
     if value is None:
         table.pop(name, None)
     else:
-        table[name] = _plain(value)
+        table[name] = plain(value)

@@ -15,10 +15,9 @@ from nrs_cosim.orchestrator.commands.progress import reading
 from nrs_cosim.orchestrator.replays.comparing import QUANTITIES, Comparison
 from nrs_cosim.orchestrator.replays.publishing import publish
 from nrs_cosim.orchestrator.replays.verifying import verify
-from nrs_cosim.orchestrator.replays.what_if import finder, parent, run_again
-from nrs_cosim.orchestrator.runs.plants import group_by_archive
+from nrs_cosim.orchestrator.replays.what_if import changed_run
 from nrs_cosim.orchestrator.runs.summary import scenario_of
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
 from nrs_cosim.orchestrator.terminal import err, out, say
 from nrs_cosim.recordings.errors import MissingExtraError, UncreatableError
@@ -57,7 +56,7 @@ def verify_again(recording: Path, *, plants: bool) -> None:
         f"{what} say the same {verdict.messages} messages again, to the last bit, in ticks 0 to "
         f"{verdict.ticks}"
     )
-    if verdict.holds:
+    if verdict.status == "identical":
         out.print(f"identical: {same}")
         return
     lacks = {
@@ -108,15 +107,8 @@ def put_back(
 def what_if(
     reader: Reader, plant: list[str], algorithm: list[str], output: Path | None, force: bool
 ) -> None:
-    if reader.status != "completed" or reader.damage:
-        raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
     expect_another(output, Path(reader.path))
     plants = [Change.of("--plant", text) for text in plant]
     algorithms = [Change.of("--algorithm", text) for text in algorithm]
-    file = changed(scenario_of(reader), plants, algorithms)
-    if algorithms:  # all plants are run again
-        group_by_archive(file.scenario, file.folder, find=finder(reader, file))
-    every = tuple(range(1, file.scenario.n + 1))
-    robots = {robot for change in plants for robot in change.robots or every}
-    launch = None if algorithms else run_again(reader, file, sorted(robots))
-    perform(file, output, launch, metadata=parent(reader, [*plants, *algorithms]), force=force)
+    file, launch, metadata = changed_run(reader, plants, algorithms)
+    perform(file, output, launch, metadata=metadata, force=force)

@@ -8,10 +8,10 @@ agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import zip_longest
 from os import PathLike
-from typing import Any, Never
+from typing import Any, Literal, Never
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Verification:
     """What a replay came to."""
 
     ticks: int
@@ -87,9 +87,15 @@ class Verdict:
     """How many the run had that are not here; None where it is not known how many."""
 
     @property
-    def holds(self) -> bool:
-        """Whether all messages of the run were looked at, and are the same."""
-        return self.difference is None and self.unseen == 0 and self.missing == 0
+    def status(self) -> Literal["identical", "differs", "unverified"]:
+        """Identical only where all messages of the run were looked at, and are the same."""
+        if self.difference:
+            return "differs"
+        return "identical" if self.unseen == 0 and self.missing == 0 else "unverified"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {"status": self.status, **asdict(self)}
 
 
 class RecordedPlants:
@@ -169,13 +175,13 @@ class _Kept:
         self.tick = sorted(message for part in tick for message in part.messages(self._topics))
 
 
-def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
+def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verification:
     """Run a recording again, with its plants or by the agents alone, up to the first difference.
 
     It ends before a tick that is missing: there is no going on without it.
     """
     if next(past_of(reader), None) is None:
-        return Verdict(-1, 0, None, _unseen(reader, -1), _missing(reader))
+        return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
     scenario = file.scenario
     clock, n, m = clock_of(scenario), scenario.n, scenario.m
     numbers = range(1, n + 1)
@@ -199,7 +205,7 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)
             if not plants and (absent := _absent_state(recorded, clock, k, n)):
-                return Verdict(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
+                return Verification(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
             heard.now = _records(wire.samples, "sample", recorded)
             target.publish_until(k)
             next(ticks)
@@ -209,9 +215,9 @@ def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verdict:
             recorder.close(k)
             for was, now in zip_longest(recorded, _said(kept.tick)):
                 if was != now:
-                    return Verdict(k, same, difference_in(m, m, was, now))
+                    return Verification(k, same, difference_in(m, m, was, now))
                 same += 1
-    return Verdict(k, same, None, _unseen(reader, k), _missing(reader))
+    return Verification(k, same, None, _unseen(reader, k), _missing(reader))
 
 
 def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Difference | None:

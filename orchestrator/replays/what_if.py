@@ -12,20 +12,41 @@ from typing import Any
 
 import numpy as np
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.replays.verifying import RecordedPlants, expect_states, states_of
 from nrs_cosim.orchestrator.runs.in_process import on_a_session
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
-from nrs_cosim.orchestrator.runs.plants import Find, find_recorded
+from nrs_cosim.orchestrator.runs.plants import Find, find_recorded, group_by_archive
 from nrs_cosim.orchestrator.runs.robots import Robots
+from nrs_cosim.orchestrator.runs.summary import scenario_of
 from nrs_cosim.orchestrator.runs.worker import Watch
-from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.changes import Change, changed
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import ScenarioFile
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.recordings.metadata import PARENT
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import about
+
+
+def changed_run(
+    reader: Reader, plants: Sequence[Change], algorithms: Sequence[Change]
+) -> tuple[ScenarioFile, Launcher | None, dict[str, dict[str, str]]]:
+    """Return the changed scenario, how its run gets its robots, and the metadata that say so.
+
+    With no algorithm changed the plants alone are run again; else all is. `InputError` names what
+    is wrong with a change, or says that the recording is not complete.
+    """
+    if reader.status != "completed" or reader.damage:
+        raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
+    file = changed(scenario_of(reader), plants, algorithms)
+    if algorithms:
+        group_by_archive(file.scenario, file.folder, find=finder(reader, file))
+    every = tuple(range(1, file.scenario.n + 1))
+    robots = {robot for change in plants for robot in change.robots or every}
+    launch = None if algorithms else run_again(reader, file, sorted(robots))
+    return file, launch, parent(reader, [*plants, *algorithms])
 
 
 def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Launcher:

@@ -1,0 +1,45 @@
+"""All errors that are raised on purpose, as one tree; the text of each is complete for a user.
+
+CosimError
+├── InputError            what was given is wrong: a file, a field, an argument
+│   ├── AlgorithmError      an installed algorithm does not work; a RunError too
+│   ├── FmuError            an FMU that cannot be built, found, read or used
+│   ├── MissingExtraError   what draws is not installed
+│   ├── ScenarioError       a scenario's field or shape
+│   ├── UncreatableError    no file can be made there
+│   └── UnreadableError     the file is no recording
+└── RunError              a run that had started could not go on; `cause` says it in fields
+    ├── BusError            a message that is missing, or that had to be rejected
+    ├── DivergedError       an estimate or a state beyond all bounds
+    ├── WorkerError           a worker that did not come, or is gone for good
+    ├── StepError           a plant that could not be stepped
+    └── UnwritableError     the disk refused
+"""
+
+from nrs_cosim.bus.errors import BusError, CosimError, InputError, RunError
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.orchestrator.errors import DivergedError, ScenarioError, WorkerError
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.recordings.errors import (
+    MissingExtraError,
+    UncreatableError,
+    UnreadableError,
+    UnwritableError,
+)
+
+__all__ = [
+    "AlgorithmError",
+    "BusError",
+    "CosimError",
+    "DivergedError",
+    "FmuError",
+    "InputError",
+    "MissingExtraError",
+    "RunError",
+    "ScenarioError",
+    "StepError",
+    "UncreatableError",
+    "UnreadableError",
+    "UnwritableError",
+    "WorkerError",
+]
