@@ -4,15 +4,12 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test mutants benchmark anatomy benchmark-parts benchmark-peers soak figures paper lint lock clean
+.PHONY: demo test mutants benchmark anatomy benchmark-parts benchmark-peers soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
 	@echo
-	@echo "The recording is $(CURDIR)/$(DATA)/demo.mcap. To open it:"
-	@echo "  $(BIN)/nrs info $(DATA)/demo.mcap                        what it holds"
-	@echo "  $(BIN)/nrs export $(DATA)/demo.mcap -o $(DATA)/demo      its tables as CSV"
-	@echo "  Foxglove or PlotJuggler: open the file, plot /robot_1/state and /robot_1/sample"
+	@$(BIN)/python -m docs.demo $(DATA)/demo.mcap
 
 test: .venv/.tested  ## install what the tests need and pass them, on up to eight processors
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
@@ -44,6 +41,9 @@ figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap --force
 	$(BIN)/python -m docs.figures $(DATA)/figures.mcap docs/paper_first_order.png
 
+reference: .venv/.installed  ## write docs/scenario.md and docs/cli.md from the code
+	$(BIN)/python -m docs.reference docs
+
 paper: .venv/.installed  ## run the paper's cases; its figures and numbers beside ours in docs/paper
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
 	$(BIN)/python -m docs.paper_tables $(DATA) docs/paper
@@ -69,7 +69,7 @@ clean:
 	@touch $@
 
 .venv/.installed: .venv/.created pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[report]'
 	@touch $@
 
 .venv/.tested: .venv/.installed pyproject.toml constraints.txt

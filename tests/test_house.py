@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+import nrs_cosim
+from docs import demo, reference
+
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 
@@ -56,36 +59,83 @@ def volatile(line: str) -> str:
     return re.sub(r"\b[0-9a-f]{64}\b", "<digest>", line)
 
 
-def test_the_session_in_the_readme_is_true(tmp_path):
-    (session,) = re.findall(
-        r"```console\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
-    )
+README, RESULTS = ROOT / "README.md", ROOT / "docs/results.md"
+
+
+def blocks(page, language):
+    """Return the blocks of a page in a language."""
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def reader_s_folder(tmp_path):
+    """Return a folder as a reader of the README has it: with the scenario that is written there."""
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    (tmp_path / "row.toml").write_text(blocks(README, "toml")[0], "utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [README, RESULTS], ids=lambda page: page.name)
+def test_a_session_is_true(reader_s_folder, page):
+    (session,) = blocks(page, "console")
     commands = re.split(r"^\$ ", session, flags=re.MULTILINE)[1:]
-    assert len(commands) >= 4
+    assert len(commands) >= 2
     for block in commands:
         command, *expected = block.splitlines()
         program, *arguments = shlex.split(command)
         done = subprocess.run(
-            [BIN / program, *arguments], cwd=tmp_path, check=False, capture_output=True, text=True
-        )
+            [BIN / program, *arguments],
+            cwd=reader_s_folder, check=False, capture_output=True, text=True,
+        )  # fmt: skip
         assert done.returncode == 0, done.stderr
         printed = done.stdout.splitlines()
         assert [volatile(line) for line in printed] == [volatile(line) for line in expected]
 
 
-def test_the_python_in_the_readme_is_true(tmp_path):
-    (program,) = re.findall(
-        r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
-    )
-    scenario = ROOT / "scenarios/paper_first_order.toml"
-    for command in (
-        [BIN / "nrs", "run", scenario, "-o", "recordings/data/first.mcap"],
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{program}"],
-    ):
-        done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["completed (1002, 2)", "True"]
+def test_the_python_in_the_readme_is_true(reader_s_folder):
+    (program,) = blocks(README, "python")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=reader_s_folder, check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["0.500", "completed True"]
+
+
+def test_the_demo_ends_with_a_sentence_that_the_run_decides():
+    scenario = nrs_cosim.Scenario.load(ROOT / "scenarios/paper_first_order.toml")
+    with nrs_cosim.run(scenario) as recording:
+        told = demo.verdict(recording)
+        assert told.startswith(
+            "6 robots, the run completed: the largest errors (estimates of position, "
+        )
+        assert told.endswith(") are within what is proven of them.")
+        assert "BEYOND" not in told
+    short = scenario.replace({"run.duration": 2.0})
+    with nrs_cosim.run(short) as recording:
+        assert "for the initial error is still there" in demo.verdict(recording)
+    unstable = scenario.replace({"algorithm.alpha": 1.3, "run.divergence_limit": 100.0})
+    with nrs_cosim.run(unstable) as recording:
+        assert "the run failed" in demo.verdict(recording)
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text("utf-8").splitlines()) <= 150
+
+
+PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_within_the_project_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8")):
+        if not link.startswith("https://"):
+            assert (page.parent / link).exists(), link
+
+
+@pytest.mark.parametrize("name", reference.PAGES)
+def test_the_reference_is_as_make_reference_writes_it(name):
+    assert (ROOT / "docs" / name).read_text("utf-8") == reference.PAGES[name]()
 
 
 def test_every_dependency_earns_its_line_in_contributing():

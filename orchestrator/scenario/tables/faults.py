@@ -38,8 +38,8 @@ class WholeUniform(Table):
 class Pair(Table):
     """One number for positions and one for velocities."""
 
-    position: Extent = 0.0
-    velocity: Extent = 0.0
+    position: Extent = Field(0.0, description="of each number of a position")
+    velocity: Extent = Field(0.0, description="of each number of a velocity")
 
 
 Delay = Annotated[
@@ -85,5 +85,5 @@ class FaultyRobot(Table):
 class Faults(Table):
     """What goes wrong between robots, by the seed and by the clock."""
 
-    links: tuple[FaultyLink, ...] = ()
-    robots: tuple[FaultyRobot, ...] = ()
+    links: tuple[FaultyLink, ...] = Field((), description="of links; later entries replace keys")
+    robots: tuple[FaultyRobot, ...] = Field((), description="of robots, an entry each")

@@ -64,7 +64,7 @@ class Digraph(Table):
     pinning: tuple[Weight, ...] | None = Field(
         None, description="n; [i] > 0: robot i+1 hears the target"
     )
-    generator: Generator | None = None
+    generator: Generator | None = Field(None, description="a network by rule")
     edge_list: tuple[EdgeEntry, ...] | None = Field(
         None,
         min_length=1,

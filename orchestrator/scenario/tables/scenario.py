@@ -89,8 +89,8 @@ class Controller(Table):
 class OwnController(Table):
     """Gains of one robot; one that is not given stays as for all."""
 
-    kp: Gain | None = None
-    kd: Gain | None = None
+    kp: Gain | None = Field(None, description="N m/rad: as in [controller]")
+    kd: Gain | None = Field(None, description="N m s/rad: as in [controller]")
 
 
 class Disturbance(Table):
@@ -101,6 +101,7 @@ class Disturbance(Table):
     )
 
 
+_ROW = "a number, m numbers, or {uniform = [low, high]}"
 _ROWS = "a number, m numbers, n x m numbers, or {uniform = [low, high]}"
 
 
@@ -119,20 +120,20 @@ class Initial(Table):
 class RobotInitial(Table):
     """Estimates and states of one robot at t_0; what is not given stays as for all."""
 
-    position: InitialRow | None = None
-    velocity: InitialRow | None = None
-    q: InitialRow | None = None
-    qd: InitialRow | None = None
+    position: InitialRow | None = Field(None, description=f"eps_i(t_0): {_ROW}")
+    velocity: InitialRow | None = Field(None, description=f"ups_i(t_0): {_ROW}")
+    q: InitialRow | None = Field(None, description=f"rad: {_ROW}")
+    qd: InitialRow | None = Field(None, description=f"rad/s: {_ROW}")
 
 
 class Robot(Table):
     """What one robot has of its own; what is not given stays as for all."""
 
     id: int = Field(strict=True, ge=1, description="1 to n")
-    plant: OwnPlant | None = None
-    controller: OwnController | None = None
-    disturbance: Disturbance | None = None
-    initial: RobotInitial = RobotInitial()
+    plant: OwnPlant | None = Field(None, description="another FMU, or other keys of [plant]")
+    controller: OwnController | None = Field(None, description="other gains")
+    disturbance: Disturbance | None = Field(None, description="in place of [disturbance]")
+    initial: RobotInitial = Field(RobotInitial(), description="another start")
 
 
 class TlsTable(Table):
@@ -152,23 +153,23 @@ class BusTable(Table):
     deadline: Positive = Field(
         30.0, description="s of wall time; a tick that workers do not close in it ends the run"
     )
-    tls: TlsTable | None = None
+    tls: TlsTable | None = Field(None, description="certificates, for runs over several machines")
 
 
 class Scenario(Table):
     """A run, whole."""
 
-    run: Run
-    algorithm: AlgorithmChoice
-    controller: Controller
-    network: Network
-    target: TargetMotion
-    plant: Plant
-    disturbance: Disturbance = Disturbance()
-    initial: Initial = Initial()
-    robots: tuple[Robot, ...] = ()
-    faults: Faults = Faults()
-    bus: BusTable = BusTable()
+    run: Run = Field(description="how long, how often, and from which seed")
+    algorithm: AlgorithmChoice = Field(description="the estimator and its gains")
+    controller: Controller = Field(description="the PD loop by which a robot follows its estimate")
+    network: Network = Field(description="who hears whom, and who hears the target")
+    target: TargetMotion = Field(description="how the target moves, and so the number of joints m")
+    plant: Plant = Field(description="the FMU of the robots' dynamics")
+    disturbance: Disturbance = Field(Disturbance(), description="a torque from outside")
+    initial: Initial = Field(Initial(), description="estimates and states at t_0")
+    robots: tuple[Robot, ...] = Field((), description="what single robots have of their own")
+    faults: Faults = Field(Faults(), description="what links and robots do to samples")
+    bus: BusTable = Field(BusTable(), description="how the processes of a run talk")
 
     @property
     def n(self) -> int:

@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
 class Wave(Table):
     """amplitude · sin or cos (frequency t + phase)."""
 
-    amplitude: Number
+    amplitude: Number = Field(description="of the wave, in the unit of what it is added to")
     frequency: Number = Field(description="rad/s")
     phase: Number = Field(0.0, description="rad")
 
@@ -28,10 +28,10 @@ class Wave(Table):
 class Axis(Table):
     """offset + rate t + Σ sines + Σ cosines."""
 
-    offset: Number = 0.0
+    offset: Number = Field(0.0, description="at t = 0, without the waves")
     rate: Number = Field(0.0, description="per second")
-    sines: tuple[Wave, ...] = ()
-    cosines: tuple[Wave, ...] = ()
+    sines: tuple[Wave, ...] = Field((), description="waves that are added")
+    cosines: tuple[Wave, ...] = Field((), description="waves that are added")
 
 
 def _target_kind(kind: Any) -> Any:
@@ -48,7 +48,9 @@ def _target_form(value: Any) -> str:
 class HarmonicTarget(Table):
     """The target moves by a formula on each axis."""
 
-    kind: Annotated[Literal["harmonic"], BeforeValidator(_target_kind)] = "harmonic"
+    kind: Annotated[Literal["harmonic"], BeforeValidator(_target_kind)] = Field(
+        "harmonic", description="a formula on each axis"
+    )
     axes: tuple[Axis, ...] = Field(min_length=1, description="one for each of the m joints")
 
     @property
@@ -63,7 +65,7 @@ class SampledTarget(Table):
     A file is read once, and `times` and `positions` of the scenario's text take its place.
     """
 
-    kind: Literal["sampled"]
+    kind: Literal["sampled"] = Field(description="a spline through samples")
     file: str | None = Field(
         None,
         description="path relative to this file, .csv or .parquet: columns t (s) and position_1 … "
@@ -86,7 +88,7 @@ class FmuTarget(Fmu):
     It is run once, when a scenario file is read, and what it did is then in the scenario's text.
     """
 
-    kind: Literal["fmu"]
+    kind: Literal["fmu"] = Field(description="what an FMU does")
     step: Positive | None = Field(
         None,
         description="s; the longest between two samples of the FMU, which is sampled at all output "
