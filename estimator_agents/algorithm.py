@@ -5,8 +5,10 @@ Others' packages add algorithms through the entry-point group `nrs.algorithms`; 
 is told by `foreign`.
 """
 
+import os
+import sys
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -99,7 +101,7 @@ def demands(algorithm: Algorithm, h: float, gamma_1: float, gamma_2: float) -> S
 
 def algorithm_names() -> tuple[str, ...]:
     """Return the names of all installed algorithms."""
-    return tuple(sorted(entry_points(group=GROUP).names))
+    return tuple(sorted({entry.name for entry in _entries()}))
 
 
 def load_algorithm(name: str, alpha: float, beta: float) -> Algorithm:
@@ -145,9 +147,26 @@ def _is_ours(entry: EntryPoint) -> bool:
 
 
 def _entry(name: str) -> EntryPoint:
-    found = entry_points(group=GROUP, name=name)
-    if not found:
+    found = next((entry for entry in _entries() if entry.name == name), None)
+    if found is None:
         raise InputError(
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {quoted(name)}"
         )
-    return next(iter(found))
+    return found
+
+
+def _entries() -> tuple[EntryPoint, ...]:
+    """Return what is installed; looked for again where a folder of packages has changed."""
+    return _entries_of(tuple((path, _changed(path)) for path in sys.path))
+
+
+@lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
+def _entries_of(_folders: tuple[tuple[str, int | None], ...]) -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=GROUP))
+
+
+def _changed(folder: str) -> int | None:
+    try:
+        return os.stat(folder or os.curdir).st_mtime_ns  # noqa: PTH116 (a folder may be empty)
+    except OSError:  # as a path of nothing, which stands in sys.path all the same
+        return None

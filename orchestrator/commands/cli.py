@@ -10,9 +10,10 @@ called, for a user waits for all that is loaded.
 import logging
 from contextlib import ExitStack
 from errno import ENAMETOOLONG
+from functools import cache
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -287,11 +288,17 @@ def schema() -> None:
     print_json(json_schema())
 
 
+@cache  # a command line in this process is followed by others
+def command() -> Any:
+    """Return all commands, with their options."""
+    return typer.main.get_command(app)
+
+
 def main() -> None:
     """Run the command line and exit with its status."""
     logging.getLogger("nrs").handlers = [Warnings(logging.WARNING)]
     try:
-        app()
+        command()()
     except OSError as error:
         say("red", "error", str(error))
         raise SystemExit(BAD_INPUT if error.errno == ENAMETOOLONG else FAILED) from None

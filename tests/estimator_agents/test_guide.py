@@ -45,6 +45,17 @@ def test_the_guide_s_algorithm_is_found_by_name(installed, monkeypatch):
     np.testing.assert_allclose(modes, [0.55, 0.44])
 
 
+def test_an_algorithm_that_is_installed_meanwhile_is_found(
+    installed, monkeypatch, tmp_path_factory
+):
+    packages = tmp_path_factory.mktemp("packages")
+    monkeypatch.syspath_prepend(str(packages))
+    os.utime(packages, (0, 0))
+    assert "leaky" not in algorithm_names()
+    (installed / "leaky-1.0.dist-info").rename(packages / "leaky-1.0.dist-info")
+    assert "leaky" in algorithm_names()
+
+
 def test_the_guide_s_algorithm_checks_and_runs(installed):
     text = PAPER.replace('name = "dcea1"', 'name = "leaky"').replace("beta = 1.1", "beta = 1.0")
     (installed / "s.toml").write_text(text, "utf-8")

@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
 
-from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.commands.cli import command as command_line
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -25,7 +24,7 @@ SLIDER = """
   <joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/>
     <axis xyz="1 0 0"/><limit effort="1" velocity="1"/></joint></robot>
 """
-FAMILY = typer.main.get_command(app)
+FAMILY = command_line()
 
 
 def leaves(group=FAMILY, words=()):
@@ -206,7 +205,6 @@ def test_whatever_command_is_interrupted_says_so(command, monkeypatch):
 
     monkeypatch.setattr(group.commands[name], "invoke", interrupted)
     monkeypatch.setattr(group.commands[name], "parse_args", lambda _ctx, _args: [])
-    monkeypatch.setattr(typer.main, "get_command", lambda _app: FAMILY)
     done = nrs(*command.split())
     assert (done.returncode, done.stderr) == (130, "interrupted: by the user\n")
 

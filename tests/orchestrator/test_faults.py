@@ -285,21 +285,22 @@ def test_the_policy_is_the_algorithms_first_unless_asked(paper):
 class Installed:
     """An algorithm's entry point, as an installed package has it."""
 
-    name, module, value = "other", "others", "others:Other"
+    module, value = "others", "others:Other"
 
-    def __init__(self, missing):
+    def __init__(self, missing, name="other"):
+        self.name = name
         self.load = lambda: type("Other", (), {} if missing is None else {"missing": missing})
 
 
 @pytest.mark.parametrize("missing", [None, (), ("guess",)])
 def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, missing):
-    monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(missing)])
+    monkeypatch.setattr(algorithm, "_entries", lambda: (Installed(missing),))
     with pytest.raises(InputError, match=r"algorithm\.name: other does not say what its agents do"):
         algorithm.policies_of("other")
 
 
 def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
-    monkeypatch.setattr(algorithm, "entry_points", lambda **_: [Installed(("drop",))])
+    monkeypatch.setattr(algorithm, "_entries", lambda: (Installed(("drop",), "dcea1"),))
     monkeypatch.setattr(
         "nrs_cosim.orchestrator.scenario.wrong_tables.algorithm_names", lambda: ("dcea1",)
     )
