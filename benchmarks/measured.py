@@ -24,7 +24,7 @@ from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.pace import AtOnce
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.reading import Reader
 
 Found = dict[str, float]
@@ -75,13 +75,11 @@ def recorded(n: int, ticks: int, n_workers: int, path: Path) -> Found:
     return recorded_file(lambda: scenario(n, ticks), ticks, n_workers, path)
 
 
-def recorded_file(
-    read: Callable[[], ScenarioFile], ticks: int, n_workers: int, path: Path
-) -> Found:
+def recorded_file(read: Callable[[], Experiment], ticks: int, n_workers: int, path: Path) -> Found:
     """Run a scenario, which is yet to be read, likewise."""
     began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun()
     file = read()
-    n = file.scenario.n
+    n = file.n
     launch = local_workers(file, n_workers, POLICY) if n_workers > 1 else None
     outcome = run(file, path, launch, pace=begun)
     ended, cpu = time.perf_counter(), time.process_time()

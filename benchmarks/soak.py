@@ -37,8 +37,7 @@ from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.running import Outcome, run
 from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.clock import Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.reading import Reader
 
 PAGE = Path(__file__).parents[1] / "docs" / "soak.md"
@@ -64,9 +63,9 @@ with the stop in them. On {machine}.
 """
 
 
-def expected(file: ScenarioFile) -> dict[str, int]:
+def expected(file: Experiment) -> dict[str, int]:
     """Return how many messages of each kind a whole recording has."""
-    clock, n = clock_of(file.scenario), file.scenario.n
+    clock, n = file.clock, file.n
     states = len(clock.outputs(0)) + clock.ticks * len(clock.outputs(1))
     checkpoints = clock.ticks // file.scenario.run.checkpoint_every
     return {"sample": (n + 1) * clock.ticks, "state": n * states, "checkpoint": n * checkpoints}
@@ -84,22 +83,22 @@ def counted(path: Path) -> tuple[dict[str, int], str, list[str]]:
         return dict(kinds), reader.digest, reader.damage
 
 
-def in_one_process(file: ScenarioFile, path: Path) -> Row:
+def in_one_process(file: Experiment, path: Path) -> Row:
     """Run in this process alone."""
     return _row("one process", run(file, path, in_process(file)), {})
 
 
-def at_a_socket(file: ScenarioFile, path: Path) -> Row:
+def at_a_socket(file: Experiment, path: Path) -> Row:
     """Run over two processes that the run starts, and starts again."""
     return _spread("Unix socket", file, path, local_workers(file, 2, POLICY), lambda _name: None)
 
 
-def over_tcp(file: ScenarioFile, path: Path) -> Row:
+def over_tcp(file: Experiment, path: Path) -> Row:
     """Run over two `nrs worker`, of which each that is killed is started again here."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-    n = file.scenario.n
+    n = file.n
     assignment = {"local-1": range(1, n // 2 + 1), "local-2": range(n // 2 + 1, n + 1)}
     started: list[subprocess.Popen[bytes]] = []
 
@@ -135,12 +134,12 @@ def over_tcp(file: ScenarioFile, path: Path) -> Row:
 
 def _spread(
     name: str,
-    file: ScenarioFile,
+    file: Experiment,
     path: Path,
     launch: Launcher,
     again: Callable[[str], None],
 ) -> Row:
-    clock = clock_of(file.scenario)
+    clock = file.clock
     dealt = blows(clock.ticks, ("local-1", "local-2"), KILLS, STOP, SEED)
     mischief = Mischief(dealt, clock.t, again)
     coordinators: list[Workers] = []

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.runs.robots import agents_of
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
-from nrs_cosim.orchestrator.scenario.setting import initial_estimates
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.recording import Recording
 from nrs_cosim.recordings.tables import SAMPLES
 
@@ -51,18 +51,18 @@ qd = {{ uniform = [-1.0, 1.0] }}
 """
 
 
-def scenario(n: int, ticks: int, more: str = "") -> ScenarioFile:
+def scenario(n: int, ticks: int, more: str = "") -> Experiment:
     """Return n arms, of which each hears three and the first the target; `more` is in `[run]`."""
     numbers = {"KP": KP, "KD": KD, "AMPLITUDE": AMPLITUDE, "FREQUENCY": FREQUENCY}
     text = SCENARIO.format(duration=ticks / 10, n=n, more=more, **numbers)
     return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
 
 
-def keep_motion(file: ScenarioFile, recorded: Path, kept: Path) -> None:
+def keep_motion(file: Experiment, recorded: Path, kept: Path) -> None:
     """Keep what the arms of a recording were given and came to, for `Motion`."""
     robots = range(1, file.scenario.n + 1)
-    agents = agents_of(file.scenario, robots)
-    first = initial_estimates(file.scenario, robots)
+    agents = agents_of(file, robots)
+    first = file.initial_estimates(robots)
     references = [np.hstack([first.position, first.velocity])]
     with Recording(recorded) as recording:
         start, end = (

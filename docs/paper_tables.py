@@ -17,7 +17,6 @@ from nrs_cosim.orchestrator.promises.judging import Judgement, judge
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import measure
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.orchestrator.scenario.setting import target_of
 from nrs_cosim.recordings.measuring import SteadyState
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report.printing import STYLE
@@ -81,19 +80,19 @@ def case_of(name: str, data: Path) -> Case:
     run(file, path)
     with Reader(path) as reader:
         measured = measure(reader)
-        judged = judge(reader, file.scenario, measured)
+        judged = judge(reader, file, measured)
         table = np.concatenate(list(states(reader)))
     table = table[np.lexsort((table["robot"], table["time_ns"]))]
     count = len(np.unique(table["time_ns"]))
-    table = table[: count * file.scenario.n].reshape(count, -1)
+    table = table[: count * file.n].reshape(count, -1)
     times = table["time_ns"][:, 0] / 1e9
-    motion = target_of(file.scenario).at(table["time_ns"] / 1e9)
+    motion = file.target.at(table["time_ns"] / 1e9)
     estimates = [table["reference_position"], table["reference_velocity"]]
     errors = [table["position"] - motion.position, table["velocity"] - motion.velocity]
     moved = [motion.position, motion.velocity]
     shaped = [np.array(part).reshape(2, count, -1) for part in (estimates, errors, moved)]
     period = file.scenario.run.sampling_period
-    return Case(period, check(file.scenario), measured, judged, times, *shaped)
+    return Case(period, check(file), measured, judged, times, *shaped)
 
 
 def plot(ax: Axes, case: Case, values: np.ndarray, label: str, detail: float) -> None:

@@ -30,7 +30,8 @@ from benchmarks.measured import apart, recorded_file
 from benchmarks.peers.fmpy_loop import run as looped
 from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Work, start
 from benchmarks.table import compared, keep, machine, told
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.recordings.recording import Recording
 
@@ -87,7 +88,7 @@ qd = {zero}
 Found = dict[str, Any]
 
 
-def standing(work: Work) -> ScenarioFile:
+def standing(work: Work) -> Experiment:
     """Return the scenario of driven arms: the target stands, and all agents know it."""
     n = work.n
     text = SCENARIO.format(

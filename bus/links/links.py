@@ -189,19 +189,22 @@ class Draws:
     ) -> None:
         self._key = [seed, crc32(purpose.encode())]
         self._links, self._rows, self._draw = links, rows.tolist(), draw
-        self._number = -1
-        self._block: NDArray[Any] = np.empty((BLOCK, 0))
+        self._kept: tuple[int, NDArray[Any]] = -1, np.empty((BLOCK, 0))
+        """The last block that was drawn, and its number."""
 
     def at(self, k: int) -> NDArray[Any]:
         """Return the draws of t_k, (links, …)."""
         number, offset = divmod(k, BLOCK)
-        if self._links and number != self._number:
+        # Links may be shared by runs in several threads: a block is read with its own number.
+        kept, block = self._kept
+        if self._links and number != kept:
             blocks = [
                 self._draw(self._generator(link, number), row)
                 for link, row in zip(self._links, self._rows, strict=True)
             ]
-            self._number, self._block = number, np.stack(blocks, axis=1)
-        drawn: NDArray[Any] = self._block[offset]
+            block = np.stack(blocks, axis=1)
+            self._kept = number, block
+        drawn: NDArray[Any] = block[offset]
         return drawn
 
     def _generator(self, link: tuple[int, int], number: int) -> np.random.Generator:

@@ -1,5 +1,6 @@
 """A recording with what follows from its scenario: errors against the target, theory, report."""
 
+from functools import cached_property
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -12,9 +13,8 @@ from numpy.typing import NDArray
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.orchestrator.promises.judging import judge
 from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import target_of
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings import Recording as Tables
 
 if TYPE_CHECKING:
@@ -39,6 +39,10 @@ class Recording(Tables):
 
     _folder: TemporaryDirectory[str] | None = None
 
+    @cached_property
+    def _experiment(self) -> Experiment:
+        return experiment_of(self._reader)
+
     @classmethod
     def _temporary(cls, path: Path, folder: TemporaryDirectory[str]) -> "Recording":
         """Open a recording whose folder is gone when it is closed."""
@@ -57,19 +61,13 @@ class Recording(Tables):
         """Where the file is."""
         return Path(self._reader.path)
 
-    @property
-    def _resolved(self) -> ScenarioFile:
-        return scenario_of(self._reader)
-
     def to_scenario(self) -> Scenario:
         """Return the scenario that was run, to be changed and run again."""
-        file = scenario_of(self._reader)
-        return Scenario._of(file.text, file)
+        return Scenario._of(self._experiment.text, self._experiment)
 
     def target(self, t: Any) -> tuple[Array, Array]:
         """Return the target's position and velocity, each (..., m), at times t, s."""
-        motion = target_of(scenario_of(self._reader).scenario).at(np.asarray(t, float))
-        return motion.position, motion.velocity
+        return self._experiment.target_at(np.asarray(t, float))
 
     def errors(
         self,
@@ -102,9 +100,9 @@ class Recording(Tables):
 
     def analysis(self) -> dict[str, Any]:
         """Return what `nrs info --json` prints: the run, its errors, and the theory beside them."""
-        measured = measure(self._reader)
-        judged = judge(self._reader, scenario_of(self._reader).scenario, measured)
-        return {**describe(self._reader), "theory": judged.as_json()}
+        measured = measure(self._reader, self._experiment)
+        judged = judge(self._reader, self._experiment, measured)
+        return {**describe(self._reader, self._experiment), "theory": judged.as_json()}
 
     def to_pandas(self, table: Literal["samples", "states"] = "states") -> "pd.DataFrame":
         """Return a table, a column a number: `position_1`, …; needs the extra `analysis`."""
@@ -124,7 +122,7 @@ class Recording(Tables):
         from nrs_cosim.recordings.report.page import page  # noqa: PLC0415 (an extra)
 
         target = Path(path)
-        target.write_text(page([story_of(self._reader)]), "utf-8")
+        target.write_text(page([story_of(self._reader, self._experiment)]), "utf-8")
         return target
 
     def __repr__(self) -> str:
@@ -137,6 +135,8 @@ class Recording(Tables):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: how the run ended, and its errors in the last fifth."""
-        told = lines(describe(self._reader), measure(self._reader))
+        told = lines(
+            describe(self._reader, self._experiment), measure(self._reader, self._experiment)
+        )
         rows = (f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in told.items())
         return f"<table>{''.join(rows)}</table>"

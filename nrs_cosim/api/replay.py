@@ -47,7 +47,7 @@ def verify(recording: Source, *, agents_only: bool = False) -> Verification:
         'identical'
     """
     with _opened(recording) as opened:
-        return verifying.verify(opened._reader, opened._resolved, plants=not agents_only)
+        return verifying.verify(opened._reader, opened._experiment, plants=not agents_only)
 
 
 def what_if(
@@ -102,13 +102,18 @@ def what_if(
     with _opened(recording) as opened:
         if output is not None:
             expect_another(Path(output), opened.path)
-        file, launcher, metadata = changed_run(
+        experiment, launcher, metadata = changed_run(
             opened._reader,
             [Change("changes", _text(plants), of, plants)] if plants else [],
             [Change("changes", _text(algorithms), None, algorithms)] if algorithms else [],
         )
         return execute(
-            file, output, launcher or in_process(file), progress, force=force, metadata=metadata
+            experiment,
+            output,
+            launcher or in_process(experiment),
+            progress,
+            force=force,
+            metadata=metadata,
         )
 
 

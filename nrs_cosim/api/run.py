@@ -22,10 +22,9 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.lockstep import Launcher
 from nrs_cosim.orchestrator.runs.running import past_of
-from nrs_cosim.orchestrator.runs.running import run as run_file
+from nrs_cosim.orchestrator.runs.running import run as run_experiment
 from nrs_cosim.orchestrator.scenario.clock import seconds
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.container import Message
 
 Progress = Callable[[float, float], None]
@@ -76,8 +75,10 @@ def run(
         ...     recording.status, recording.ticks
         ('completed', 10)
     """
-    file = scenario._file
-    return execute(file, output, _launcher(file, workers), progress, deadline, force, None)
+    experiment = scenario._experiment
+    return execute(
+        experiment, output, _launcher(experiment, workers), progress, deadline, force, None
+    )
 
 
 def resume(
@@ -103,27 +104,28 @@ def resume(
         begun = recording
         if not isinstance(begun, Recording):
             begun = stack.enter_context(Recording(begun))
-        file = resumable(begun._reader, None if output is None else Path(output))
+        experiment = resumable(begun._reader, None if output is None else Path(output))
         past = past_of(begun._reader)
-        return execute(file, output, _launcher(file, workers), progress, deadline, force, past)
+        launcher = _launcher(experiment, workers)
+        return execute(experiment, output, launcher, progress, deadline, force, past)
 
 
-def _launcher(file: ScenarioFile, workers: int | Literal["auto"]) -> Launcher:
-    n = file.scenario.n
+def _launcher(experiment: Experiment, workers: int | Literal["auto"]) -> Launcher:
+    n = experiment.n
     count = workers_worth_it(n) if workers == "auto" else workers
     if not (isinstance(count, int) and 1 <= count <= n):
         raise InputError(
             f"workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
     return (
-        in_process(file)
+        in_process(experiment)
         if count == 1
-        else local_workers(file, count, WorkerPolicy(True, WAIT, _LOG.info))
+        else local_workers(experiment, count, WorkerPolicy(True, WAIT, _LOG.info))
     )
 
 
 def execute(
-    file: ScenarioFile,
+    experiment: Experiment,
     output: str | PathLike[str] | None,
     launcher: Launcher,
     progress: Progress | None,
@@ -132,18 +134,18 @@ def execute(
     past: Iterator[list[Message]] | None = None,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Recording:
-    """Run a resolved scenario, and return its recording."""
-    clock = clock_of(file.scenario)
+    """Run an experiment, and return its recording."""
+    clock = experiment.clock
     end = seconds(clock.t(clock.ticks))
     with ExitStack() as stack:
         if output is None:
             folder = TemporaryDirectory(prefix="nrs-run-")
             undo = stack.enter_context(ExitStack())
             undo.callback(folder.cleanup)
-            path = Path(folder.name) / f"{file.name}.mcap"
+            path = Path(folder.name) / f"{experiment.name}.mcap"
             place = Place(path, path)
         else:
-            place = stack.enter_context(place_for(Path(output), file.name, force=force))
+            place = stack.enter_context(place_for(Path(output), experiment.name, force=force))
         stopped = stack.enter_context(_interrupts())
 
         def watch(time_ns: int) -> None:
@@ -152,8 +154,8 @@ def execute(
             if stopped():
                 raise Interrupted
 
-        outcome = run_file(
-            file,
+        outcome = run_experiment(
+            experiment,
             place.written.absolute(),
             launcher,
             watch=watch,

@@ -15,8 +15,8 @@ import tomlkit
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import storable
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, read_text, resolve_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
 
@@ -52,7 +52,7 @@ class Scenario:
         0.5
     """
 
-    __slots__ = ("_file", "_text")
+    __slots__ = ("_experiment", "_text")
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Scenario:
     ) -> None:
         text = tomlkit.dumps(plain({**(tables or {}), **more}))
         self._text = text
-        self._file = resolve_scenario(text, name, Path(folder).absolute(), name)
+        self._experiment = resolve_scenario(text, name, Path(folder).absolute(), name)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Scenario":
@@ -92,9 +92,9 @@ class Scenario:
         return cls._of(text, resolve_scenario(text, name, Path(folder).absolute(), name))
 
     @classmethod
-    def _of(cls, text: str, file: ScenarioFile) -> "Scenario":
+    def _of(cls, text: str, experiment: Experiment) -> "Scenario":
         scenario = object.__new__(cls)
-        scenario._text, scenario._file = text, file
+        scenario._text, scenario._experiment = text, experiment
         return scenario
 
     def replace(self, changes: Mapping[str, Any], *, name: str | None = None) -> "Scenario":
@@ -113,7 +113,7 @@ class Scenario:
             _set(document, key, value)
         own = name or self.name
         text = tomlkit.dumps(document)
-        return self._of(text, resolve_scenario(text, own, self._file.folder, own))
+        return self._of(text, resolve_scenario(text, own, self._experiment.folder, own))
 
     def to_toml(self) -> str:
         """Return the scenario's text, comments and all; `parse` takes it back."""
@@ -127,17 +127,17 @@ class Scenario:
     @property
     def name(self) -> str:
         """What its runs are called."""
-        return self._file.name
+        return self._experiment.name
 
     @property
     def robots(self) -> int:
         """n; they are numbered from 1, and the target is 0."""
-        return self._file.scenario.n
+        return self._experiment.n
 
     @property
     def joints(self) -> int:
         """m, the axes of the target and of each robot."""
-        return self._file.scenario.m
+        return self._experiment.m
 
     def __getitem__(self, key: str) -> Any:
         """Return what the text has at a key such as `algorithm.alpha`; `KeyError` if nothing."""
@@ -150,21 +150,18 @@ class Scenario:
         """Say whether two scenarios have the same tables, and look for files in one place."""
         if not isinstance(other, Scenario):
             return NotImplemented
-        mine, theirs = self._file, other._file
+        mine, theirs = self._experiment, other._experiment
         return (mine.scenario, mine.folder) == (theirs.scenario, theirs.folder)
 
     def __hash__(self) -> int:
         """Agree with `==`."""
-        return hash((self.robots, self.joints, self._file.folder))
+        return hash((self.robots, self.joints, self._experiment.folder))
 
     def __repr__(self) -> str:
         """Return what the scenario is, on a line."""
-        scenario = self._file.scenario
-        n, ticks = scenario.n, clock_of(scenario).ticks
-        return (
-            f"Scenario({self.name!r}: {n} robot{'s' * (n > 1)}, {scenario.algorithm.name}, "
-            f"{ticks} ticks)"
-        )
+        n, ticks = self.robots, self._experiment.clock.ticks
+        algorithm = self._experiment.scenario.algorithm.name
+        return f"Scenario({self.name!r}: {n} robot{'s' * (n > 1)}, {algorithm}, {ticks} ticks)"
 
 
 def plain(value: Any) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.orchestrator.promises.checking import check as check_tables
+from nrs_cosim.orchestrator.promises.checking import check as check_experiment
 from nrs_cosim.orchestrator.promises.probing import Sampling
 from nrs_cosim.orchestrator.promises.promising import Bound, bounds, promises
 
@@ -15,10 +15,10 @@ class Theory:
     __slots__ = ("_checked", "_promised", "bounds")
 
     def __init__(self, scenario: Scenario) -> None:
-        file = scenario._file
-        find = Sampling(file)
-        self._checked = check_tables(file.scenario, find)
-        self._promised = promises(file.scenario, self._checked.growth, find)
+        experiment = scenario._experiment
+        find = Sampling(experiment)
+        self._checked = check_experiment(experiment, find)
+        self._promised = promises(experiment, self._checked.growth, find)
         self.bounds: tuple[Bound, ...] = tuple(bounds(self._promised))
         """What estimation and tracking errors come to in the long run, by quantity."""
 

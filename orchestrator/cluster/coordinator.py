@@ -49,9 +49,8 @@ from nrs_cosim.orchestrator.errors import WorkerError
 from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.runs.robots import wire_of
 from nrs_cosim.orchestrator.runs.worker import Spent
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.numbers import named
-from nrs_cosim.orchestrator.scenario.setting import clock_of
 from nrs_cosim.recordings.recorder import Recorder
 
 _MOST_DEATHS = 3
@@ -116,7 +115,7 @@ class Coordinator:
         self,
         bus: ZenohBus,
         inbox: ZenohInbox,
-        file: ScenarioFile,
+        file: Experiment,
         fmus: Mapping[str, Fmu],
         assignment: Mapping[str, Sequence[int]],
         terms: Terms,
@@ -132,7 +131,7 @@ class Coordinator:
         self.restarts = 0
         self.asked: Counter[str] = Counter()
         """How often workers asked for samples: to catch up, or because they were late."""
-        self._slots = Assignment(file.scenario.n, terms.expected)
+        self._slots = Assignment(file.n, terms.expected)
         self._bus, self._file, self._fmus, self._terms = bus, file, fmus, terms
         self._secret, self._seal = secret, Seal(secret)
         self._recorder: Recorder | None = None
@@ -169,7 +168,7 @@ class Coordinator:
 
     def wire(self) -> Wire:
         """Return the wire between the workers that were gathered."""
-        return wire_of(self._file.scenario, self.assignment, self._seal)
+        return wire_of(self._file, self.assignment, self._seal)
 
     def told(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever worker they are on."""
@@ -260,7 +259,7 @@ class Coordinator:
 
     def end(self) -> None:
         """Let all workers end, and hear how it was."""
-        done = self._recorder and self._recorder.closed == clock_of(self._file.scenario).ticks
+        done = self._recorder and self._recorder.closed == self._file.clock.ticks
         slots = self._slots.values()
         if done:
             self._hear_out(lambda: all(slot.report or not slot.present for slot in slots))

@@ -21,7 +21,7 @@ from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import group_by_archive
 from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.clock import Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
 from nrs_cosim.plant_fmu.folders import own_folder
 
@@ -43,7 +43,7 @@ class WorkerPolicy:
     """How many workers share the robots, when they do not say which they want."""
 
 
-def local_workers(file: ScenarioFile, workers: int, policy: WorkerPolicy) -> Launcher:
+def local_workers(file: Experiment, workers: int, policy: WorkerPolicy) -> Launcher:
     """The robots in several processes of this machine, which meet at a socket of the user's own."""
 
     def launch(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Workers]:
@@ -51,7 +51,7 @@ def local_workers(file: ScenarioFile, workers: int, policy: WorkerPolicy) -> Lau
         folder = stack.enter_context(own_folder())
         endpoint = meeting_place(stack, folder)
         start = partial(LocalWorker, endpoint=endpoint, folder=folder)
-        n = file.scenario.n
+        n = file.n
         robots = range(1, n + 1)
         assignment = {
             f"local-{i + 1}": robots[i * n // workers : (i + 1) * n // workers]
@@ -79,7 +79,7 @@ def meeting_place(stack: ExitStack, folder: Path) -> str:
 
 
 def remote_workers(
-    file: ScenarioFile,
+    file: Experiment,
     endpoints: Endpoints,
     assignment: Mapping[str, Sequence[int]],
     policy: WorkerPolicy,
@@ -94,7 +94,7 @@ def remote_workers(
 
 def _coordinator(
     stack: ExitStack,
-    file: ScenarioFile,
+    file: Experiment,
     endpoints: Endpoints,
     assignment: Mapping[str, Sequence[int]],
     policy: WorkerPolicy,
@@ -123,9 +123,9 @@ def workers_worth_it(n: int) -> int:
     return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_WORKER))
 
 
-def _fmus(file: ScenarioFile) -> Mapping[str, Fmu]:
+def _fmus(file: Experiment) -> Mapping[str, Fmu]:
     """Return the FMUs of a scenario, which are found but not loaded."""
     return {
         group.plant.fmu: Fmu(group.archive.sha256, group.archive.path.read_bytes)
-        for group in group_by_archive(file.scenario, file.folder)
+        for group in group_by_archive(file)
     }

@@ -52,7 +52,6 @@ from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.worker import Heard
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import named
-from nrs_cosim.orchestrator.scenario.setting import clock_of
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
 from nrs_cosim.plant_fmu.archives.store import keep, stored
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
@@ -212,10 +211,9 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     go, checkpoints = Go.and_checkpoints(
         listening.ask_to_begin(Ready(incarnation=bus.id, plants=told))
     )
-    clock = clock_of(file.scenario)
-    listening.wire = wire = wire_of(file.scenario, go.assignment, seal)
+    listening.wire = wire = wire_of(file, go.assignment, seal)
     listening.recorded = go.recorded
-    worker = robots.worker(name, bus, inbox, wire, clock)
+    worker = robots.worker(name, bus, inbox, wire)
     if go.start:
         worker.restore(go.start, checkpoints)
     k = go.start

@@ -84,12 +84,13 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     from nrs_cosim.orchestrator.commands.progress import reading
     from nrs_cosim.orchestrator.commands.tables import grid
     from nrs_cosim.orchestrator.promises.judging import judge
-    from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+    from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
     from nrs_cosim.recordings.reading import Reader
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
-        told, measured = describe(reader), measure(reader)
-        judged = judge(reader, scenario_of(reader).scenario, measured)
+        experiment = experiment_of(reader)
+        told, measured = describe(reader, experiment), measure(reader, experiment)
+        judged = judge(reader, experiment, measured)
     if as_json:
         print_json({**told, "theory": judged.as_json()})
         return
@@ -136,7 +137,7 @@ def recover(
     from nrs_cosim.orchestrator.commands.places import make_folder
     from nrs_cosim.orchestrator.commands.progress import reading
     from nrs_cosim.orchestrator.commands.tables import grid
-    from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+    from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
     from nrs_cosim.recordings.reading import Reader
     from nrs_cosim.recordings.recovering import recover as whole
 
@@ -144,13 +145,13 @@ def recover(
         reading(err) as follow,
         Reader(recording, verify=True, watch=follow(recording)) as reader,
     ):
-        scenario_of(reader)  # or nothing could be done with what is recovered
+        experiment = experiment_of(reader)  # or nothing could be done with what is recovered
         make_folder(output)
         whole(reader, output)
         for damage in reader.damage:
             say("yellow", "damage", damage)
     with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
-        told = lines(describe(reader), measure(reader))
+        told = lines(describe(reader, experiment), measure(reader, experiment))
     grid(out, told)
 
 
@@ -162,7 +163,7 @@ def scene(
     """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
     from nrs_cosim.orchestrator.commands.places import make_folder
     from nrs_cosim.orchestrator.commands.progress import reading
-    from nrs_cosim.orchestrator.runs.summary import scenario_of
+    from nrs_cosim.orchestrator.runs.summary import experiment_of
     from nrs_cosim.recordings.reading import Reader
 
     try:
@@ -174,7 +175,7 @@ def scene(
         ) from error
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("show")
-        shapes = shapes_of(scenario_of(reader))
+        shapes = shapes_of(experiment_of(reader))
         if not shapes:
             raise InputError(
                 f"{recording}: no robot is a bundled model, so their looks are unknown"
@@ -227,25 +228,24 @@ def check(
     from nrs_cosim.orchestrator.runs.plants import group_by_archive, named, open_fleet
     from nrs_cosim.orchestrator.runs.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario
-    from nrs_cosim.orchestrator.scenario.setting import bodies
 
-    file = read_scenario(scenario)
+    experiment = read_scenario(scenario)
     wanted = Pair(*accuracy) if accuracy else None
     with stages(err) as begin:
         begin("opening the plants")
         with named(str(scenario)), ExitStack() as stack:
-            groups = group_by_archive(file.scenario, file.folder)
-            open_fleet(stack, groups, bodies(file.scenario))
-            if mixed := mixed_units(file):
+            groups = group_by_archive(experiment)
+            open_fleet(stack, groups, experiment.bodies())
+            if mixed := mixed_units(experiment):
                 say("yellow", "warning", mixed)
-        find = Sampling(file)
+        find = Sampling(experiment)
         begin("whether the estimates converge")
-        checked = theory_of(file.scenario, find)
+        checked = theory_of(experiment, find)
         begin("bounds of the long run")
-        promised = promises(file.scenario, checked.growth, find)
+        promised = promises(experiment, checked.growth, find)
         if wanted:
             begin("gains and a period for the accuracy")
-        found = designed(file.scenario, wanted, share, find) if wanted else None
+        found = designed(experiment, wanted, share, find) if wanted else None
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})

@@ -12,7 +12,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
-    from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+    from nrs_cosim.orchestrator.scenario.experiment import Experiment
     from nrs_cosim.plant_fmu.archives.archive import Archive
     from nrs_cosim.plant_fmu.checking.findings import Task
 
@@ -65,7 +65,7 @@ def fmu_check(
     from nrs_cosim.plant_fmu.checking.findings import Task
 
     archive = find_archive(name, Path())
-    task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario).scenario)
+    task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario))
     with stages(err) as begin:
         checked = check(task, tell=begin)
     if as_json:
@@ -153,12 +153,10 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _task(archive: "Archive", scenario: "Scenario") -> "Task":
+def _task(archive: "Archive", experiment: "Experiment") -> "Task":
     """Return the check of an FMU in the place of robot 1's."""
     from nrs_cosim.orchestrator.runs.plants import Group
-    from nrs_cosim.orchestrator.scenario.own import own_plants
-    from nrs_cosim.orchestrator.scenario.setting import bodies
     from nrs_cosim.plant_fmu.checking.findings import Task
 
-    group = Group("plant", own_plants(scenario).get(1, scenario.plant), archive, [0])
-    return Task(archive, bodies(scenario, [1])[0], group.names, group.driving)
+    group = Group("plant", experiment.of_robot(1).plant, archive, [0])
+    return Task(archive, experiment.bodies([1])[0], group.names, group.driving)

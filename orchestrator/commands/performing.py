@@ -30,11 +30,10 @@ from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace, RealTime
 from nrs_cosim.orchestrator.runs.plants import find_recorded, group_by_archive
 from nrs_cosim.orchestrator.runs.running import Outcome
 from nrs_cosim.orchestrator.runs.running import run as run_scenario
-from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.scenario.clock import seconds
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
-from nrs_cosim.orchestrator.scenario.setting import clock_of
 from nrs_cosim.orchestrator.terminal import err, out, say
 from nrs_cosim.recordings.container import Compression, Message
 from nrs_cosim.recordings.reading import Reader
@@ -54,7 +53,7 @@ def policy_of(no_restart: bool, wait: float, expect: int, deadline: float | None
 
 
 def launcher_of(
-    file: ScenarioFile,
+    experiment: Experiment,
     workers: str | None,
     policy: WorkerPolicy,
     listen: list[str] | None,
@@ -62,7 +61,7 @@ def launcher_of(
     ends: Callable[..., Endpoints],
 ) -> Launcher:
     """Return how a run gets the workers that were asked for."""
-    n = file.scenario.n
+    n = experiment.n
     if not 1 <= policy.expected <= n:
         raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
     if policy.expected > 1 and not (listen or connect):
@@ -71,13 +70,13 @@ def launcher_of(
         if workers is not None:
             option = "--listen" if listen else "--connect"
             raise InputError(f"--workers {workers}: starts workers here, {option} waits for others")
-        tls = file.scenario.bus.tls
+        tls = experiment.scenario.bus.tls
         places = {
             name: parse_robots(robots, f"bus.tls.workers.{name}", n)
             for name, robots in (tls.workers if tls else {}).items()
         }
         endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), workers=places)
-        return remote_workers(file, endpoints, places, policy)
+        return remote_workers(experiment, endpoints, places, policy)
     if workers == "auto":
         count = workers_worth_it(n)
     elif workers is None or (workers.isascii() and workers.isdecimal() and 1 <= int(workers) <= n):
@@ -86,11 +85,11 @@ def launcher_of(
         raise InputError(
             f"--workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
-    return in_process(file) if count == 1 else local_workers(file, count, policy)
+    return in_process(experiment) if count == 1 else local_workers(experiment, count, policy)
 
 
 def perform(
-    file: ScenarioFile,
+    experiment: Experiment,
     output: Path | None,
     launch: Launcher | None,
     compression: Compression = "zstd",
@@ -103,9 +102,9 @@ def perform(
     force: bool = False,
 ) -> None:
     """Run with everything that a person sees of it, and exit with its status."""
-    clock = clock_of(file.scenario)
+    clock = experiment.clock
     with (
-        place_for(output, file.name, force=force) as place,
+        place_for(output, experiment.name, force=force) as place,
         _signals() as stopped,
         progress.running(err, clock) as reached,
     ):
@@ -119,7 +118,7 @@ def perform(
         if begin:
             begin(whole, place.final.absolute())
         outcome = run_scenario(
-            file,
+            experiment,
             whole,
             launch,
             compression=compression,
@@ -132,9 +131,9 @@ def perform(
         path = place.settle(outcome.status == "completed")
     whole = path.absolute()
     with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
-        measured = measure(reader)
-        told = {**lines(describe(reader), measured), "recording": str(path)}
-        judged = judge(reader, file.scenario, measured)
+        measured = measure(reader, experiment)
+        told = {**lines(describe(reader, experiment), measured), "recording": str(path)}
+        judged = judge(reader, experiment, measured)
     simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
     took = outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
@@ -174,18 +173,18 @@ def _counted(outcome: Outcome) -> str:
     return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
 
 
-def resumable(reader: Reader, output: Path | None) -> ScenarioFile:
-    """Return the scenario of a recording that can be continued; `InputError` where it cannot."""
+def resumable(reader: Reader, output: Path | None) -> Experiment:
+    """Return the experiment of a recording that can be continued; `InputError` where it cannot."""
     if reader.status == "completed" and not reader.damage:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
     if output is not None and output.exists() and output.samefile(reader.path):
         raise InputError(f"-o {output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
-    file = scenario_of(reader)
-    find = find_recorded(about(reader).plants, file.folder)
-    group_by_archive(file.scenario, file.folder, find=find)
-    return file
+    experiment = experiment_of(reader)
+    find = find_recorded(about(reader).plants, experiment.folder)
+    group_by_archive(experiment, find=find)
+    return experiment
 
 
 def show(text: str) -> None:

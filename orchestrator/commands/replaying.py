@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.replays.comparing import QUANTITIES, Comparison
 from nrs_cosim.orchestrator.replays.publishing import publish
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.replays.what_if import changed_run
-from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
 from nrs_cosim.orchestrator.terminal import err, out, say
@@ -47,7 +47,7 @@ def verify_again(recording: Path, *, plants: bool) -> None:
     ):
         for damage in reader.damage:
             say("yellow", "damage", damage)
-        verdict = verify(reader, scenario_of(reader), plants=plants)
+        verdict = verify(reader, experiment_of(reader), plants=plants)
     what = "agents and plants" if plants else "agents"
     if verdict.difference:
         say("red", "differs", verdict.difference.between("the recording", "the replay"))

@@ -71,19 +71,19 @@ def run(
     _expect_of_workers(workers, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
-    file = read_scenario(scenario)
-    for warning in check(file.scenario).warnings():
+    experiment = read_scenario(scenario)
+    for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
     with named(str(scenario)):
-        if mixed := mixed_units(file):
+        if mixed := mixed_units(experiment):
             say("yellow", "warning", mixed)
-    tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
+    tls = tls_of(tls_ca, tls_certificate, tls_key, experiment.scenario.bus.tls, experiment.folder)
     ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
     policy = performing.policy_of(no_restart, wait, expect, deadline)
-    launch = performing.launcher_of(file, workers, policy, listen, connect, ends)
+    launch = performing.launcher_of(experiment, workers, policy, listen, connect, ends)
     start = partial(
         performing.perform,
-        file,
+        experiment,
         output,
         launch,
         compression,
@@ -135,13 +135,15 @@ def resume(
         recording = part
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     with opened(err, recording) as reader:
-        file = performing.resumable(reader, output)
-        tls = tls_of(tls_ca, tls_certificate, tls_key, file.scenario.bus.tls, file.folder)
+        experiment = performing.resumable(reader, output)
+        tls = tls_of(
+            tls_ca, tls_certificate, tls_key, experiment.scenario.bus.tls, experiment.folder
+        )
         ends = partial(Endpoints, tls=tls, insecure_tcp=insecure_tcp, wait=wait)
         policy = performing.policy_of(no_restart, wait, expect, deadline)
-        launch = performing.launcher_of(file, workers, policy, listen, connect, ends)
+        launch = performing.launcher_of(experiment, workers, policy, listen, connect, ends)
         performing.perform(
-            file, output, launch, compression, profile, deadline, past_of(reader), force=force
+            experiment, output, launch, compression, profile, deadline, past_of(reader), force=force
         )
 
 

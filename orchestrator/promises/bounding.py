@@ -17,10 +17,10 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, constants
 from nrs_cosim.estimator_agents.waves import supremum
-from nrs_cosim.orchestrator.scenario.own import controller_of, disturbance_of, plant_of
-from nrs_cosim.orchestrator.scenario.setting import gain, target_of, terms
+from nrs_cosim.orchestrator.scenario.conversion import gain, terms
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Robot, Scenario
+from nrs_cosim.orchestrator.scenario.tables.scenario import Robot
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds, bounds_of
 
@@ -48,29 +48,30 @@ class Bounded:
         return self.bounds is not None and self.bounds.states is not None
 
 
-def bounded(scenario: Scenario, find: Find | None = None) -> list[Bounded]:
-    """Return a scenario's robots, those together of which the same can be promised.
+def bounded(experiment: Experiment, find: Find | None = None) -> list[Bounded]:
+    """Return an experiment's robots, those together of which the same can be promised.
 
     P3 of an FMU that is not bundled is what `find` finds.
     """
-    own = {robot.id: robot for robot in scenario.robots}
-    alike: defaultdict[str, list[int]] = defaultdict(list)
-    common: dict[str, Robot] = {}
-    for number in range(1, scenario.n + 1):
-        robot = own.get(number, Robot(id=number))
-        key = robot.model_dump_json(exclude={"id", "initial"})
-        alike[key].append(number)
-        common.setdefault(key, robot)
-    whole = target_of(scenario).bounds()
-    return [_bounded(scenario, common[key], robots, whole, find) for key, robots in alike.items()]
+    own = {robot.id: _table(robot) for robot in experiment.scenario.robots}
+    none, alike = _table(Robot(id=1)), defaultdict[str, list[int]](list)
+    for number in range(1, experiment.n + 1):
+        alike[own.get(number, none)].append(number)
+    whole = experiment.target.bounds()
+    return [_bounded(experiment, robots, whole, find) for robots in alike.values()]
 
 
-def tracking_conditions(scenario: Scenario, find: Find | None = None) -> list[Condition]:
+def _table(robot: Robot) -> str:
+    """Return what of a robot's own table matters to bounds."""
+    return robot.model_dump_json(exclude={"id", "initial"})
+
+
+def tracking_conditions(experiment: Experiment, find: Find | None = None) -> list[Condition]:
     """Return the conditions of Theorems 2 and 3 on the gains, each of the robot nearest to it.
 
     None unless P3 is known of all robots.
     """
-    parts = bounded(scenario, find)
+    parts = bounded(experiment, find)
     known = [part.constants.conditions(part.drive) for part in parts if part.constants]
     if len(known) < len(parts):
         return []
@@ -80,18 +81,17 @@ def tracking_conditions(scenario: Scenario, find: Find | None = None) -> list[Co
 
 
 def _bounded(
-    scenario: Scenario,
-    robot: Robot,
+    experiment: Experiment,
     robots: list[int],
     whole: tuple[float, float],
     find: Find | None,
 ) -> Bounded:
     """Return what bounds some robots; `whole` are γ1 and γ2."""
-    plant, controller = plant_of(scenario, robot), controller_of(scenario, robot)
-    disturbance = disturbance_of(scenario, robot)
-    kp, kd = (gain(value, scenario.m) for value in (controller.kp, controller.kd))
-    lambda_d = _largest(disturbance.axes)
-    p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), scenario.m)
+    own, m = experiment.of_robot(robots[0]), experiment.m
+    plant = own.plant
+    kp, kd = (gain(value, m) for value in (own.controller.kp, own.controller.kd))
+    lambda_d = _largest(own.disturbance.axes)
+    p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), m)
     if p3 is None:
         unknown = f"the bounds of P3 are not known of {plant.fmu}; `nrs check` samples them"
         p3 = find(plant, robots[0]) if find else unknown
@@ -101,7 +101,7 @@ def _bounded(
         why = _inapplicable(kp, kd, lambda_d)
     found = None
     if p3 is not None and not why:
-        found = constants(p3, scenario.m, lambda_d, *whole)
+        found = constants(p3, m, lambda_d, *whole)
     return Bounded(tuple(robots), plant.fmu, Drive.of(kp, kd), lambda_d, p3, found, why)
 
 

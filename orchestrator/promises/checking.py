@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands, load_algorithm
+from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
 from nrs_cosim.estimator_agents.theory.network import Network
@@ -24,10 +24,9 @@ from nrs_cosim.orchestrator.promises.settling import (
     why_unknown,
 )
 from nrs_cosim.orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
+from nrs_cosim.orchestrator.scenario.conversion import gain
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.numbers import multiple
-from nrs_cosim.orchestrator.scenario.own import controller_of
-from nrs_cosim.orchestrator.scenario.setting import gain, has_faults, target_of, topologies_of
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""
@@ -180,11 +179,10 @@ class Check:
 
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
-def check(scenario: Scenario, find: Find | None = None) -> Check:
-    """Return what the theory says of a scenario; `find` as `bounded` has it."""
-    topologies, target = topologies_of(scenario), target_of(scenario)
-    choice, periods = scenario.algorithm, periods_of(scenario)
-    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+def check(experiment: Experiment, find: Find | None = None) -> Check:
+    """Return what the theory says of an experiment; `find` as `bounded` has it."""
+    topologies, algorithm = experiment.topologies, experiment.algorithm
+    periods = periods_of(experiment)
     expect_modes(algorithm, periods.mean)
     spectra = spectra_of(topologies)
     everywhere = merged(spectra)
@@ -193,7 +191,7 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
     spectrum = np.concatenate(everywhere)
     recursions = recursions_of(algorithm, topologies, periods.mean)
     return Check(
-        algorithm=choice.name,
+        algorithm=experiment.scenario.algorithm.name,
         spectrum=_pairs(spectrum),
         growth=growth_of(algorithm, topologies, spectra, periods),
         why=why_unknown(algorithm, topologies, periods),
@@ -201,16 +199,16 @@ def check(scenario: Scenario, find: Find | None = None) -> Check:
         h_bound=min(bounds, default=None),
         conditions=(
             *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
-            *demands(algorithm, periods.longest, *target.bounds()),
-            *_gain_conditions(scenario),
-            *tracking_conditions(scenario, find),
+            *demands(algorithm, periods.longest, *experiment.target.bounds()),
+            *_gain_conditions(experiment),
+            *tracking_conditions(experiment, find),
         ),
         turns=turns_of(algorithm, topologies, spectra, periods),
         repeat=topologies.repeat,
         any_order=any_order_of(algorithm, topologies, periods),
         periods=periods,
         recursion=recursions[0] if len(recursions) == 1 and periods.alike is not None else None,
-        faulty=has_faults(scenario),
+        faulty=experiment.links is not None,
     )
 
 
@@ -265,15 +263,16 @@ def _turn(turn: Turn) -> dict[str, Any]:
     }
 
 
-def _gain_conditions(scenario: Scenario) -> list[Condition]:
+def _gain_conditions(experiment: Experiment) -> list[Condition]:
     """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
+    scenario = experiment.scenario
     controllers = [
         scenario.controller,
-        *(controller_of(scenario, robot) for robot in scenario.robots),
+        *(experiment.of_robot(robot.id).controller for robot in scenario.robots),
     ]
     conditions = []
     for name in ("kp", "kd"):
-        gains = [gain(getattr(controller, name), scenario.m) for controller in controllers]
+        gains = [gain(getattr(controller, name), experiment.m) for controller in controllers]
         smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
         conditions.append(Condition(name, "positive definite", 0.0, smallest, at_least=True))
     return conditions

@@ -22,8 +22,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.promises.checking import finite
 from nrs_cosim.orchestrator.promises.promising import Bound, Promises, bounds, promises
 from nrs_cosim.orchestrator.scenario.clock import seconds
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of, topologies_of
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.measuring import SteadyState, errors_by_tick
 from nrs_cosim.recordings.reading import Reader
 
@@ -135,14 +134,14 @@ class Judgement:
 
 
 @np.errstate(all="ignore")  # what is not finite is told as such
-def judge(reader: Reader, scenario: Scenario, measured: SteadyState) -> Judgement:
-    """Return a recording's measurements beside the promises of its scenario."""
+def judge(reader: Reader, experiment: Experiment, measured: SteadyState) -> Judgement:
+    """Return a recording's measurements beside the promises of its experiment."""
     try:
-        promised = promises(scenario)
+        promised = promises(experiment)
     except InputError as error:  # its algorithm is not installed here
         return Judgement(str(error), (), None, None)
-    rest, peak, factor = _beginning(reader, scenario, promised)
-    clock = clock_of(scenario)
+    rest, peak, factor = _beginning(reader, experiment, promised)
+    clock = experiment.clock
     found = (
         measured.position_estimate,
         measured.velocity_estimate,
@@ -183,7 +182,7 @@ def _verdict(bound: Bound, measured: float | None, rest: float | None, rounding:
 
 
 def _beginning(
-    reader: Reader, scenario: Scenario, promised: Promises
+    reader: Reader, experiment: Experiment, promised: Promises
 ) -> tuple[tuple[float | None, ...], float, float | None]:
     """Return the rest of the beginning for each quantity, its peak, and the measured factor.
 
@@ -194,38 +193,32 @@ def _beginning(
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None
-    target = target_of(scenario)
-
-    def at(seconds: Array) -> tuple[Array, Array]:
-        there = target.at(seconds)
-        return there.position, there.velocity
-
     since = promised.since
-    story = (one for one in errors_by_tick(reader, at) if one[0] >= since)
+    story = (one for one in errors_by_tick(reader, experiment.target_at) if one[0] >= since)
     first = next(story, None)
     if first is None or first[0] != since:
         return (None,) * 4, 0.0, None
     z = first[1] if motion is None else first[1] - motion.at(since)
-    left = _left(promised, scenario, z, reader.ticks)
+    left = _left(promised, experiment, z, reader.ticks)
     if left is None:
         return (None,) * 4, 0.0, None
     *rest, peak = left
     if motion is None:
         return (*rest, 0.0, 0.0), peak, None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
-    period = sum(ticks for _, ticks in topologies_of(scenario).turns()) or 1
+    period = sum(ticks for _, ticks in experiment.topologies.turns()) or 1
     return (*rest, 0.0, 0.0), peak, _factor(aside, period)
 
 
 def _left(
-    promised: Promises, scenario: Scenario, z: Array, end: int
+    promised: Promises, experiment: Experiment, z: Array, end: int
 ) -> tuple[float, float, float] | None:
     """Return what is left of a z in the last fifth, at most: positions and velocities, ‖·‖∞.
 
     Beside them stands the largest that it came to, whose rounding is in all that follows. It is
     known where the last fifth begins when all is as in the long run, and z is of that tick.
     """
-    clock, topologies = clock_of(scenario), topologies_of(scenario)
+    clock, topologies = experiment.clock, experiment.topologies
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)
     if end > LONGEST or fifth < promised.since:
         return None

@@ -1,8 +1,8 @@
 """P3 of FMUs that are not bundled is sampled, once for each, where their files are at hand."""
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import bodies, names_of
+from nrs_cosim.orchestrator.scenario.conversion import names_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
@@ -17,8 +17,8 @@ MOST = 4
 class Sampling:
     """What is found of a scenario's plants; see `orchestrator.promises.bounding.Find`."""
 
-    def __init__(self, file: ScenarioFile) -> None:
-        self._file, self._found = file, dict[str, Bounds | str]()
+    def __init__(self, experiment: Experiment) -> None:
+        self._experiment, self._found = experiment, dict[str, Bounds | str]()
 
     def __call__(self, plant: Plant, robot: int) -> Bounds | str:
         """Return P3 of a robot's plant, or why there is none."""
@@ -31,9 +31,9 @@ class Sampling:
         return self._found[key]
 
     def _sampled(self, plant: Plant, robot: int) -> Bounds | str:
-        (body,) = bodies(self._file.scenario, [robot])
+        (body,) = self._experiment.bodies([robot])
         try:
-            archive = find_archive(plant.fmu, self._file.folder)
+            archive = find_archive(plant.fmu, self._experiment.folder)
             return p3_of(Task(archive, body, names_of(plant.variables), Driving.of(plant)))
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, modes
+from nrs_cosim.estimator_agents.algorithm import modes
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
@@ -33,9 +33,8 @@ from nrs_cosim.orchestrator.promises.settling import (
     spectra_of,
     why_unknown,
 )
-from nrs_cosim.orchestrator.scenario.setting import has_faults, target_of, topologies_of
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
-from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget, TargetMotion
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,24 +162,22 @@ TRACKED = ("paper", "sharp", "proven")
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
 def promises(
-    scenario: Scenario, growth: Growth | None = None, find: Find | None = None
+    experiment: Experiment, growth: Growth | None = None, find: Find | None = None
 ) -> Promises:
-    """Return what is promised of a run of a scenario; its growth is found unless it is given.
+    """Return what is promised of a run of an experiment; its growth is found unless it is given.
 
     `find` is as `bounded` has it.
     """
-    topologies, periods = topologies_of(scenario), periods_of(scenario)
-    target = target_of(scenario)
-    choice = scenario.algorithm
-    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    topologies, periods = experiment.topologies, periods_of(experiment)
+    target, algorithm = experiment.target, experiment.algorithm
     middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
     recursions = recursions_of(algorithm, topologies, periods.alike or middle)
     recursion = lasting(recursions, topologies)
     if growth is None:
         growth = growth_of(algorithm, topologies, spectra_of(topologies), periods)
-    robots = bounded(scenario, find)
+    robots = bounded(experiment, find)
     whole = target.bounds()
-    why_not = _why_not(scenario, algorithm, recursions, recursion, growth)
+    why_not = _why_not(experiment, recursions, recursion, growth)
     motion, sharpest, always, paper = None, None, None, None
     if recursion is not None and not why_not and periods.alike is None:
         both = None
@@ -207,7 +204,7 @@ def promises(
             )
         )
     )
-    source = _source(scenario)
+    source = _source(experiment.scenario.target)
     return Promises(
         *whole,
         source,
@@ -227,14 +224,13 @@ def promises(
 
 @np.errstate(all="ignore")
 def designed(
-    scenario: Scenario, wanted: Pair, epsilon: float, find: Find | None = None
+    experiment: Experiment, wanted: Pair, epsilon: float, find: Find | None = None
 ) -> Design | None:
     """Return gains and a period for a wanted accuracy; None without P3."""
-    topologies, whole = topologies_of(scenario), target_of(scenario).bounds()
-    choice = scenario.algorithm
-    algorithm = load_algorithm(choice.name, choice.alpha, choice.beta)
+    topologies, whole = experiment.topologies, experiment.target.bounds()
+    algorithm = experiment.algorithm
     spectra = spectra_of(topologies)
-    parts = bounded(scenario, find)
+    parts = bounded(experiment, find)
     known = [part.constants for part in parts if part.constants]
     if len(known) < len(parts):
         return None
@@ -257,8 +253,7 @@ def designed(
     return design(known, wanted, epsilon, paper_of, always)
 
 
-def _source(scenario: Scenario) -> str:
-    target = scenario.target
+def _source(target: TargetMotion) -> str:
     if isinstance(target, SampledTarget):
         return f"of the spline through its {len(target.times)} samples"
     if isinstance(target, FmuTarget):
@@ -267,17 +262,16 @@ def _source(scenario: Scenario) -> str:
 
 
 def _why_not(
-    scenario: Scenario,
-    algorithm: Algorithm,
+    experiment: Experiment,
     recursions: list[Recursion],
     lasting: Recursion | None,
     growth: Growth,
 ) -> str:
-    topologies, periods = topologies_of(scenario), periods_of(scenario)
+    topologies, periods = experiment.topologies, periods_of(experiment)
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
-        "links have faults, and the theory is of links without": has_faults(scenario),
-        why_unknown(algorithm, topologies, periods): isnan(growth.upper),
+        "links have faults, and the theory is of links without": experiment.links is not None,
+        why_unknown(experiment.algorithm, topologies, periods): isnan(growth.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _unsettled(growth): growth.verdict != "proven",
         "the algorithm does not jump linearly": not recursions,

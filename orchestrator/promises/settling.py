@@ -16,15 +16,14 @@ from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, 
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import period, period_factor
 from nrs_cosim.orchestrator.scenario.clock import seconds
-from nrs_cosim.orchestrator.scenario.setting import clock_of
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 UNKNOWN = Growth(float("nan"), float("nan"))
 
 
-def periods_of(scenario: Scenario) -> Periods:
-    """Return what periods the sampling times of a scenario may have."""
-    clock = clock_of(scenario)
+def periods_of(experiment: Experiment) -> Periods:
+    """Return what periods the sampling times of an experiment may have."""
+    clock = experiment.clock
     early = seconds(clock.jitter.most) if clock.jitter else 0.0
     return Periods(tuple(map(seconds, clock.gaps)), early)
 

@@ -20,7 +20,7 @@ from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.bus.wire import Records
 from nrs_cosim.orchestrator.replays.verifying import ABSENT, Difference, difference_in
 from nrs_cosim.orchestrator.runs.running import past_of
-from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
 from nrs_cosim.recordings.container import Message
 from nrs_cosim.recordings.reading import Reader
@@ -83,7 +83,7 @@ def compare(a: Reader, b: Reader) -> Comparison:
     """Compare two recordings."""
     for reader in (a, b):
         reader.expect_ticks("compare")
-    was, now = (tomllib.loads(scenario_of(reader).text) for reader in (a, b))
+    was, now = (tomllib.loads(experiment_of(reader).text) for reader in (a, b))
     fields = dict(_fields(was, now))
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)

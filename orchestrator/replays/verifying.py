@@ -36,8 +36,7 @@ from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.running import past_of
 from nrs_cosim.orchestrator.runs.worker import Heard
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.columns import Columns
 from nrs_cosim.recordings.container import Message as Recorded
@@ -175,31 +174,30 @@ class _Kept:
         self.tick = sorted(message for part in tick for message in part.messages(self._topics))
 
 
-def verify(reader: Reader, file: ScenarioFile, *, plants: bool) -> Verification:
+def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
     """Run a recording again, with its plants or by the agents alone, up to the first difference.
 
     It ends before a tick that is missing: there is no going on without it.
     """
     if next(past_of(reader), None) is None:
         return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
-    scenario = file.scenario
-    clock, n, m = clock_of(scenario), scenario.n, scenario.m
+    clock, n, m = experiment.clock, experiment.n, experiment.m
     numbers = range(1, n + 1)
     with ExitStack() as stack, np.errstate(all="ignore"):
         robots = (
-            Robots.opened(stack, file, numbers, _finder(reader, file))
+            Robots.opened(stack, experiment, numbers, _finder(reader, experiment))
             if plants
             else Robots.driven_by(
-                scenario, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
+                experiment, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
             )
         )
         bus = MemoryBus()
         ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
-        wire = wire_of(scenario, {HERE: numbers}, Seal())
-        target = TargetNode(bus, clock, wire, target_of(scenario))
+        wire = wire_of(experiment, {HERE: numbers}, Seal())
+        target = TargetNode(bus, clock, wire, experiment.target)
         kept, heard = _Kept(n), _Samples()
         recorder = Recorder(kept, wire, n, 0)
-        worker = robots.worker(HERE, bus, MemoryInbox(), wire, clock)
+        worker = robots.worker(HERE, bus, MemoryInbox(), wire)
         ticks = worker.run(-1, lambda _time: None, heard)
         same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
@@ -262,8 +260,8 @@ def _missing(reader: Reader) -> int | None:
     return planned - reader.message_count if planned > reader.message_count else None
 
 
-def _finder(reader: Reader, file: ScenarioFile) -> Find:
-    return find_recorded(about(reader).plants, file.folder)
+def _finder(reader: Reader, experiment: Experiment) -> Find:
+    return find_recorded(about(reader).plants, experiment.folder)
 
 
 def states_of(reader: Reader, m: int) -> Iterator[Records]:

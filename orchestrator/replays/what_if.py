@@ -19,11 +19,11 @@ from nrs_cosim.orchestrator.runs.in_process import on_a_session
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import Find, find_recorded, group_by_archive
 from nrs_cosim.orchestrator.runs.robots import Robots
-from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.changes import Change, changed
 from nrs_cosim.orchestrator.scenario.clock import Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.recordings.metadata import PARENT
 from nrs_cosim.recordings.reading import Reader
@@ -32,46 +32,46 @@ from nrs_cosim.recordings.tables import about
 
 def changed_run(
     reader: Reader, plants: Sequence[Change], algorithms: Sequence[Change]
-) -> tuple[ScenarioFile, Launcher | None, dict[str, dict[str, str]]]:
-    """Return the changed scenario, how its run gets its robots, and the metadata that say so.
+) -> tuple[Experiment, Launcher | None, dict[str, dict[str, str]]]:
+    """Return the changed experiment, how its run gets its robots, and the metadata that say so.
 
     With no algorithm changed the plants alone are run again; else all is. `InputError` names what
     is wrong with a change, or says that the recording is not complete.
     """
     if reader.status != "completed" or reader.damage:
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
-    file = changed(scenario_of(reader), plants, algorithms)
+    experiment = changed(experiment_of(reader), plants, algorithms)
     if algorithms:
-        group_by_archive(file.scenario, file.folder, find=finder(reader, file))
-    every = tuple(range(1, file.scenario.n + 1))
+        group_by_archive(experiment, find=finder(reader, experiment))
+    every = tuple(range(1, experiment.n + 1))
     robots = {robot for change in plants for robot in change.robots or every}
-    launch = None if algorithms else run_again(reader, file, sorted(robots))
-    return file, launch, parent(reader, [*plants, *algorithms])
+    launch = None if algorithms else run_again(reader, experiment, sorted(robots))
+    return experiment, launch, parent(reader, [*plants, *algorithms])
 
 
-def run_again(reader: Reader, file: ScenarioFile, robots: Sequence[int]) -> Launcher:
+def run_again(reader: Reader, experiment: Experiment, robots: Sequence[int]) -> Launcher:
     """Return how a run gets the plants of some robots, and those of all others as recorded."""
-    scenario = file.scenario
-    every = range(1, scenario.n + 1)
+    n, m = experiment.n, experiment.m
+    every = range(1, n + 1)
     others = [robot for robot in every if robot not in set(robots)]
 
-    def launch(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
-        real = Robots.opened(stack, file, robots, finder(reader, file))
+    def launch(stack: ExitStack, _clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
+        real = Robots.opened(stack, experiment, robots, finder(reader, experiment))
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:
-            expect_states(reader, clock, scenario.n)
-            rest = RecordedPlants(others, scenario.m, states_of(reader, scenario.m))
+            expect_states(reader, experiment.clock, n)
+            rest = RecordedPlants(others, m, states_of(reader, m))
             parts.append((np.array(others) - 1, rest))
         told = [*real.told, *_told_of(reader, others)]
-        fleet = Fleet(parts, scenario.m)
-        return on_a_session(stack, clock, Robots.driven_by(scenario, every, fleet, told), watch)
+        fleet = Fleet(parts, m)
+        return on_a_session(stack, Robots.driven_by(experiment, every, fleet, told), watch)
 
     return launch
 
 
-def finder(reader: Reader, file: ScenarioFile) -> Find:
+def finder(reader: Reader, experiment: Experiment) -> Find:
     """Return what finds the FMUs of a changed scenario: the recorded ones, and those it brings."""
-    return find_recorded(about(reader).plants, file.folder, others=True)
+    return find_recorded(about(reader).plants, experiment.folder, others=True)
 
 
 def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str]]:

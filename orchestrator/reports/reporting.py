@@ -8,49 +8,40 @@ import numpy as np
 from nrs_cosim.bus.topologies import Topologies
 from nrs_cosim.orchestrator.promises.checking import Check, check, finite
 from nrs_cosim.orchestrator.promises.promising import bounds, promises
-from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
-from nrs_cosim.orchestrator.scenario.own import own_plants
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
-from nrs_cosim.recordings.measuring import Array, SteadyState
+from nrs_cosim.recordings.measuring import SteadyState
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.report.story import Story, read_story
 from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict, unit_over
 from nrs_cosim.recordings.tables import about
 
 
-def story_of(reader: Reader) -> Story:
-    """Read what a report draws of a recording."""
+def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
+    """Read what a report draws of a recording, of an experiment that may be known already."""
     run = about(reader).run
     unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
-    return read_story(reader, subject_of(scenario_of(reader).scenario, unit))
+    return read_story(reader, subject_of(experiment or experiment_of(reader), unit))
 
 
-def subject_of(scenario: Scenario, unit: str) -> Subject:
-    """Return what a report must know of a scenario, whose joints are in a unit."""
-    target, checked, choice = target_of(scenario), check(scenario), scenario.algorithm
-
-    def at(seconds: Array) -> tuple[Array, Array]:
-        motion = target.at(seconds)
-        return motion.position, motion.velocity
-
-    own = own_plants(scenario)
-    robots = range(1, scenario.n + 1)
+def subject_of(experiment: Experiment, unit: str) -> Subject:
+    """Return what a report must know of an experiment, whose joints are in a unit."""
+    checked, choice = check(experiment), experiment.scenario.algorithm
     return Subject(
         estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
-        times=clock_of(scenario),
-        pace=_pace(clock_of(scenario)),
-        target_at=at,
-        topology=topologies_of(scenario).links,
-        turns=_turns(topologies_of(scenario)),
-        arms=[arm_of(own.get(robot, scenario.plant), scenario.m) for robot in robots],
+        times=experiment.clock,
+        pace=_pace(experiment.clock),
+        target_at=experiment.target_at,
+        topology=experiment.topologies.links,
+        turns=_turns(experiment.topologies),
+        arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
         verdicts=_verdicts(checked),
         factor=None if checked.faulty else finite(checked.spectral_radius),
-        bounds=_bounds(scenario, checked),
+        bounds=_bounds(experiment, checked),
     )
 
 
@@ -91,9 +82,9 @@ def arm_of(plant: Plant, m: int) -> Arm:
     return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
 
 
-def _bounds(scenario: Scenario, checked: Check) -> dict[str, dict[str, float]]:
+def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
-    found = bounds(promises(scenario, checked.growth))
+    found = bounds(promises(experiment, checked.growth))
     names = [field.name for field in fields(SteadyState)]
     told = {
         name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}

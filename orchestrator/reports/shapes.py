@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.own import own_plants
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.declaration import declaration
 from nrs_cosim.recordings.scene import Shape, write_scene
@@ -11,11 +10,9 @@ from nrs_cosim.recordings.scene import Shape, write_scene
 __all__ = ["shapes_of", "write_scene"]
 
 
-def shapes_of(file: ScenarioFile) -> dict[int, Shape]:
+def shapes_of(experiment: Experiment) -> dict[int, Shape]:
     """Return the shapes of those robots whose plants are bundled models, by number, from 1."""
-    scenario = file.scenario
-    own = own_plants(scenario)
-    found = {i: _shape(own.get(i, scenario.plant), scenario.m) for i in range(1, scenario.n + 1)}
+    found = {i: _shape(plant, experiment.m) for i, plant in enumerate(experiment.plants, 1)}
     return {i: shape for i, shape in found.items() if shape is not None}
 
 

@@ -17,7 +17,7 @@ from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.worker import Heard, Spent, Watch, Worker
 from nrs_cosim.orchestrator.scenario.clock import Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.recorder import Recorder
 
 NAME = "here"
@@ -26,14 +26,14 @@ NAME = "here"
 class InProcess:
     """The only worker of a run; see `orchestrator.runs.lockstep.Workers`."""
 
-    def __init__(self, bus: Bus, clock: Clock, robots: Robots, watch: Watch) -> None:
+    def __init__(self, bus: Bus, robots: Robots, watch: Watch) -> None:
         self.assignment = {NAME: robots.numbers}
         self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         self.refused: Counter[str] = Counter()
         self.restarts = 0
-        self._wire = wire_of(robots.scenario, self.assignment, Seal())
+        self._wire = wire_of(robots.experiment, self.assignment, Seal())
         heard = bus.listen(wire_key(SAMPLES, "*"))
-        self._worker: Worker = robots.worker(NAME, bus, heard, self._wire, clock)
+        self._worker: Worker = robots.worker(NAME, bus, heard, self._wire)
         self._robots, self._watch = robots, watch
         self._ticks: Iterator[int] = iter(())
 
@@ -94,20 +94,18 @@ class _RecordedSamples:
         return ()
 
 
-def in_process(file: ScenarioFile) -> Launcher:
+def in_process(experiment: Experiment) -> Launcher:
     """Return how a run gets all its robots into this thread."""
 
-    def launch(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
-        robots = Robots.opened(stack, file, range(1, file.scenario.n + 1))
-        return on_a_session(stack, clock, robots, watch)
+    def launch(stack: ExitStack, _clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
+        robots = Robots.opened(stack, experiment, range(1, experiment.n + 1))
+        return on_a_session(stack, robots, watch)
 
     return launch
 
 
-def on_a_session(
-    stack: ExitStack, clock: Clock, robots: Robots, watch: Watch
-) -> tuple[Bus, Workers]:
+def on_a_session(stack: ExitStack, robots: Robots, watch: Watch) -> tuple[Bus, Workers]:
     """Return robots in this thread on a session of their own; the stack ends it."""
     bus = ZenohBus(uuid4().hex)
     stack.callback(bus.close)
-    return bus, InProcess(bus, clock, robots, watch)
+    return bus, InProcess(bus, robots, watch)

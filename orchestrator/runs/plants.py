@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.orchestrator.scenario.own import plant_of
-from nrs_cosim.orchestrator.scenario.setting import clock_of, names_of
+from nrs_cosim.orchestrator.scenario.conversion import names_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
 from nrs_cosim.plant_fmu.archives.naming import Spec
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
@@ -72,35 +71,29 @@ class Group:
 
 
 def group_by_archive(
-    scenario: Scenario,
-    folder: Path,
+    experiment: Experiment,
     robots: Sequence[int] | None = None,
     find: Find | None = None,
 ) -> list[Group]:
     """Read each FMU once; `FmuError` names the field and what is wrong.
 
     Rows are positions within the robots that are asked for, ascending; without them, of all. An
-    FMU is looked for relative to a folder, or as `find` does.
+    FMU is looked for relative to the scenario's folder, or as `find` does.
     """
-    find = find or partial(find_archive, folder=folder)
-    own = {
-        robot.id: (f"robots[{i}].plant", plant_of(scenario, robot))
-        for i, robot in enumerate(scenario.robots)
-        if robot.plant
-    }
-    common, uneven = _alike(scenario.plant), clock_of(scenario).period is None
-    every = range(1, scenario.n + 1)
+    find = find or partial(find_archive, folder=experiment.folder)
+    shared, uneven = experiment.scenario.plant, experiment.clock.period is None
+    common, every = _alike(shared), range(1, experiment.n + 1)
     row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
     members: defaultdict[str, list[int]] = defaultdict(list)
     first: defaultdict[str, list[int]] = defaultdict(list)
     given: dict[str, tuple[str, Plant]] = {}
     for robot in every:
-        field, plant = own.get(robot, ("plant", scenario.plant))
-        alike = common if plant is scenario.plant else _alike(plant)
+        own = experiment.of_robot(robot)
+        alike = common if own.plant is shared else _alike(own.plant)
         if len(first[alike]) < ROBOTS:
             first[alike].append(robot)
         if robot in row_of:
-            given.setdefault(alike, (field, plant))
+            given.setdefault(alike, (own.field, own.plant))
             members[alike].append(row_of[robot])
     groups = []
     for alike, (field, plant) in given.items():

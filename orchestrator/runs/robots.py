@@ -14,19 +14,7 @@ from nrs_cosim.bus.wire import Nodes, Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.runs.worker import Worker, WorkerPlants
-from nrs_cosim.orchestrator.scenario.clock import Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import (
-    algorithm_of,
-    bodies,
-    clock_of,
-    initial_estimates,
-    links_of,
-    missing_of,
-    silent_of,
-    topologies_of,
-)
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.archives.archive import Archive
 
 
@@ -35,7 +23,7 @@ class Robots:
     """Robots, ascending, with what they are made of."""
 
     numbers: Sequence[int]
-    scenario: Scenario
+    experiment: Experiment
     agents: Agents
     plants: WorkerPlants
     told: Sequence[Mapping[str, Any]]
@@ -45,7 +33,7 @@ class Robots:
     def opened(
         cls,
         stack: ExitStack,
-        file: ScenarioFile,
+        experiment: Experiment,
         numbers: Sequence[int],
         find: Callable[[str], Archive] | None = None,
     ) -> "Robots":
@@ -53,10 +41,9 @@ class Robots:
 
         `find` finds an FMU by what the scenario calls it; by default relative to its file.
         """
-        scenario = file.scenario
-        groups = group_by_archive(scenario, file.folder, numbers, find)
-        alike = [bodies(scenario, group.alike) for group in groups]
-        of = bodies(scenario, numbers)
+        groups = group_by_archive(experiment, numbers, find)
+        alike = [experiment.bodies(group.alike) for group in groups]
+        of = experiment.bodies(numbers)
         fleet = open_fleet(stack, groups, of, alike)
         told = [
             {
@@ -75,28 +62,28 @@ class Robots:
             }
             for group, plants in zip(groups, fleet.plants, strict=True)
         ]
-        return cls(numbers, scenario, agents_of(scenario, numbers), fleet, told)
+        return cls(numbers, experiment, agents_of(experiment, numbers), fleet, told)
 
     @classmethod
     def driven_by(
         cls,
-        scenario: Scenario,
+        experiment: Experiment,
         numbers: Sequence[int],
         plants: WorkerPlants,
         told: Sequence[Mapping[str, Any]],
     ) -> "Robots":
         """Return some robots whose plants are there already."""
-        return cls(numbers, scenario, agents_of(scenario, numbers), plants, told)
+        return cls(numbers, experiment, agents_of(experiment, numbers), plants, told)
 
-    def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire, clock: Clock) -> Worker:
+    def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire) -> Worker:
         """Return the worker that runs them."""
-        run = self.scenario.run
+        run = self.experiment.scenario.run
         return Worker(
             name,
             bus,
             inbox,
             wire,
-            clock,
+            self.experiment.clock,
             self.agents,
             self.plants,
             run.divergence_limit,
@@ -104,21 +91,20 @@ class Robots:
         )
 
 
-def agents_of(scenario: Scenario, numbers: Sequence[int]) -> Agents:
+def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
     """Return some robots' agents at t_0."""
-    robots = np.array(numbers)
     return Agents(
-        robots,
-        topologies_of(scenario),
-        algorithm_of(scenario),
-        initial_estimates(scenario, numbers),
-        links_of(scenario, robots),
-        missing_of(scenario),
+        np.array(numbers),
+        experiment.topologies,
+        experiment.algorithm,
+        experiment.initial_estimates(numbers),
+        experiment.links_into(numbers),
+        experiment.missing,
     )
 
 
-def wire_of(scenario: Scenario, assignment: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+def wire_of(experiment: Experiment, assignment: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
     """Return the wire of a run whose robots are assigned to workers."""
     nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
-    return Wire(scenario.m, clock_of(scenario), nodes, seal, silent_of(scenario))
+    return Wire(experiment.m, experiment.clock, nodes, seal, experiment.outages.at)

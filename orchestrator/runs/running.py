@@ -25,8 +25,7 @@ from nrs_cosim.orchestrator.runs.restart import AT_ONCE
 from nrs_cosim.orchestrator.runs.summary import told_of
 from nrs_cosim.orchestrator.runs.worker import Spent, Watch, needed
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
-from nrs_cosim.orchestrator.scenario.setting import clock_of, faulty_of, target_of, topologies_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.container import MOST_CHANNELS, Closing, Compression, Message
 from nrs_cosim.recordings.metadata import CAUSE, REFUSED, RUN, SCENARIO, SPENT, VERSIONS
 from nrs_cosim.recordings.reading import Reader
@@ -76,7 +75,7 @@ class Outcome:
 
 
 def run(
-    file: ScenarioFile,
+    experiment: Experiment,
     output: Path,
     launch: Launcher | None = None,
     *,
@@ -87,7 +86,7 @@ def run(
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     pace: Pace = NO_PACE,
 ) -> Outcome:
-    """Run a scenario into a recording.
+    """Run an experiment into a recording.
 
     `launch` gets its workers; by default its robots are in this thread. `watch` is told each output
     time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
@@ -96,18 +95,18 @@ def run(
     run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
     `pace` is the fastest at which ticks close.
     """
-    scenario = file.scenario
-    clock, n, every = clock_of(scenario), scenario.n, scenario.run.checkpoint_every
-    checkpoints, faulty = 0 < every <= clock.ticks, faulty_of(scenario)
+    clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
+    every, faulty = scenario.run.checkpoint_every, experiment.faulty
+    checkpoints = 0 < every <= clock.ticks
     if (count := len(channels(n, faulty, checkpoints))) > MOST_CHANNELS:
         raise ScenarioError(
             f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
     with ExitStack() as stack, np.errstate(all="ignore"):
-        bus, workers = (launch or in_process(file))(stack, clock, watch)
+        bus, workers = (launch or in_process(experiment))(stack, clock, watch)
         wire = workers.wire()
-        target = TargetNode(bus, clock, wire, target_of(scenario))
+        target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.told()
         topics = channels(n, faulty, checkpoints, plants)
         writer = stack.enter_context(
@@ -117,11 +116,11 @@ def run(
                 channels=topics,
                 schemas=schemas(topics),
                 metadata={
-                    RUN: _about_run(file, clock, plants),
+                    RUN: _about_run(experiment, plants),
                     VERSIONS: _versions(),
                     **(metadata or {}),
                 },
-                attachments={SCENARIO: ("application/toml", file.text.encode())},
+                attachments={SCENARIO: ("application/toml", experiment.text.encode())},
                 compression=compression,
             )
         )
@@ -132,7 +131,7 @@ def run(
             target,
             workers,
             recorder,
-            _needs(topologies_of(scenario).links, workers.assignment),
+            _needs(experiment.topologies.links, workers.assignment),
             ahead,
             deadline or scenario.bus.deadline,
             watch,
@@ -210,14 +209,12 @@ def _needs(links: Topology, assignment: Mapping[str, Sequence[int]]) -> dict[str
     }
 
 
-def _about_run(
-    file: ScenarioFile, clock: Clock, plants: Sequence[Mapping[str, Any]]
-) -> dict[str, str]:
+def _about_run(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the run's metadata record; its numbers are decimal, its times in ns."""
     return {
-        "name": file.name,
-        "folder": str(file.folder.absolute()),
-        **{key: str(number) for key, number in told_of(file, clock).items()},
+        "name": experiment.name,
+        "folder": str(experiment.folder.absolute()),
+        **{key: str(number) for key, number in told_of(experiment).items()},
         "plants": json.dumps(plants),
     }
 

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.text import storable
-from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, Clock
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
 from nrs_cosim.recordings.container import END
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.measuring import Array, SteadyState, steady_state
+from nrs_cosim.recordings.measuring import SteadyState, steady_state
 from nrs_cosim.recordings.metadata import RUN, SCENARIO
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import about as about_run
@@ -21,8 +21,8 @@ from nrs_cosim.recordings.tables import expect_joints
 _PARTIAL = "none of the run: messages of it are missing here"
 
 
-def describe(reader: Reader) -> dict[str, Any]:
-    """Return what a recording says of itself, for JSON; `duration` is simulated time in s."""
+def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
+    """Return what an experiment's recording says of itself, for JSON; `duration` is simulated."""
     about = about_run(reader)
     run, ending = about.run, reader.ending
     return {
@@ -41,7 +41,7 @@ def describe(reader: Reader) -> dict[str, Any]:
         "duration": _duration(reader, run.sampling_period_ns),
         "seed": run.seed,
         "plants": about.plants,
-        "target": _target(reader),
+        "target": _target(experiment),
         "versions": dict(about.versions),
         "damage": reader.damage,
         "parent": about.parent.model_dump() if about.parent else None,
@@ -51,11 +51,9 @@ def describe(reader: Reader) -> dict[str, Any]:
     }
 
 
-def _target(reader: Reader) -> dict[str, str] | None:
+def _target(experiment: Experiment) -> dict[str, str] | None:
     """Return which FMU was the target, where one was."""
-    if "sha256" not in scenario_text(reader):
-        return None
-    target = scenario_of(reader).scenario.target
+    target = experiment.scenario.target
     if not isinstance(target, FmuTarget):
         return None
     return {"fmu": target.fmu, "sha256": target.sha256 or ""}
@@ -119,30 +117,30 @@ def scenario_text(reader: Reader) -> str:
     return about_run(reader).scenario
 
 
-def scenario_of(reader: Reader) -> ScenarioFile:
-    """Return the scenario that a recording came from; its paths are relative to where it was."""
+def experiment_of(reader: Reader) -> Experiment:
+    """Return the experiment that a recording is of; its paths are relative to where it was."""
     about = about_run(reader)
     run = about.run
     origin = f"{reader.path}: {SCENARIO}"
-    file = parse_scenario(about.scenario, run.name, Path(run.folder), origin)
-    clock = clock_of(file.scenario)
-    for key, number in told_of(file, clock).items():
+    experiment = parse_scenario(about.scenario, run.name, Path(run.folder), origin)
+    for key, number in told_of(experiment).items():
         if getattr(run, key) != number:
             raise UnreadableError(
                 f"{origin}: has {key} = {number}, but {RUN} says {getattr(run, key)}"
             )
     expect_joints(reader)
-    if reader.digest and reader.end_ns not in {clock.t(reader.ticks), None}:
+    if reader.digest and reader.end_ns not in {experiment.clock.t(reader.ticks), None}:
         raise UnreadableError(
             f"{reader.path}: {END}: ticks: is {reader.ticks}, but the last message is of "
             f"t = {reader.end_ns} ns"
         )
-    return file
+    return experiment
 
 
-def told_of(file: ScenarioFile, clock: Clock) -> dict[str, int]:
-    """Return the numbers of a scenario that its recording tells, times in ns."""
-    told = {"seed": file.scenario.run.seed, "robots": file.scenario.n, "joints": file.scenario.m}
+def told_of(experiment: Experiment) -> dict[str, int]:
+    """Return the numbers of an experiment that its recording tells, times in ns."""
+    clock = experiment.clock
+    told = {"seed": experiment.seed, "robots": experiment.n, "joints": experiment.m}
     told["ticks"] = clock.ticks
     if clock.period is None:  # each message has its time
         return told | {"outputs_per_interval": clock.parts}
@@ -150,12 +148,6 @@ def told_of(file: ScenarioFile, clock: Clock) -> dict[str, int]:
     return told | {"sampling_period_ns": clock.period, "output_step_ns": step}
 
 
-def measure(reader: Reader) -> SteadyState:
-    """Return the steady-state errors of a recording, against its scenario's target."""
-    target = target_of(scenario_of(reader).scenario)
-
-    def at(seconds: Array) -> tuple[Array, Array]:
-        motion = target.at(seconds)
-        return motion.position, motion.velocity
-
-    return steady_state(reader, at)
+def measure(reader: Reader, experiment: Experiment) -> SteadyState:
+    """Return the steady-state errors of a recording of an experiment, against its target."""
+    return steady_state(reader, experiment.target_at)

@@ -4,18 +4,18 @@ from collections import defaultdict
 
 from nrs_cosim.orchestrator.runs.plants import group_by_archive
 from nrs_cosim.orchestrator.scenario import numbers
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
-def mixed_units(file: ScenarioFile) -> str:
+def mixed_units(experiment: Experiment) -> str:
     """Say which robots' joints are in which units, where they differ; else return an empty text.
 
     An FMU that gives no units says nothing of them. Raises `FmuError` where a plant is not found.
     """
-    if not any(robot.plant for robot in file.scenario.robots):
+    if not any(robot.plant for robot in experiment.scenario.robots):
         return ""
     robots: defaultdict[str, list[int]] = defaultdict(list)
-    for group in group_by_archive(file.scenario, file.folder):
+    for group in group_by_archive(experiment):
         units = dict.fromkeys(j.unit for j in group.joints() if j.unit)
         if units:
             robots[" and ".join(units)] += [row + 1 for row in group.rows]

@@ -20,7 +20,8 @@ import tomlkit
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
@@ -66,9 +67,7 @@ class Change:
         return cls(option, text, robots, values)
 
 
-def changed(
-    file: ScenarioFile, plant: Sequence[Change], algorithm: Sequence[Change]
-) -> ScenarioFile:
+def changed(file: Experiment, plant: Sequence[Change], algorithm: Sequence[Change]) -> Experiment:
     """Return a scenario with changes; `InputError` and `ScenarioError` name what is wrong."""
     document = tomlkit.parse(file.text)
     for change in plant:

@@ -3,7 +3,6 @@
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.graphs import with_edges
 from nrs_cosim.orchestrator.scenario.inlining import inline_target
 from nrs_cosim.orchestrator.scenario.moving import with_motion
@@ -25,22 +25,12 @@ RECORDING = b"\x89MCAP"
 """How a recording begins; what knows the rest of it takes time to load."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioFile:
-    """A scenario, the text it was read from, and the folder that its paths are relative to."""
-
-    scenario: Scenario
-    text: str
-    name: str
-    folder: Path
-
-
-def read_scenario(path: Path) -> ScenarioFile:
+def read_scenario(path: Path) -> Experiment:
     """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong."""
     return resolve_scenario(read_text(path), storable(path.stem), path.parent, str(path))
 
 
-def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
+def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:
     """Parse a scenario's text with what it names, relative to a folder; errors as of its origin.
 
     What it names for its target's samples or its network's edges is read, and takes the name's
@@ -72,7 +62,7 @@ def _text_of(path: Path) -> str:
     return data.decode("utf-8-sig").replace("\r\n", "\n")
 
 
-def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioFile:
+def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:
     """Parse a scenario's text; errors begin with its origin."""
     try:
         tables = tomllib.loads(text)
@@ -88,10 +78,16 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> ScenarioF
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
-    faults = list(wrong_target(scenario)) or list(wrong_tables(scenario))
+    return resolve(scenario, text, name, folder, origin)
+
+
+def resolve(scenario: Scenario, text: str, name: str, folder: Path, origin: str) -> Experiment:
+    """Return the experiment that a scenario is; `ScenarioError` names all that is wrong with it."""
+    experiment = Experiment(scenario, text, name, folder)
+    faults = list(wrong_target(experiment)) or list(wrong_tables(experiment))
     if faults:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
-    return ScenarioFile(scenario, text, name, folder)
+    return experiment
 
 
 def _needed() -> list[str]:

@@ -13,8 +13,9 @@ from typing import Any
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.scenario.conversion import names_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.inlining import Array, written
-from nrs_cosim.orchestrator.scenario.setting import clock_of, names_of
 from nrs_cosim.orchestrator.scenario.smoothness import expect_smooth
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
@@ -39,13 +40,14 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
         return text
     try:
         scenario = Scenario.model_validate(tomllib.loads(text))
-        clock = clock_of(scenario)
+        experiment = Experiment(scenario, text, origin, folder)
+        clock = experiment.clock
     except (ValueError, ArithmeticError, RecursionError):
         return text
     target = scenario.target
     if not isinstance(target, FmuTarget) or target.times or target.positions:
         return text
-    if any(wrong_variables(target)) or any(wrong_times(scenario.run)):
+    if any(wrong_variables(target)) or any(wrong_times(experiment)):
         return text
     times = _grid(clock, target.step)
     if len(times) > MOST:

@@ -5,8 +5,6 @@ edge, which is also what `edges` and `graphml` become when a scenario's file is 
 one digraph, or two, `position` and `velocity`, or `switching`, a list of these by turns.
 """
 
-from functools import lru_cache
-
 import numpy as np
 
 from nrs_cosim.bus.topologies import Exchange, Topologies
@@ -14,16 +12,10 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.generators import generated
 from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Network
 from nrs_cosim.orchestrator.scenario.tables.networks import Exchange as ExchangeTable
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
 
-def topologies_of(scenario: Scenario) -> Topologies:
-    """Return who hears whom, and when; arrays of a topology are shared, and cannot be written."""
-    return _topologies(scenario.network, scenario.run.seed)
-
-
-@lru_cache(maxsize=4)
-def _topologies(network: Network, seed: int) -> Topologies:
+def topologies_of(network: Network, seed: int) -> Topologies:
+    """Return who hears whom, and when; arrays of a topology cannot be written."""
     exchanges = []
     for where, given in turns_of(network):
         digraphs = [_topology(digraph, seed, here) for here, digraph in digraphs_of(where, given)]

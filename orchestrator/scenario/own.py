@@ -5,19 +5,42 @@ A table of `[[robots]]` changes the keys that it has and keeps the others, `para
 one FMU, so a plant that gives its own `fmu` is whole, and takes nothing of the shared one.
 """
 
+from dataclasses import dataclass
 from typing import TypeVar
 
 from pydantic import BaseModel
 
-from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Disturbance, Robot, Scenario
+from nrs_cosim.orchestrator.scenario.tables.fmus import OwnPlant, Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Disturbance, Scenario
 
 Shared = TypeVar("Shared", bound=BaseModel)
 
 
-def plant_of(scenario: Scenario, robot: Robot) -> Plant:
-    """Return the plant of a robot."""
-    own, shared = robot.plant, scenario.plant
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What one robot has, whether it is its own or shared."""
+
+    field: str
+    """Where the scenario gives its plant."""
+    plant: Plant
+    controller: Controller
+    disturbance: Disturbance
+
+
+def own_of(scenario: Scenario) -> dict[int, Own]:
+    """Return what those robots have that have a table of their own, by number."""
+    return {
+        robot.id: Own(
+            f"robots[{i}].plant" if robot.plant else "plant",
+            _plant_over(scenario.plant, robot.plant),
+            _over(scenario.controller, robot.controller),
+            _over(scenario.disturbance, robot.disturbance),
+        )
+        for i, robot in enumerate(scenario.robots)
+    }
+
+
+def _plant_over(shared: Plant, own: OwnPlant | None) -> Plant:
     if own is None:
         return shared
     if own.fmu is not None:
@@ -30,22 +53,9 @@ def plant_of(scenario: Scenario, robot: Robot) -> Plant:
     return merged.model_copy(update=names)
 
 
-def controller_of(scenario: Scenario, robot: Robot) -> Controller:
-    """Return the PD gains of a robot."""
-    return _over(scenario.controller, robot.controller)
-
-
-def disturbance_of(scenario: Scenario, robot: Robot) -> Disturbance:
-    """Return the disturbance of a robot."""
-    return _over(scenario.disturbance, robot.disturbance)
-
-
-def own_plants(scenario: Scenario) -> dict[int, Plant]:
-    """Return the plants of those robots that have something of their own in theirs."""
-    return {robot.id: plant_of(scenario, robot) for robot in scenario.robots if robot.plant}
-
-
 def _over(shared: Shared, own: BaseModel | None) -> Shared:
     """Return a table with the keys of another, as they were given, in place of its own."""
-    given = own.model_fields_set if own else ()
+    if own is None:
+        return shared
+    given = own.model_fields_set
     return shared.model_copy(update={name: getattr(own, name) for name in given})

@@ -9,37 +9,36 @@ import numpy as np
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.target import Sampled
 from nrs_cosim.orchestrator.scenario.clock import seconds
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 from nrs_cosim.orchestrator.scenario.times import wrong_times
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 
 
-def wrong_target(scenario: Scenario) -> Iterator[str]:
+def wrong_target(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with a target's samples; before, its axes are not counted."""
-    target = scenario.target
+    target = experiment.scenario.target
     if not isinstance(target, SampledTarget | FmuTarget):
         return
     wrong = [*_not_there(target), *wrong_variables(target)] or _wrong_samples(target)
     yield from wrong
     if wrong:
         return
-    times, end = target.times, _end(scenario)
+    times, end = target.times, _end(experiment)
     if times[0] > 0 or times[-1] < end:
         yield (
             f"target.times: expected times that cover 0 to {end!r} s, the end of the run, got "
             f"{times[0]!r} to {times[-1]!r} s; give samples of the rest, or a shorter run"
         )
-    if not _is_finite(scenario):
+    if not _is_finite(experiment):
         yield "target.positions: expected a motion of finite velocity and acceleration, got none"
 
 
-def _end(scenario: Scenario) -> float:
+def _end(experiment: Experiment) -> float:
     """Return the last sampling time, s; 0 where there is none, which is told elsewhere."""
-    if any(wrong_times(scenario.run)):
+    if any(wrong_times(experiment)):
         return 0.0
-    clock = clock_of(scenario)
+    clock = experiment.clock
     return seconds(clock.t(clock.ticks))
 
 
@@ -52,9 +51,9 @@ def wrong_variables(target: SampledTarget | FmuTarget) -> Iterator[str]:
             yield f"target.variables.{name}: no quantity of a target's; {hint}"
 
 
-def unsampled_times(scenario: Scenario) -> Iterator[str]:
+def unsampled_times(experiment: Experiment) -> Iterator[str]:
     """Yield the first sampling time at which an FMU that is the target was not looked at."""
-    target, clock = scenario.target, clock_of(scenario)
+    target, clock = experiment.scenario.target, experiment.clock
     if not isinstance(target, FmuTarget):
         return
     known = set(target.times)
@@ -118,10 +117,10 @@ def _wrong_samples(target: SampledTarget | FmuTarget) -> list[str]:
     return wrong[:1]
 
 
-def _is_finite(scenario: Scenario) -> bool:
+def _is_finite(experiment: Experiment) -> bool:
     with np.errstate(all="ignore"):
         try:
-            motion = target_of(scenario)
+            motion = experiment.target
         except ValueError:  # times so near to one another that there is no solution
             return False
         assert isinstance(motion, Sampled)

@@ -8,31 +8,17 @@ from collections.abc import Iterator
 from decimal import Decimal
 from itertools import pairwise
 
-from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, Clock, Jitter, nanoseconds, seconds
-from nrs_cosim.orchestrator.scenario.tables.scenario import Run
+from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, nanoseconds, seconds
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 TRIES = 10_000
 """Divisors that are tried, for advice."""
 
 
-def clock(run: Run) -> Clock:
-    """Return the sampling times and the output grid."""
-    times = tuple(nanoseconds(t) for t in run.sampling_times or (run.sampling_period or 0,))
-    end, turn = nanoseconds(run.end or 0), times[-1]
-    step = nanoseconds(run.output_step) if run.output_step else None
-    longest = max(after - before for before, after in pairwise((0, *times)))
-    early = int(Decimal(repr(run.sampling_jitter)) * turn)
-    return Clock(
-        times,
-        -(-longest // step) if step else 1,
-        end // turn * len(times),
-        Jitter(run.seed, early) if early else None,
-    )
-
-
-def wrong_times(run: Run) -> Iterator[str]:
+def wrong_times(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with the run's times, and in their relation to one another."""
+    run = experiment.scenario.run
     if run.sampling_times and run.sampling_period:
         yield "run.sampling_times: give these or run.sampling_period, not both"
         return
@@ -54,7 +40,7 @@ def wrong_times(run: Run) -> Iterator[str]:
     ]
     yield from wrong
     if not wrong:
-        yield from _wrong_list(run) if run.sampling_times else _wrong_period(run)
+        yield from _wrong_list(experiment) if run.sampling_times else _wrong_period(experiment)
 
 
 def _whole(name: str, time: float) -> Iterator[str]:
@@ -71,7 +57,8 @@ def _whole(name: str, time: float) -> Iterator[str]:
         yield f"run.{name}: expected less than 2^63 ns (292 years), got {time!r} s"
 
 
-def _wrong_period(run: Run) -> Iterator[str]:
+def _wrong_period(experiment: Experiment) -> Iterator[str]:
+    run, made = experiment.scenario.run, experiment.clock
     period, duration = nanoseconds(run.sampling_period or 0), nanoseconds(run.duration or 0)
     if duration // period >= MOST_TICKS:
         yield f"run.duration: expected fewer than 2^32 sampling periods, got {run.duration!r} s"
@@ -88,7 +75,6 @@ def _wrong_period(run: Run) -> Iterator[str]:
             f"{run.output_step!r} s"
         )
         return
-    made = clock(run)
     if made.shortest < made.parts:
         yield (
             f"run.sampling_jitter: expected a part that leaves every interval {made.parts} ns at "
@@ -112,7 +98,8 @@ def _divisors(period: int, step: int) -> str:
     return f", such as {' or '.join(near)}" * bool(near)
 
 
-def _wrong_list(run: Run) -> Iterator[str]:
+def _wrong_list(experiment: Experiment) -> Iterator[str]:
+    run, made = experiment.scenario.run, experiment.clock
     times = [nanoseconds(t) for t in run.sampling_times]
     for i, (before, after) in enumerate(pairwise((0, *times))):
         if not before < after:
@@ -132,7 +119,6 @@ def _wrong_list(run: Run) -> Iterator[str]:
         return
     if end // turn * len(times) >= MOST_TICKS:
         yield f"run.duration: expected fewer than 2^32 sampling times, got {run.duration!r} s"
-    made = clock(run)
     if made.shortest < made.parts:
         yield (
             f"run.output_step: expected {made.shortest} parts of each interval at most, which is "

@@ -10,10 +10,9 @@ import numpy as np
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.orchestrator.scenario.networks import digraphs_of, topologies_of, turns_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.networks import digraphs_of, turns_of
 from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
-from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
-from nrs_cosim.orchestrator.scenario.times import clock
 
 MOST_EDGES = 10_000_000
 SHOWN = 8
@@ -66,9 +65,9 @@ def _wrong_digraph_form(where: str, digraph: Digraph) -> Iterator[str]:
             )
 
 
-def wrong_network(scenario: Scenario) -> Iterator[str]:
+def wrong_network(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with a network whose form is right."""
-    network = scenario.network
+    network = experiment.scenario.network
     yield from _wrong_turns(network)
     digraphs = [pair for where, given in turns_of(network) for pair in digraphs_of(where, given)]
     shapes = [wrong for where, digraph in digraphs for wrong in _wrong_shape(where, digraph)]
@@ -82,7 +81,7 @@ def wrong_network(scenario: Scenario) -> Iterator[str]:
         return
     topologies = [
         topology
-        for exchange in topologies_of(scenario).exchanges
+        for exchange in experiment.topologies.exchanges
         for topology in dict.fromkeys((exchange.position, exchange.velocity))
     ]
     for (where, digraph), topology in zip(digraphs, topologies, strict=True):
@@ -104,10 +103,10 @@ def _wrong_turns(network: Network) -> Iterator[str]:
         )
 
 
-def unused_turns(scenario: Scenario) -> Iterator[str]:
+def unused_turns(experiment: Experiment) -> Iterator[str]:
     """Yield which turns a run ends before, where its network and its times are right."""
-    ticks = clock(scenario.run).ticks
-    for i, turn in enumerate(scenario.network.switching or ()):
+    ticks = experiment.clock.ticks
+    for i, turn in enumerate(experiment.scenario.network.switching or ()):
         if turn.from_ > ticks:
             yield (
                 f"network.switching[{i}].from: expected at most {ticks}, the last tick of the run, "

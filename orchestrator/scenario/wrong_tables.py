@@ -7,8 +7,9 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
-from nrs_cosim.orchestrator.scenario.networks import hetero_at, topologies_of
+from nrs_cosim.orchestrator.scenario.networks import hetero_at
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
@@ -37,28 +38,30 @@ ELSEWHERE = {
 """Parameters of a plant that a scenario gives in tables of their own."""
 
 
-def wrong_tables(scenario: Scenario) -> Iterator[str]:
+def wrong_tables(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong in shape or in the relation of one field to another."""
+    scenario = experiment.scenario
     no_form = wrong_form(scenario.network)
     if no_form:
         yield no_form
         return
     n, m = scenario.n, scenario.m
-    network_faults = list(wrong_network(scenario))
+    network_faults = list(wrong_network(experiment))
     yield from _algorithm_faults(scenario)
-    time_faults = list(wrong_times(scenario.run))
-    yield from time_faults or unsampled_times(scenario)
+    time_faults = list(wrong_times(experiment))
+    yield from time_faults or unsampled_times(experiment)
     yield from _plant_faults("plant", scenario.plant)
     yield from network_faults
     if not (time_faults or network_faults):
-        yield from unused_turns(scenario)
+        yield from unused_turns(experiment)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     for name, value in scenario.initial:
         yield from _draw_faults(f"initial.{name}", value)
         yield from _initial_faults(f"initial.{name}", value, n, m)
     if scenario.faults != Faults():
-        yield from wrong_faults(scenario, None if network_faults else topologies_of(scenario).links)
+        links = None if network_faults else experiment.topologies.links
+        yield from wrong_faults(scenario, links)
     yield from _robot_faults(scenario)
     yield from _workers_faults(scenario.bus.tls, n)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of
 from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS
@@ -92,7 +91,7 @@ class Spread:
     def __init__(self, file, workers, *, restart=True, wait=GUARD):
         self.said, self.coordinator = [], None
         self.look = lambda _time: None
-        self._file, self._clock = file, clock_of(file.scenario)
+        self._file, self._clock = file, file.clock
         self._todo = defaultdict(list)
         self._signalled = set()
         self._launch = local_workers(file, workers, WorkerPolicy(restart, wait, self.said.append))

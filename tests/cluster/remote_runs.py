@@ -25,8 +25,7 @@ from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, remote_workers
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of
+from nrs_cosim.orchestrator.scenario.file import Experiment, read_scenario
 from nrs_cosim.recordings.reading import Reader
 from tests.guard import GUARD
 
@@ -47,7 +46,7 @@ def scenario(folder: Path, ticks: int, *replacements: tuple[str, str], more: str
     return path
 
 
-def alone(file: ScenarioFile, folder: Path) -> str:
+def alone(file: Experiment, folder: Path) -> str:
     """Return the digest of a run in one process."""
     outcome = run(file, folder / "alone.mcap")
     assert outcome.status == "completed", outcome.reason
@@ -150,7 +149,7 @@ class Run(Told):
 
     def __init__(
         self,
-        file: ScenarioFile,
+        file: Experiment,
         output: Path,
         pauses=(),
         assignment=None,
@@ -161,7 +160,7 @@ class Run(Told):
     ) -> None:
         super().__init__()
         self.go_on, self._over = Event(), False
-        clock = clock_of(file.scenario)
+        clock = file.clock
         at = {clock.t(k): k for k in pauses}
 
         def watch(time_ns: int) -> None:

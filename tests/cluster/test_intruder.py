@@ -96,8 +96,8 @@ class Intruder:
 
 def forged(file, overheard):
     """Yield keys and messages that nobody is to believe."""
-    stranger = wire_of(file.scenario, ASSIGNMENT, Seal(b"guessed"))
-    unsealed = wire_of(file.scenario, ASSIGNMENT, Seal())
+    stranger = wire_of(file, ASSIGNMENT, Seal(b"guessed"))
+    unsealed = wire_of(file, ASSIGNMENT, Seal())
     genuine, records = overheard["samples/left"], overheard["records/left"]
     later = PAUSE + 5
     times = stranger.times

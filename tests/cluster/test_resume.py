@@ -34,12 +34,11 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import past_of, run
 from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of
 from tests.cluster.local_runs import workers_of
 
 scenario, recording, workers, k, number = sys.argv[1:]
 file = read_scenario(Path(scenario))
-t = clock_of(file.scenario).t(int(k))
+t = file.clock.t(int(k))
 
 def watch(time_ns):
     if time_ns >= t:

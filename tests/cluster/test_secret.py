@@ -141,7 +141,7 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
         with Intruder(meet, id_) as forger:
             workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
             run.until("paused")
-            wire = wire_of(file.scenario, ASSIGNMENT, Seal(b"s" * 32))
+            wire = wire_of(file, ASSIGNMENT, Seal(b"s" * 32))
             samples, k = wire.samples.blank(np.array(ASSIGNMENT["left"])), PAUSE + MOST_WINDOW + 5
             samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no worker has reached
             forger.put("samples/left", wire.pack_samples("left", k, samples))

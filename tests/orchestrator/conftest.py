@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from nrs_cosim.orchestrator.scenario.file import ScenarioFile, parse_scenario
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -14,7 +15,7 @@ def paper():
     """Return a function that gives the paper's example with some of its text replaced."""
     text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
 
-    def changed(*replacements: tuple[str, str]) -> ScenarioFile:
+    def changed(*replacements: tuple[str, str]) -> Experiment:
         new = text
         for old, replacement in replacements:
             assert old in new, f"{old!r} is not in the scenario"

@@ -30,5 +30,5 @@ def test_a_disturbance_of_sines_that_partly_cancel_is_bounded_by_what_it_reaches
     text = TEXT.format(algorithm="dcea1")
     assert DISTURBANCE in text
     changed = text.replace(DISTURBANCE, f"axes = [{{ {first} }}, {{ {second} }}]")
-    scenario = parse_scenario(changed, "waves", SCENARIOS, "waves.toml").scenario
+    scenario = parse_scenario(changed, "waves", SCENARIOS, "waves.toml")
     assert [part.lambda_d for part in bounded(scenario)] == [pytest.approx(most, rel=1e-11)]

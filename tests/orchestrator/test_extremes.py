@@ -88,7 +88,7 @@ def faults_of(tables, extremes, judged):
 def checked(tables):
     """Ask the theory of tables all that `nrs check` shows."""
     text = tomlkit.dumps(tables)
-    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml").scenario
+    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml")
     told = check(scenario)
     promised = promises(scenario, told.growth)
     bounds(promised)

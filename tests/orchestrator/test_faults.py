@@ -16,7 +16,6 @@ from nrs_cosim.orchestrator.runs.robots import wire_of
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.faults import link_faults
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import links_of, missing_of, topologies_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.export import export
 from nrs_cosim.recordings.reading import Reader
@@ -243,7 +242,7 @@ def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
 
 def test_what_a_silent_robot_says_is_refused(paper):
     file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.1, 0.2]]"))
-    wire = wire_of(file.scenario, {"here": range(1, 7)}, Seal())
+    wire = wire_of(file, {"here": range(1, 7)}, Seal())
 
     def batch(k, robots):
         records = wire.samples.blank(np.array(robots))
@@ -259,8 +258,8 @@ def test_what_a_silent_robot_says_is_refused(paper):
 
 
 def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
-    scenario = paper(with_faults(FAULTY)).scenario
-    faults = link_faults(scenario, topologies_of(scenario).links)
+    scenario = paper(with_faults(FAULTY))
+    faults = link_faults(scenario, scenario.topologies.links)
     assert len(faults) == 10
     assert faults[1, 2] == LinkFault(loss=0.3, noise=(0.5, 0.5))
     late = {"loss": 0.3, "noise": (0.0, 0.25), "quantisation": (0.5, 0.5)}
@@ -270,16 +269,16 @@ def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper)
 
 
 def test_the_faults_of_some_robots_are_those_on_their_in_links(paper):
-    scenario = paper(with_faults("[[faults.links]]\nfrom = 1\nloss = 0.5")).scenario
-    assert links_of(scenario, np.array([2, 3])).sink.tolist() == [2]
-    assert links_of(scenario, np.array([3, 6])).sink.tolist() == []
-    assert links_of(paper().scenario, np.array([2, 3])) is None
+    scenario = paper(with_faults("[[faults.links]]\nfrom = 1\nloss = 0.5"))
+    assert scenario.links_into(np.array([2, 3])).sink.tolist() == [2]
+    assert scenario.links_into(np.array([3, 6])).sink.tolist() == []
+    assert paper().links_into(np.array([2, 3])) is None
 
 
 def test_the_policy_is_the_algorithms_first_unless_asked(paper):
-    assert missing_of(paper().scenario) == "hold"
-    asked = paper(("beta = 1.1", 'beta = 1.1\nmissing = "drop"')).scenario
-    assert missing_of(asked) == "drop"
+    assert paper().missing == "hold"
+    asked = paper(("beta = 1.1", 'beta = 1.1\nmissing = "drop"'))
+    assert asked.missing == "drop"
 
 
 class Installed:

@@ -15,10 +15,9 @@ from nrs_cosim.orchestrator.promises.judging import judge
 from nrs_cosim.orchestrator.promises.promising import promises
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.scenario.changes import Change, changed
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.recordings.reading import Reader
@@ -71,7 +70,7 @@ def test_the_run_is_that_after_the_formula(ran):
 
 def test_its_samples_are_the_fmus_own(ran):
     """At t_k the bits are those in the text, which test_motion has from FMPy."""
-    scenario = scenario_of(ran[1]).scenario
+    scenario = experiment_of(ran[1]).scenario
     known = dict(zip(scenario.target.times, scenario.target.positions, strict=True))
     with Recording(ran[1].path) as recording:
         rows = recording.samples(robots=[0])
@@ -81,13 +80,16 @@ def test_its_samples_are_the_fmus_own(ran):
 
 
 def test_the_recording_alone_repeats_the_run(ran):
-    file = scenario_of(ran[1])
+    file = experiment_of(ran[1])
     digest = hashlib.sha256(build("planar_robot").read_bytes()).hexdigest()
     assert file.scenario.target.sha256 == digest
-    told = describe(ran[1])
+    told = describe(ran[1], experiment_of(ran[1]))
     assert told["target"] == {"fmu": "planar_robot", "sha256": digest}
-    assert lines(told, measure(ran[1]))["target"] == f"planar_robot, SHA-256 {digest}"
-    assert describe(ran[0])["target"] is None
+    assert (
+        lines(told, measure(ran[1], experiment_of(ran[1])))["target"]
+        == f"planar_robot, SHA-256 {digest}"
+    )
+    assert describe(ran[0], experiment_of(ran[0]))["target"] is None
     verdict = verify(ran[1], file, plants=False)
     assert verdict.difference is None
     assert verdict.ticks == 300
@@ -105,13 +107,13 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
 
 def test_it_is_judged_as_any_target_is(ran):
     """γ1 and γ2 are of the cubics: those of the formula, to h²/192 with a quarter of h."""
-    scenario = scenario_of(ran[1]).scenario
+    scenario = experiment_of(ran[1])
     told = promises(scenario)
     assert told.exact is None
     assert told.gamma_1 == pytest.approx(3.0, abs=1e-9)
     assert told.gamma_2 == pytest.approx(1.0, abs=1e-4)
     assert told.source == "of the cubics through 1501 samples of planar_robot"
-    judged = judge(ran[1], scenario, measure(ran[1]))
+    judged = judge(ran[1], scenario, measure(ran[1], experiment_of(ran[1])))
     assert [row.verdict for row in judged.quantities] == ["within"] * 4
 
 
@@ -151,15 +153,16 @@ def test_the_text_says_what_the_fmu_did(tmp_path, form):
 def test_it_is_sampled_at_all_output_times_and_between(tmp_path, step, output, count):
     table = MOVER.replace('kind = "fmu"\n', f'kind = "fmu"\nstep = {step}\n') if step else MOVER
     short = ("duration = 30.0", "duration = 0.3"), ("output_step = 0.02", f"output_step = {output}")
-    scenario = read(tmp_path, table, *short).scenario
-    clock, times = clock_of(scenario), scenario.target.times
+    file = read(tmp_path, table, *short)
+    clock, sampled = file.clock, file.scenario.target
+    times = sampled.times
     outputs = {ns / 1e9 for k in range(clock.ticks + 1) for ns in clock.outputs(k)}
     assert outputs <= set(times)
     assert len(times) == count + 1
     assert max(np.diff(times)) <= (step or 0.025) * (1 + 1e-9)
     expected = np.array([target(t) for t in times])
-    np.testing.assert_allclose(scenario.target.positions, expected[:, 0], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(scenario.target.velocities, expected[:, 1], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(sampled.positions, expected[:, 0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(sampled.velocities, expected[:, 1], rtol=0, atol=1e-11)
 
 
 def test_cubics_of_hermite_give_back_what_they_were_given():
@@ -272,9 +275,7 @@ def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
     )
     short = ("duration = 30.0", "duration = 0.3")
     file = read(tmp_path, table, short)
-    assert target_of(file.scenario).at(0.3).position.tolist() == list(
-        file.scenario.target.positions[-1]
-    )
+    assert file.target.at(0.3).position.tolist() == list(file.scenario.target.positions[-1])
     (tmp_path / "arm.fmu").unlink()
     assert run(file, tmp_path / "run.mcap").ticks == 3
 
@@ -287,11 +288,11 @@ JITTER = (
 
 def test_under_jitter_it_is_looked_at_when_samples_are_taken(tmp_path):
     file = read(tmp_path, MOVER, *JITTER)
-    clock, times = clock_of(file.scenario), file.scenario.target.times
+    clock, times = file.clock, file.scenario.target.times
     assert {clock.t(k) / 1e9 for k in range(11)} <= set(times)
     assert times[-1] == clock.t(10) / 1e9 < 1
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
-        assert verify(reader, scenario_of(reader), plants=True).difference is None
+        assert verify(reader, experiment_of(reader), plants=True).difference is None
 
 
 def test_under_jitter_an_fmu_for_steps_of_one_length_is_refused(tmp_path):

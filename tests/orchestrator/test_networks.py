@@ -9,7 +9,6 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario import graphs
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import topologies_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -25,8 +24,8 @@ def text_of(network, seed=1):
     return f"{BEFORE}[network]\n{network}\n\n{AFTER}".replace("seed = 1", f"seed = {seed}")
 
 
-def scenario_of(network, seed=1):
-    return parse_scenario(text_of(network, seed), "net", SCENARIOS, "net.toml").scenario
+def experiment_of(network, seed=1):
+    return parse_scenario(text_of(network, seed), "net", SCENARIOS, "net.toml")
 
 
 def generator(**keys):
@@ -36,13 +35,13 @@ def generator(**keys):
 
 def edges_of(scenario):
     """Return the edges (j, i) of a scenario with their weights."""
-    t = topologies_of(scenario).links
+    t = scenario.topologies.links
     edges = zip(t.source.tolist(), t.sink.tolist(), strict=True)
     return dict(zip(edges, t.weight.tolist(), strict=True))
 
 
 def generated(seed=1, **keys):
-    return edges_of(scenario_of(generator(**keys), seed))
+    return edges_of(experiment_of(generator(**keys), seed))
 
 
 def reached(edges):
@@ -173,7 +172,7 @@ def test_a_file_of_edges_travels_in_the_text(tmp_path):
         file = read_scenario(path)
         again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
         assert again.scenario == file.scenario
-        assert edges_of(again.scenario) == dict.fromkeys(sorted(PAPERS), 1.0)
+        assert edges_of(again) == dict.fromkeys(sorted(PAPERS), 1.0)
         assert again.scenario.n == 6
     assert file.text.replace("\n", "").count("a.csv") == 0
 
@@ -185,10 +184,10 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
     networkx.write_graphml(graph, tmp_path / "net.graphml")
     path = tmp_path / "net.toml"
     path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
-    assert edges_of(read_scenario(path).scenario) == {(j, i): 0.5 + i for j, i in PAPERS}
+    assert edges_of(read_scenario(path)) == {(j, i): 0.5 + i for j, i in PAPERS}
     networkx.write_graphml(networkx.path_graph(4), tmp_path / "net.graphml")
     both = {(0, 1), (1, 2), (2, 1), (2, 3), (3, 2)}
-    assert edges_of(read_scenario(path).scenario).keys() == both
+    assert edges_of(read_scenario(path)).keys() == both
     for wrong, told in {
         "a": "expected 0, the target, or the number of a robot, got 'a'",
         "-1": "a robot, got '-1'",
@@ -281,14 +280,14 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
 )
 def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, told):
     with pytest.raises(ScenarioError) as error:
-        scenario_of(network)
+        experiment_of(network)
     assert told in str(error.value)
 
 
 def test_a_topology_is_made_once_and_cannot_be_written():
-    scenario = scenario_of(generator(kind="ring", n=10_000))
-    topology = topologies_of(scenario).links
-    assert topologies_of(scenario).links is topology
+    scenario = experiment_of(generator(kind="ring", n=10_000))
+    topology = scenario.topologies.links
+    assert scenario.topologies.links is topology
     assert len(topology.source) == 10_001
     assert topology.steps().tolist() == list(range(1, 10_001))
     with pytest.raises(ValueError, match="read-only"):

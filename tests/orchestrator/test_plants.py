@@ -2,15 +2,13 @@
 
 import hashlib
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.runs.units import mixed_units
-from nrs_cosim.orchestrator.scenario import setting
-from nrs_cosim.orchestrator.scenario.setting import bodies, initial_estimates
+from nrs_cosim.orchestrator.scenario import initial
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
 from nrs_cosim.plant_fmu.archives.store import keep, stored
 from nrs_cosim.plant_fmu.archives.units import si_name
@@ -40,9 +38,9 @@ def test_rows_are_positions_among_the_robots_that_are_opened(paper):
     file = paper(OWN)
 
     def rows(*robots):
-        return rows_of(group_by_archive(file.scenario, file.folder, robots))
+        return rows_of(group_by_archive(file, robots))
 
-    whole = rows_of(group_by_archive(file.scenario, file.folder))
+    whole = rows_of(group_by_archive(file))
     assert whole == {"two_link_arm": [0, 2, 3, 5], "planar_robot": [1, 4]}
     assert rows(1, 2, 3, 4, 5, 6) == whole
     assert rows(2, 3, 5) == {"planar_robot": [0, 2], "two_link_arm": [1]}
@@ -52,9 +50,9 @@ def test_rows_are_positions_among_the_robots_that_are_opened(paper):
 
 def test_an_fmu_that_no_own_robot_has_is_not_looked_for(paper):
     file = paper(("# [[robots]]", '[[robots]]\nid = 2\nplant = { fmu = "none.fmu" }\n#'))
-    group_by_archive(file.scenario, file.folder, [1, 3])
+    group_by_archive(file, [1, 3])
     with pytest.raises(FmuError, match=r"^robots\[0\].plant: .*none.fmu: no such FMU"):
-        group_by_archive(file.scenario, file.folder, [2])
+        group_by_archive(file, [2])
 
 
 def test_robots_of_two_workers_move_as_those_of_one(paper):
@@ -62,9 +60,9 @@ def test_robots_of_two_workers_move_as_those_of_one(paper):
 
     def played(robots=None):
         with ExitStack() as stack:
-            groups = group_by_archive(file.scenario, file.folder, robots)
-            fleet = open_fleet(stack, groups, bodies(file.scenario, robots))
-            estimate = initial_estimates(file.scenario, robots)
+            groups = group_by_archive(file, robots)
+            fleet = open_fleet(stack, groups, file.bodies(robots))
+            estimate = file.initial_estimates(robots)
             fleet.hold(estimate.position, estimate.velocity)
             fleet.advance(0.0, 0.1)
             return np.stack([fleet.q, fleet.qd, fleet.tau], axis=1), fleet.save()
@@ -78,15 +76,15 @@ def test_robots_of_two_workers_move_as_those_of_one(paper):
 
 
 def test_what_others_start_with_is_not_drawn(paper, monkeypatch):
-    scenario, drawn, draw = paper(OWN).scenario, [], setting.draw
+    scenario, drawn, draw = paper(OWN), [], initial.draw
 
     def heard(seed, purpose, robot, uniform, m):
         drawn.append((purpose, robot))
         return draw(seed, purpose, robot, uniform, m)
 
-    whole = bodies(scenario)
-    monkeypatch.setattr(setting, "draw", heard)
-    some = bodies(scenario, [2, 5])
+    whole = scenario.bodies()
+    monkeypatch.setattr(initial, "draw", heard)
+    some = scenario.bodies([2, 5])
     names = ("q", "qd", "position", "velocity")
     assert sorted(drawn) == sorted(
         (name, robot) for name in names for robot in (2, 5) if (name, robot) != ("q", 5)
@@ -99,8 +97,8 @@ def test_what_others_start_with_is_not_drawn(paper, monkeypatch):
 
 def test_rows_that_are_given_are_the_robots_own(paper):
     rows = [[10.0 * robot, -1.0] for robot in range(1, 7)]
-    scenario = paper(("\nq = { uniform = [-25.0, 25.0] }", f"\nq = {rows}")).scenario
-    assert [body.q.tolist() for body in bodies(scenario, [2, 6])] == [[20, -1], [60, -1]]
+    scenario = paper(("\nq = { uniform = [-25.0, 25.0] }", f"\nq = {rows}"))
+    assert [body.q.tolist() for body in scenario.bodies([2, 6])] == [[20, -1], [60, -1]]
 
 
 def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_path, monkeypatch):
@@ -116,7 +114,7 @@ def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_
         assert path is not None
         return open_archive(path, fmu)
 
-    (group,) = group_by_archive(file.scenario, Path("nowhere"), [2, 3], find)
+    (group,) = group_by_archive(file, [2, 3], find)
     assert asked == ["../elsewhere/my.fmu"]
     assert (group.archive.sha256, group.archive.label) == (sha256, "../elsewhere/my.fmu")
     assert not group.archive.ours

@@ -19,9 +19,8 @@ from nrs_cosim.orchestrator.promises.judging import Judged, Judgement, judge
 from nrs_cosim.orchestrator.promises.probing import Sampling
 from nrs_cosim.orchestrator.promises.promising import Bound, bounds, designed, promises
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import target_of
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.recordings.measuring import SteadyState
 from nrs_cosim.recordings.reading import Reader
@@ -56,7 +55,7 @@ def recording(tmp_path_factory):
 
 def test_the_example_keeps_every_promise(recording):
     with Reader(recording) as reader:
-        judged = judge(reader, read_scenario(PAPER).scenario, measure(reader))
+        judged = judge(reader, read_scenario(PAPER), measure(reader, experiment_of(reader)))
     assert judged.why_not == ""
     assert [row.verdict for row in judged.quantities] == ["within"] * 4
     assert judged.measured_factor == pytest.approx(judged.factor, rel=2e-3)
@@ -68,9 +67,9 @@ def test_the_example_keeps_every_promise(recording):
 
 def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
     with Reader(recording) as reader:
-        true = measure(reader)
+        true = measure(reader, experiment_of(reader))
         broken = SteadyState(0.2, true.velocity_estimate, 0.4, 0.4, (int(27.3e9), 0, 0, 0))
-        judged = judge(reader, read_scenario(PAPER).scenario, broken)
+        judged = judge(reader, read_scenario(PAPER), broken)
     assert [row.verdict for row in judged.quantities] == ["exceeds", *["within"] * 3]
     assert judged.quantities[0].tick == 273
 
@@ -79,7 +78,7 @@ def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
     """As if agents had jumped otherwise than their gains say."""
     other = changed(("alpha = 0.9", "alpha = 1.1"))
     with Reader(recording) as reader:
-        judged = judge(reader, other.scenario, measure(reader))
+        judged = judge(reader, other, measure(reader, experiment_of(reader)))
     assert judged.quantities[0].verdict == "exceeds"
     assert judged.measured_factor is not None
 
@@ -87,8 +86,8 @@ def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
 def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(recording):
     other = changed(('fmu = "two_link_arm"', 'fmu = "theirs.fmu"'))
     with Reader(recording) as reader:
-        judged = judge(reader, other.scenario, measure(reader))
-        ours = judge(reader, read_scenario(PAPER).scenario, measure(reader))
+        judged = judge(reader, other, measure(reader, experiment_of(reader)))
+        ours = judge(reader, read_scenario(PAPER), measure(reader, experiment_of(reader)))
     why = "none of tracking: the bounds of P3 are not known of theirs.fmu; `nrs check` samples them"
     assert f"bounds     {why}" in shown(judged)
     assert "none of tracking" not in shown(ours)
@@ -96,10 +95,10 @@ def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(reco
 
 
 def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
-    lossy = promises(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
+    lossy = promises(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
     assert "faults" in lossy.why_not
     assert (lossy.exact, lossy.sharp, lossy.paper) == (None, None, None)
-    diverging = promises(read_scenario(SCENARIOS / "paper_example_1c.toml").scenario)
+    diverging = promises(read_scenario(SCENARIOS / "paper_example_1c.toml"))
     assert "diverge" in diverging.why_not
     assert diverging.tracking.paper is None
 
@@ -108,7 +107,7 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     file = changed(("duration = 30.0", "duration = 2.0"))
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
-        judged = judge(reader, file.scenario, measure(reader))
+        judged = judge(reader, file, measure(reader, experiment_of(reader)))
     row = judged.quantities[0]
     assert row.measured > row.bound.sharp
     assert row.verdict == "within"
@@ -154,8 +153,8 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
     file = changed(("duration = 30.0", "duration = 2.0"))
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
-        broken = replace(measure(reader), position_tracking=50.0)
-        judged = judge(reader, file.scenario, broken)
+        broken = replace(measure(reader, experiment_of(reader)), position_tracking=50.0)
+        judged = judge(reader, file, broken)
     row = judged.quantities[2]
     assert row.measured > row.bound.sharp
     assert row.verdict == "unknown"
@@ -163,7 +162,7 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
 
 def test_robots_of_their_own_are_bounded_on_their_own():
     own = "[[robots]]\nid = 3\ncontroller = { kp = 25.0, kd = 300.0 }\n"
-    scenario = changed(("# [[robots]] ", own + "# [[robots]] ")).scenario
+    scenario = changed(("# [[robots]] ", own + "# [[robots]] "))
     parts = bounded(scenario)
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
     kp = tracking_conditions(scenario)[0]
@@ -180,7 +179,7 @@ def test_robots_of_their_own_are_bounded_on_their_own():
     ],
 )
 def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why):
-    scenario = changed((old, new)).scenario
+    scenario = changed((old, new))
     (part,) = bounded(scenario)
     assert why in part.why
     assert part.constants is None
@@ -193,8 +192,8 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "theirs.fmu"')
     file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
     find = Sampling(file)
-    ours = read_scenario(PAPER).scenario
-    checked, promised = check(file.scenario, find), promises(file.scenario, find=find)
+    ours = read_scenario(PAPER)
+    checked, promised = check(file, find), promises(file, find=find)
     (part,), (exact,) = promised.robots, bounded(ours)
     assert part.bounds.states > 1000
     assert json.loads(json.dumps(promised.as_json()))["plants"][0]["bounds"]["source"] == "sampled"
@@ -208,7 +207,7 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     }  # fmt: skip
     assert [row.sampled for row in bounds(promised)] == [False, False, True, True]
     assert [row.sampled for row in bounds(promises(ours))] == [False] * 4
-    assert designed(file.scenario, Pair(0.5, 0.5), 0.5, find).paper.kp == pytest.approx(
+    assert designed(file, Pair(0.5, 0.5), 0.5, find).paper.kp == pytest.approx(
         designed(ours, Pair(0.5, 0.5), 0.5).paper.kp, rel=1e-3
     )
 
@@ -216,21 +215,21 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
 def test_what_cannot_be_sampled_says_why(tmp_path):
     text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "none.fmu"')
     file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
-    (part,) = bounded(file.scenario, Sampling(file))
+    (part,) = bounded(file, Sampling(file))
     assert "P3 cannot be sampled: " in part.why
     assert "none.fmu: no such FMU" in part.why
 
 
 def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
-    scenario = changed(("kp = 200.0", "kp = 10.0")).scenario
+    scenario = changed(("kp = 200.0", "kp = 10.0"))
     kp = {c.name: c for c in check(scenario).conditions}["kp (tracking)"]
     assert not kp.holds
     assert check(scenario).warnings() == []
 
 
 def test_a_design_is_found_and_keeps_6_1():
-    found = designed(read_scenario(PAPER).scenario, Pair(0.5, 0.5), 0.5)
-    (part,) = bounded(read_scenario(PAPER).scenario)
+    found = designed(read_scenario(PAPER), Pair(0.5, 0.5), 0.5)
+    (part,) = bounded(read_scenario(PAPER))
     of = part.constants
     assert found.paper.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
     assert 0 < found.paper.period < 0.1
@@ -278,14 +277,14 @@ def built(text, gains, h):
 def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_not(tmp_path):
     """A disturbance in resonance with Kp: 13 times what (6.1) would have."""
     wanted = Pair(0.001, 100.0)
-    found = designed(built(RESONANT, Gains(2900.0, 2.28, None, None), 0.01).scenario, wanted, 0.5)
+    found = designed(built(RESONANT, Gains(2900.0, 2.28, None, None), 0.01), wanted, 0.5)
     most = {}
     for name, gains in (("paper", found.paper), ("proven", found.proven)):
         path = tmp_path / f"{name}.mcap"
         run(built(RESONANT, gains, 0.01), path)
         assert gains.period >= 0.01
         with Reader(path) as reader:
-            most[name] = measure(reader).position_tracking
+            most[name] = measure(reader, experiment_of(reader)).position_tracking
     assert most["proven"] <= wanted.position
     assert most["paper"] > 10 * wanted.position
 
@@ -298,13 +297,13 @@ def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_pa
     text = RESONANT.replace("38.07", f"{rng.uniform(1, 60):.2f}").replace("planar_robot", model)
     text = text.replace("amplitude = 1,", f"amplitude = {1 + seed},")
     share = float(rng.uniform(0.3, 0.7))
-    found = designed(built(text, Gains(1.0, 1.0, None, None), 0.01).scenario, wanted, share).proven
+    found = designed(built(text, Gains(1.0, 1.0, None, None), 0.01), wanted, share).proven
     h = min(float(f"{0.99 * found.period:.2g}"), 0.1)
     text = text.replace("20.0", f"{100 * h:.6g}")
     path = tmp_path / "designed.mcap"
     run(built(text, found, h), path)
     with Reader(path) as reader:
-        measured = measure(reader)
+        measured = measure(reader, experiment_of(reader))
     assert 0 < measured.position_tracking <= wanted.position
     assert 0 < measured.velocity_tracking <= wanted.velocity
 
@@ -318,7 +317,7 @@ def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
         ("velocity = { uniform = [-25.0, 25.0] } ", "velocity = { uniform = [1.0, 1.2] } "),
     )
     run(file, tmp_path / "far.mcap")
-    (part,) = bounded(file.scenario)
+    (part,) = bounded(file)
     of, drive = part.constants, part.drive
     with Reader(tmp_path / "far.mcap") as reader:
         table = np.concatenate(list(states(reader)))
@@ -326,7 +325,7 @@ def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
     for robot in range(1, 7):
         mine = table[table["robot"] == robot]
         t = mine["time_ns"] / 1e9
-        motion = target_of(file.scenario).at(t)
+        motion = file.target.at(t)
         e, ed = mine["position"] - motion.position, mine["velocity"] - motion.velocity
         x, y, z = (np.linalg.norm(v, axis=1) for v in (e, ed, np.tanh(e)))
         off = [
@@ -353,10 +352,11 @@ def value(q, e, ed):
 
 
 def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
-    scenario = read_scenario(PAPER).scenario
-    gone = scenario.algorithm.model_copy(update={"name": "gone"})
+    file = read_scenario(PAPER)
+    gone = file.scenario.algorithm.model_copy(update={"name": "gone"})
+    other = replace(file, scenario=file.scenario.model_copy(update={"algorithm": gone}))
     with Reader(recording) as reader:
-        judged = judge(reader, scenario.model_copy(update={"algorithm": gone}), measure(reader))
+        judged = judge(reader, other, measure(reader, file))
     assert "'gone'" in judged.why_not
     assert judged.quantities == ()
 
@@ -365,7 +365,7 @@ def test_a_target_that_rests_is_reached():
     text = PAPER.read_text("utf-8")
     start, end = text.index("axes = ["), text.index("[plant]")
     text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
-    told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml").scenario)
+    told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
     assert (told.gamma_1, told.gamma_2) == (0, 0)
     assert told.exact == told.sharp == told.paper.bound == Pair(0, 0)
     assert told.tracking.paper.position < 0.2

@@ -17,7 +17,7 @@ from nrs_cosim.orchestrator.replays.publishing import publish
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.replays.what_if import parent, run_again
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.changes import Change, changed
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.recordings.reading import Reader
@@ -72,7 +72,7 @@ def test_every_small_scenario_is_identical_when_it_is_run_again(path, tmp_path):
     outcome = run(file, tmp_path / "run.mcap")
     with Reader(outcome.path) as reader:
         for plants in (True, False):
-            verdict = verify(reader, scenario_of(reader), plants=plants)
+            verdict = verify(reader, experiment_of(reader), plants=plants)
             assert verdict.difference is None
             assert verdict.ticks == outcome.ticks
             assert verdict.messages == sum(
@@ -97,7 +97,7 @@ def test_one_bit_is_found_where_it_was_flipped(paper, tmp_path, plants, topic, a
     rewritten(tmp_path / "run.mcap", tmp_path / "bad.mcap", flipped(topic, 7, at))
     with Reader(tmp_path / "bad.mcap", verify=True) as reader:
         assert reader.damage == []
-        found = verify(reader, scenario_of(reader), plants=plants).difference
+        found = verify(reader, experiment_of(reader), plants=plants).difference
     if topic == "/robot_2/state" and not plants:
         assert found is None  # without the plants, what they did is taken as recorded
         return
@@ -114,7 +114,7 @@ def test_a_message_that_is_missing_or_too_many_is_found(paper, tmp_path):
         lambda tick: [m for m in tick if (m[1], m[2]) != ("/robot_3/state", 4)],
     )
     with Reader(tmp_path / "less.mcap") as reader:
-        found = verify(reader, scenario_of(reader), plants=True).difference
+        found = verify(reader, experiment_of(reader), plants=True).difference
         assert (found.topic, found.k, found.recorded) == ("/robot_3/state", 4, "absent")
         with Reader(tmp_path / "run.mcap") as whole:
             first = compare(whole, reader).first
@@ -129,7 +129,7 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     changes = [Change.of("--plant", ONE_HEAVY)]
     with Reader(tmp_path / "run.mcap") as reader:
-        file = changed(scenario_of(reader), changes, [])
+        file = changed(experiment_of(reader), changes, [])
         launch = run_again(reader, file, [3])
         again = run(file, tmp_path / "what-if.mcap", launch, metadata=parent(reader, changes))
         parents = reader.digest
@@ -140,7 +140,7 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
         assert one.digest == other.digest != parents
         assert one.metadata["nrs.parent"] == {"digest": parents, "change": f"--plant {ONE_HEAVY}"}
         assert compare(one, other).is_same
-        assert verify(one, scenario_of(one), plants=True).difference is None
+        assert verify(one, experiment_of(one), plants=True).difference is None
         by_robots = {tuple(p["robots"]): p for p in json.loads(one.metadata["nrs.run"]["plants"])}
         assert by_robots.keys() == {(3,), (1, 2, 4, 5, 6)}
 
@@ -148,7 +148,7 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
 def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     with Reader(tmp_path / "run.mcap") as reader:
-        file = changed(scenario_of(reader), [], [Change.of("--algorithm", "beta=0.9,alpha=1.0")])
+        file = changed(experiment_of(reader), [], [Change.of("--algorithm", "beta=0.9,alpha=1.0")])
     again = run(file, tmp_path / "what-if.mcap")
     fresh = run(
         paper(SHORT, ("alpha = 0.9", "alpha = 1.0"), ("beta = 1.1", "beta = 0.9")),

@@ -6,7 +6,7 @@ import pytest
 
 import nrs_cosim as nrs
 from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.runs.summary import measure, scenario_of
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
 from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SCENARIOS
 
@@ -20,8 +20,8 @@ def paper():
 def judged(scenario, path, **changes):
     nrs.run(scenario, path).close()
     with Reader(path) as reader:
-        measured = replace(measure(reader), **changes)
-        return judge(reader, scenario_of(reader).scenario, measured).quantities[0]
+        measured = replace(measure(reader, experiment_of(reader)), **changes)
+        return judge(reader, experiment_of(reader), measured).quantities[0]
 
 
 def test_an_ulp_of_a_large_position_is_not_beyond_a_bound_of_0(paper, tmp_path):
@@ -40,7 +40,9 @@ def test_a_tenth_of_a_nanometre_is_beyond_a_bound_of_two(paper, tmp_path):
     assert row.verdict == "within"
     assert row.measured == pytest.approx(row.bound.exact, rel=0.05)
     with Reader(path) as reader:
-        more = replace(measure(reader), position_estimate=1.5 * row.bound.exact)
-        (beyond, *_) = judge(reader, scenario_of(reader).scenario, more).quantities
+        more = replace(
+            measure(reader, experiment_of(reader)), position_estimate=1.5 * row.bound.exact
+        )
+        (beyond, *_) = judge(reader, experiment_of(reader), more).quantities
     assert beyond.verdict == "exceeds"
     assert "this target" in beyond.above

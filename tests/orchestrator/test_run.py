@@ -17,9 +17,8 @@ from nrs_cosim.orchestrator.runs.in_process import InProcess
 from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode
 from nrs_cosim.orchestrator.runs.robots import Robots
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, lines, measure, scenario_of
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import clock_of, target_of
 from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
@@ -96,7 +95,7 @@ STEADY = {  # paper.md's table: sup of position and velocity estimates, of e and
 def test_steady_state_of_the_papers_cases(case, tmp_path):
     file = read_scenario(SCENARIOS / f"paper_example_{case}.toml")
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
-        measured = measure(reader)
+        measured = measure(reader, experiment_of(reader))
     position, velocity, e, ed = STEADY[case]
     assert measured.position_estimate == pytest.approx(position, rel=0.01)
     assert measured.velocity_estimate == pytest.approx(velocity, rel=0.01)
@@ -107,7 +106,7 @@ def test_steady_state_of_the_papers_cases(case, tmp_path):
 def test_steady_state_just_inside_the_bound(tmp_path):
     file = read_scenario(SCENARIOS / "paper_example_1b.toml")
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
-        measured = measure(reader)
+        measured = measure(reader, experiment_of(reader))
     assert 0.111 * 0.99 < measured.position_estimate < 0.123 * 1.01
     assert measured.velocity_estimate == pytest.approx(0.4153, rel=0.01)
 
@@ -221,8 +220,8 @@ plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
     for name, file in (("driven", driven), ("alone", paper(SHORT))):
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
             q[name] = rows_of(states(reader), 6)["position"]
-            told = describe(reader)
-            lines_of = lines(told, measure(reader))
+            told = describe(reader, experiment_of(reader))
+            lines_of = lines(told, measure(reader, experiment_of(reader)))
         if name == "driven":
             by_robots = {tuple(plant["robots"]): plant for plant in told["plants"]}
             assert {robots: plant["kind"] for robots, plant in by_robots.items()} == {
@@ -245,13 +244,12 @@ class Loop:
     """A run's parts in the open, on any bus, advanced a tick at a time."""
 
     def __init__(self, stack, file, bus, writer):
-        scenario = file.scenario
-        clock, n = clock_of(scenario), scenario.n
+        clock, n = file.clock, file.n
         robots = Robots.opened(stack, file, range(1, n + 1))
         self.agents = robots.agents
-        self.workers = InProcess(bus, clock, robots, lambda _t: None)
+        self.workers = InProcess(bus, robots, lambda _t: None)
         wire = self.workers.wire()
-        self.target = TargetNode(bus, clock, wire, target_of(scenario))
+        self.target = TargetNode(bus, clock, wire, file.target)
         self.recorder = Recorder(writer, wire, n, 0)
         parts = (clock, self.target, self.workers, self.recorder)
         self.lockstep = Lockstep(*parts, {}, 1, 0.1, lambda _t: None)
@@ -447,8 +445,8 @@ def test_what_is_said_again_is_kept_once(paper):
 def test_the_recording_carries_its_scenario(paper, tmp_path):
     file = paper(SHORT)
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
-        assert scenario_of(reader).scenario == file.scenario
-        assert scenario_of(reader).text == file.text
+        assert experiment_of(reader).scenario == file.scenario
+        assert experiment_of(reader).text == file.text
         about = reader.metadata["nrs.run"]
         assert (about["robots"], about["joints"], about["seed"], about["ticks"]) == (
             "6", "2", "1", "10",

@@ -8,7 +8,6 @@ from scipy.sparse import csr_array
 
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.orchestrator.scenario.setting import topologies_of
 from nrs_cosim.recordings import Recording
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
@@ -34,7 +33,7 @@ def test_ten_thousand_robots(tmp_path):
     outcome = run(file, tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks, outcome.refused) == ("completed", TICKS, {})
     assert outcome.messages == TICKS * (N + 1) + (TICKS + 1) * N
-    topology = topologies_of(file.scenario).links
+    topology = file.topologies.links
     edges = csr_array(
         (np.ones(len(topology.sink)), (topology.sink - 1, topology.source)), shape=(N, N + 1)
     )

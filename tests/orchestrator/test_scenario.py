@@ -7,9 +7,9 @@ import pytest
 
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.clock import Clock, nanoseconds
+from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.own import own_plants
-from nrs_cosim.orchestrator.scenario.setting import bodies, draw, gain, initial_estimates, target_of
+from nrs_cosim.orchestrator.scenario.initial import draw
 from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.orchestrator.scenario.tables.values import Uniform
@@ -321,7 +321,7 @@ def test_draws_depend_on_seed_purpose_and_robot_alone(paper):
     ]
     for other in others:
         assert not np.intersect1d(other, draw(1, "q", 3, uniform, 2)).size
-    start = initial_estimates(paper().scenario)
+    start = paper().initial_estimates()
     assert start.position[2].tolist() == draw(1, "position", 3, uniform, 2).tolist()
     assert start.velocity[5].tolist() == draw(1, "velocity", 6, uniform, 2).tolist()
 
@@ -337,7 +337,7 @@ def test_draws_fill_their_range():
 
 def test_one_robots_own_values_leave_the_others_alone(paper):
     own = "[[robots]]\nid = 3\ninitial.q = [1.5, -2]\ncontroller = { kp = 1, kd = [2, 3] }\n#"
-    changed, example = bodies(paper(("# [[robots]]", own)).scenario), bodies(paper().scenario)
+    changed, example = paper(("# [[robots]]", own)).bodies(), paper().bodies()
     assert changed[2].q.tolist() == [1.5, -2]
     assert changed[2].kd.tolist() == [[2, 0], [0, 3]]
     assert changed[2].qd.tolist() == example[2].qd.tolist()
@@ -360,8 +360,8 @@ disturbance = {}
 plant = { fmu = "two_link_arm", variables = { q = "q" } }
 #"""
     shared = ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = 0.25 }\n#")
-    scenario = paper(("# [[robots]]", own), shared).scenario
-    made = bodies(scenario)
+    scenario = paper(("# [[robots]]", own), shared)
+    made = scenario.bodies()
     assert made[1].kp.tolist() == [[20, 0], [0, 20]]
     assert made[1].kd.tolist() == [[300, 0], [0, 300]]
     assert [body.parameters for body in made] == [
@@ -372,7 +372,7 @@ plant = { fmu = "two_link_arm", variables = { q = "q" } }
         {"m1": 0.25},
         {"m1": 0.25},
     ]
-    assert own_plants(scenario)[4].variables == {"q": "q"}
+    assert scenario.of_robot(4).plant.variables == {"q": "q"}
     for robot, waves in ((3, 0), (4, 2)):
         assert np.count_nonzero(made[robot - 1].disturbance.amplitude) == waves
 
@@ -389,13 +389,13 @@ plant = { fmu = "two_link_arm", variables = { q = "q" } }
 def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(paper, given, row):
     text = paper().text
     start, end = text.index("[initial]"), text.index("# [[robots]]")
-    made = bodies(parse_scenario(f"{given}\n{text[:start]}", "s", SCENARIOS, "s").scenario)
+    made = parse_scenario(f"{given}\n{text[:start]}", "s", SCENARIOS, "s").bodies()
     assert [body.q.tolist() for body in made] == [row] * 6
     for body in made:
         assert body.qd.tolist() == body.position.tolist() == body.velocity.tolist() == [0.0, 0.0]
     if "[[" not in given:  # one robot's own is the same, without the rows
         own = (text[start:end], f"[initial]\nq = 9\n[[robots]]\nid = 2\n{given}\n")
-        q = [body.q.tolist() for body in bodies(paper(own).scenario)]
+        q = [body.q.tolist() for body in paper(own).bodies()]
         assert q == [[9.0, 9.0], row if given else [9.0, 9.0], *[[9.0, 9.0]] * 4]
 
 
@@ -422,7 +422,7 @@ def test_gains_as_a_number_a_vector_and_a_matrix():
 
 
 def test_target_is_the_papers(paper):
-    motion = target_of(paper().scenario).at(np.array([0.0, 0.3, 12.5]))
+    motion = paper().target.at(np.array([0.0, 0.3, 12.5]))
     for row, t in enumerate((0.0, 0.3, 12.5)):
         position, velocity = target(t)
         np.testing.assert_allclose(motion.position[row], position, rtol=1e-14)

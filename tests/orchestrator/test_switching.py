@@ -15,16 +15,16 @@ from nrs_cosim.orchestrator.promises.promising import designed, promises
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.reports.reporting import subject_of
 from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import topologies_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import samples
 from tests.cluster.local_runs import digest, turning
 from tests.estimator_agents.paper import second_order
 from tests.orchestrator.conftest import SCENARIOS
-from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS, scenario_of
+from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS
+from tests.orchestrator.test_networks import experiment_of as networked
 
 PAPER = f"edge_list = {[list(edge) for edge in PAPERS]}"
 PATH = 'generator = { kind = "path", n = 6 }'
@@ -47,7 +47,7 @@ def edges(topology):
 
 def judged(path, file):
     with Reader(path) as reader:
-        return judge(reader, file.scenario, measure(reader))
+        return judge(reader, file, measure(reader, experiment_of(reader)))
 
 
 # What a scenario says
@@ -55,8 +55,8 @@ def judged(path, file):
 
 def test_turns_may_have_any_form_and_digraphs_of_their_own():
     network = turns((1, PAPER), (4, apart(PATH, PAPER, "network.switching")), repeat=9)
-    scenario = scenario_of(network)
-    topologies = topologies_of(scenario)
+    scenario = networked(network)
+    topologies = scenario.topologies
     path = {(i, i + 1) for i in range(6)}
     assert [topologies.at(k) for k in (1, 3, 4, 9, 10)] == [0, 0, 1, 1, 0]
     first, second = topologies.exchanges
@@ -69,9 +69,9 @@ def test_turns_may_have_any_form_and_digraphs_of_their_own():
 
 def test_what_a_turn_draws_depends_on_its_place():
     random = 'generator = { kind = "random_k_in", n = 40, k = 3 }'
-    one, two = topologies_of(scenario_of(turns((1, random), (2, random)))).exchanges
+    one, two = networked(turns((1, random), (2, random))).topologies.exchanges
     assert edges(one.position) != edges(two.position)
-    again = topologies_of(scenario_of(turns((1, random), (5, random), repeat=7)))
+    again = networked(turns((1, random), (5, random), repeat=7)).topologies
     assert edges(again.exchanges[1].position) == edges(two.position)
 
 
@@ -90,7 +90,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
     again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
     assert again.scenario == file.scenario
     assert ".csv" not in file.text
-    first, second, third = topologies_of(file.scenario).exchanges
+    first, second, third = file.topologies.exchanges
     assert edges(first.position) == edges(second.velocity) == set(PAPERS)
     assert edges(second.position) == edges(third.position) == {(i, i + 1) for i in range(6)}
     path.write_text(BEFORE + "[network]\n" + network.replace("a.csv", "c.csv") + AFTER, "utf-8")
@@ -145,7 +145,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
 )  # fmt: skip
 def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, told):
     with pytest.raises(ScenarioError) as error:
-        scenario_of(network)
+        networked(network)
     assert told in str(error.value)
 
 
@@ -180,7 +180,7 @@ def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for
     assert told.startswith(f"a.toml: network.velocity: {name} cannot hear positions and velocities")
     assert why in told
     sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
-    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml").scenario).turns[0].digraphs[1:]
+    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).turns[0].digraphs[1:]
 
 
 def test_the_schema_knows_turns():
@@ -265,7 +265,7 @@ def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole
 
 def test_a_period_is_promised_and_kept(tmp_path):
     file = read_scenario(SCENARIOS / "switching.toml")
-    checked = check(file.scenario)
+    checked = check(file)
     told = checked.as_json()
     assert told["spanning_tree"] is True
     assert told["network"] is None
@@ -279,7 +279,7 @@ def test_a_period_is_promised_and_kept(tmp_path):
     assert told["switching"]["repeat"] == 25
     assert told["switching"]["any_order"]["verdict"] == "proven"
     assert told["switching"]["any_order"]["by_gains"] is True
-    promised = promises(file.scenario, checked.growth)
+    promised = promises(file, checked.growth)
     assert promised.paper is None
     path = run(file, tmp_path / "run.mcap").path
     found = judged(path, file)
@@ -301,7 +301,7 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
         new = new.replace("output_step = 0.02", "output_step = 0.1")
         new = new.replace("duration = 30.0", "duration = 60.0")
         file = parse_scenario(new, "pair", SCENARIOS, "pair")
-        checked = check(file.scenario)
+        checked = check(file)
         assert all(condition.holds for condition in checked.conditions)
         assert (checked.spectral_radius < 1) == settles
         assert checked.any_order.verdict == ("proven" if settles else "refuted")
@@ -320,8 +320,8 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
 def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_path):
     text = (SCENARIOS / "switching.toml").read_text("utf-8").replace("repeat = 25", "")
     file = parse_scenario(text, "once", SCENARIOS, "once")
-    last = scenario_of("edge_list = [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]")
-    checked = check(file.scenario)
+    last = networked("edge_list = [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]")
+    checked = check(file)
     assert checked.spectral_radius == pytest.approx(0.2)
     assert check(last).alpha_beta_bound == pytest.approx(2)
     found = judged(run(file, tmp_path / "run.mcap").path, file)
@@ -335,7 +335,7 @@ def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_
 
 def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
     file = read_scenario(SCENARIOS / "hetero_information.toml")
-    checked = check(file.scenario)
+    checked = check(file)
     bounds = {condition.name: condition.right for condition in checked.conditions}
     assert bounds["alpha"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
     assert bounds["beta"] == pytest.approx(2)
@@ -352,14 +352,14 @@ def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
 
 def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
     text = (SCENARIOS / "switching.toml").read_text("utf-8").replace('"dcea1"', '"dcea2"')
-    scenario = parse_scenario(text, "second", SCENARIOS, "second").scenario
+    scenario = parse_scenario(text, "second", SCENARIOS, "second")
     checked = check(scenario)
     assert all(condition.holds for turn in checked.turns for condition in turn.conditions)
     assert (checked.spectral_radius < 1, checked.any_order.verdict) == (True, "refuted")
     assert checked.any_order.order == (2, 3, 2, 2, 2, 3, 2)
     worst = np.eye(12)
     for turn in checked.any_order.order:
-        D = topologies_of(scenario).exchanges[turn - 1].position.D.toarray()
+        D = scenario.topologies.exchanges[turn - 1].position.D.toarray()
         worst = second_order(0.9, 0.8, 0.1, D) @ worst
     growth = np.abs(np.linalg.eigvals(worst)).max() ** (1 / 7)
     assert growth == pytest.approx(1.007, abs=5e-4)
@@ -379,7 +379,7 @@ def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles)
     text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
     text = text.replace('"dcea1"', f'"{algorithm}"')
     text = text.replace("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
-    scenario = parse_scenario(text, "jitter", SCENARIOS, "jitter").scenario
+    scenario = parse_scenario(text, "jitter", SCENARIOS, "jitter")
     checked = check(scenario)
     promised = promises(scenario, checked.growth)
     assert promised.why_not.endswith(why_not)
@@ -398,7 +398,7 @@ def test_a_check_says_it_in_words():
 
 
 def test_a_design_of_turns_goes_by_their_period():
-    scenario = read_scenario(SCENARIOS / "switching.toml").scenario
+    scenario = read_scenario(SCENARIOS / "switching.toml")
     found = designed(scenario, promises(scenario).tracking.proven, 0.5)
     assert found.paper.period is None
     assert found.proven.period > 0
@@ -406,7 +406,7 @@ def test_a_design_of_turns_goes_by_their_period():
 
 def test_a_report_tells_that_not_all_links_are_there_at_all_times():
     switching, hetero, paper = (
-        subject_of(read_scenario(SCENARIOS / f"{name}.toml").scenario, "rad")
+        subject_of(read_scenario(SCENARIOS / f"{name}.toml"), "rad")
         for name in ("switching", "hetero_information", "paper_first_order")
     )
     assert switching.turns.startswith("3 networks take turns, again after 25 ticks: these are")

@@ -18,10 +18,9 @@ from nrs_cosim.orchestrator.promises.promising import bounds, promises
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import measure, scenario_of, scenario_text
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure, scenario_text
 from nrs_cosim.orchestrator.scenario.changes import Change, changed
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.orchestrator.scenario.setting import target_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.foreign import read_columns
 from nrs_cosim.recordings.reading import Reader
@@ -258,7 +257,7 @@ def test_the_papers_run_is_what_it_was(ran):
 
 
 def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
-    harmonic, sampled = (measure(reader) for reader in ran)
+    harmonic, sampled = (measure(reader, experiment_of(reader)) for reader in ran)
     for name in ("position_estimate", "velocity_estimate", "position_tracking"):
         assert getattr(sampled, name) == pytest.approx(getattr(harmonic, name), rel=1e-3)
     one, other = (story_of(reader) for reader in ran)
@@ -266,7 +265,7 @@ def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
 
 
 def test_the_recording_alone_repeats_the_run(ran, tmp_path):
-    file = scenario_of(ran[1])
+    file = experiment_of(ran[1])
     assert "track.csv" not in scenario_text(ran[1])
     run(file, tmp_path / "again.mcap")
     with Reader(tmp_path / "again.mcap") as again:
@@ -274,7 +273,7 @@ def test_the_recording_alone_repeats_the_run(ran, tmp_path):
 
 
 def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
-    file = scenario_of(ran[1])
+    file = experiment_of(ran[1])
     verdict = verify(ran[1], file, plants=False)
     assert verdict.difference is None
     assert verdict.ticks == 300
@@ -286,9 +285,9 @@ def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
 
 
 def test_promises_are_of_any_target_and_are_kept(ran):
-    file = scenario_of(ran[1])
-    told = promises(file.scenario)
-    harmonic = promises(scenario_of(ran[0]).scenario)
+    file = experiment_of(ran[1])
+    told = promises(file)
+    harmonic = promises(experiment_of(ran[0]))
     assert told.exact is None
     assert told.source == "of the spline through its 601 samples"
     assert told.as_json()["estimates"]["exact"] is None
@@ -296,18 +295,18 @@ def test_promises_are_of_any_target_and_are_kept(ran):
         assert row.exact is None
         assert row.sharp == pytest.approx(other.sharp, rel=1e-2)
         assert row.paper == pytest.approx(other.paper, rel=1e-2)
-    judged = judge(ran[1], file.scenario, measure(ran[1]))
+    judged = judge(ran[1], file, measure(ran[1], experiment_of(ran[1])))
     assert [row.verdict for row in judged.quantities] == ["within"] * 4
     assert judged.measured_factor is None
-    assert judged.factor == judge(ran[0], file.scenario, measure(ran[0])).factor
-    assert [c.holds for c in check(file.scenario).conditions] == [True] * 6
+    assert judged.factor == judge(ran[0], file, measure(ran[0], experiment_of(ran[0]))).factor
+    assert [c.holds for c in check(file).conditions] == [True] * 6
 
 
 def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
     """The same run judged by a target that stood still: what it did was not allowed."""
-    still = inline([0, 40], [[0, 0], [0, 0]]).scenario
-    assert target_of(still).bounds() == (0, 0)
-    judged = judge(ran[1], still, measure(ran[1]))
+    still = inline([0, 40], [[0, 0], [0, 0]])
+    assert still.target.bounds() == (0, 0)
+    judged = judge(ran[1], still, measure(ran[1], experiment_of(ran[1])))
     assert judged.quantities[0].verdict == "exceeds"
 
 

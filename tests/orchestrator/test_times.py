@@ -17,9 +17,8 @@ from nrs_cosim.orchestrator.promises.promising import promises
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
 from nrs_cosim.orchestrator.scenario.clock import BLOCK, Clock, Jitter
-from nrs_cosim.orchestrator.scenario.setting import bodies, clock_of
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.measuring import SteadyState
@@ -87,7 +86,7 @@ def test_outputs_are_equal_parts_to_the_ns_and_end_at_t_k(clock, k):
 
 
 def test_jitter_is_drawn_for_each_sampling_time_alone(paper):
-    clock = clock_of(paper(JITTER).scenario)
+    clock = paper(JITTER).clock
     early = np.array([100_000_000 * k - clock.t(k) for k in range(1, 4 * BLOCK)])
     assert 0 <= early.min() < 1e6
     assert 34e6 < early.max() <= 35_000_000
@@ -95,16 +94,16 @@ def test_jitter_is_drawn_for_each_sampling_time_alone(paper):
     assert abs(np.corrcoef(early[1:], early[:-1])[0, 1]) < 4 / np.sqrt(len(early))
     backwards = [100_000_000 * k - clock.t(k) for k in range(4 * BLOCK - 1, 0, -1)]
     assert early.tolist() == backwards[::-1]
-    longer = clock_of(paper(JITTER, ("duration = 30.0", "duration = 300.0")).scenario)
+    longer = paper(JITTER, ("duration = 30.0", "duration = 300.0")).clock
     assert early.tolist() == [100_000_000 * k - longer.t(k) for k in range(1, 4 * BLOCK)]
-    other = clock_of(paper(JITTER, ("seed = 1", "seed = 2")).scenario)
+    other = paper(JITTER, ("seed = 1", "seed = 2")).clock
     assert early[7] != 800_000_000 - other.t(8)
 
 
 def test_no_jitter_is_periodic_sampling(paper):
-    periodic = clock_of(paper().scenario)
-    assert clock_of(paper((PERIOD, f"{PERIOD}\nsampling_jitter = 0")).scenario) == periodic
-    assert clock_of(paper(*listed([0.1], duration=30, step=0.02)).scenario) == periodic
+    periodic = paper().clock
+    assert paper((PERIOD, f"{PERIOD}\nsampling_jitter = 0")).clock == periodic
+    assert paper(*listed([0.1], duration=30, step=0.02)).clock == periodic
 
 
 BAD = {
@@ -222,7 +221,10 @@ def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
     path = run(paper(*listed(TIMES, duration=0.8, step=0.05)), tmp_path / "run.mcap").path
     with Reader(path) as reader:
         drawn, recorded = story_of(reader), rows_of(states(reader), 6)
-        sampled, duration = rows_of(samples(reader), 7), describe(reader)["duration"]
+        sampled, duration = (
+            rows_of(samples(reader), 7),
+            describe(reader, experiment_of(reader))["duration"],
+        )
     assert duration == drawn.seconds == 0.8
     assert drawn.t_k.tolist() == sampled["t"][:, 0].tolist()
     assert drawn.t.tolist() == recorded["t"][:, 0].tolist()
@@ -250,7 +252,7 @@ def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
     }.items():
         file = paper(*changes)
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
-            judged = judge(reader, file.scenario, measure(reader))
+            judged = judge(reader, file, measure(reader, experiment_of(reader)))
         assert judged.why_not == ""
         assert [row.verdict for row in judged.quantities] == ["within"] * 4
         assert judged.measured_factor is None
@@ -263,13 +265,13 @@ def test_a_measurement_beyond_the_bound_is_told_with_its_tick(paper, tmp_path):
     file = paper(*listed(TIMES, duration=4.0))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         broken = SteadyState(1e3, 0.0, 0.0, 0.0, (3_700_000_001, 0, 0, 0))
-        judged = judge(reader, file.scenario, broken)
+        judged = judge(reader, file, broken)
     assert judged.quantities[0].verdict == "exceeds"
     assert judged.quantities[0].tick == 5 * 9 + 2
 
 
 def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
-    periodic, jittered = (check(paper(*more).scenario).as_json() for more in ((), (JITTER,)))
+    periodic, jittered = (check(paper(*more)).as_json() for more in ((), (JITTER,)))
     assert jittered.keys() - periodic.keys() == {"aperiodic"}
     assert periodic.keys() <= jittered.keys()
     more = jittered["aperiodic"]
@@ -291,7 +293,7 @@ def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
     ],
 )
 def test_what_does_not_settle_is_warned_of(paper, changes, words):
-    scenario = paper(*changes, (STEP, "")).scenario
+    scenario = paper(*changes, (STEP, ""))
     assert words in check(scenario).warnings()[-1]
     assert "diverge" in promises(scenario).why_not
 
@@ -303,9 +305,9 @@ def test_an_fmu_for_steps_of_one_length_is_refused_by_name(paper, tmp_path):
             data = archive.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")
             new.writestr(name, data)
     plant = f"fmu = '{tmp_path}/even.fmu'\ncontrol = 'hold'"
-    scenario = paper(JITTER, ('fmu = "two_link_arm"', plant)).scenario
+    scenario = paper(JITTER, ('fmu = "two_link_arm"', plant))
     with ExitStack() as stack, pytest.raises(FmuError, match="canHandleVariableCommunicationStep"):
-        open_fleet(stack, group_by_archive(scenario, tmp_path), bodies(scenario))
+        open_fleet(stack, group_by_archive(scenario), scenario.bodies())
 
 
 def test_a_jittered_run_goes_on_where_it_was_cut(paper, tmp_path):

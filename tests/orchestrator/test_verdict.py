@@ -1,6 +1,7 @@
 """What `nrs check` says, word by word, where a reader could take it for more than it is."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -13,7 +14,8 @@ from nrs_cosim.orchestrator.reports.reporting import subject_of
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.numbers import multiple
 from tests.orchestrator.conftest import SCENARIOS
-from tests.orchestrator.test_networks import scenario_of, text_of
+from tests.orchestrator.test_networks import experiment_of as networked
+from tests.orchestrator.test_networks import text_of
 from tests.orchestrator.test_switching import turns
 
 PATH = 'generator = { kind = "path", n = 30 }'
@@ -26,7 +28,7 @@ def said(scenario):
 def along_a_path(gain):
     text = text_of(PATH, 1).replace("alpha = 0.9", f"alpha = {gain}")
     text = text.replace("beta = 1.1", f"beta = {gain}")
-    return parse_scenario(text, "path", SCENARIOS, "path.toml").scenario
+    return parse_scenario(text, "path", SCENARIOS, "path.toml")
 
 
 def table(scenario):
@@ -40,8 +42,8 @@ def table(scenario):
 
 
 def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
-    lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml").scenario)
-    plain = said(read_scenario(SCENARIOS / "paper_first_order.toml").scenario)
+    lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
+    plain = said(read_scenario(SCENARIOS / "paper_first_order.toml"))
     assert lossy["factor"] == (
         "0.877817 on the error per sampling time, of links without faults: "
         "whether the estimates converge with these links is not known"
@@ -53,10 +55,10 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
     text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
     text = text.replace("sampling_period = 0.1", "sampling_period = 0.4")
-    plain = check(parse_scenario(text, "h", SCENARIOS, "h.toml").scenario)
+    plain = check(parse_scenario(text, "h", SCENARIOS, "h.toml"))
     assert (plain.convergence, plain.as_json()["of"]) == ("converges", "the links as they are")
     text += "\n[[faults.links]]\ndelay = 1\n"
-    scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml").scenario
+    scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml")
     checked = check(scenario)
     told = checked.as_json()
     assert (told["convergence"], told["of"]) == ("unknown", "links without faults")
@@ -77,7 +79,7 @@ def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faul
         .read_text("utf-8")
         .replace("alpha = 0.9", "alpha = 5")
     )
-    warnings = check(parse_scenario(text, "lossy", SCENARIOS, "lossy.toml").scenario).warnings()
+    warnings = check(parse_scenario(text, "lossy", SCENARIOS, "lossy.toml")).warnings()
     assert warnings
     assert all(line.startswith("of links without faults: ") for line in warnings)
 
@@ -95,7 +97,7 @@ def test_gains_of_1_on_a_path_settle_without_limit_once_the_news_is_there():
 
 
 def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
-    told = said(read_scenario(SCENARIOS / "switching.toml").scenario)
+    told = said(read_scenario(SCENARIOS / "switching.toml"))
     assert (
         told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
     )
@@ -105,7 +107,7 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
 def test_of_a_bound_below_0_no_interval_is_told():
     text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
     text = text.replace("beta = 0.9", "beta = 1.9")
-    warnings = check(parse_scenario(text, "beta", SCENARIOS, "beta.toml").scenario).warnings()
+    warnings = check(parse_scenario(text, "beta", SCENARIOS, "beta.toml")).warnings()
     assert any(line.startswith("no sampling_period above 0 is within the") for line in warnings)
     assert "(0, -" not in " ".join(warnings)
 
@@ -136,28 +138,28 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
     text = text_of(PATH, 1)
     head, _, tail = text.partition("[network]")
     text = head + "[network]" + UNDECIDED + tail[tail.index("\n[") :]
-    scenario = parse_scenario(text, "near", SCENARIOS, "near.toml").scenario
-    scenario = scenario.model_copy(
+    file = parse_scenario(text, "near", SCENARIOS, "near.toml")
+    scenario = file.scenario.model_copy(
         update={
-            "algorithm": scenario.algorithm.model_copy(
+            "algorithm": file.scenario.algorithm.model_copy(
                 update={"name": "impulsive", "alpha": 0.294, "beta": 0.349}
             ),
-            "run": scenario.run.model_copy(update={"sampling_period": 0.05}),
+            "run": file.scenario.run.model_copy(update={"sampling_period": 0.05}),
         }
     )
-    found = check(scenario).any_order
+    found = check(replace(file, scenario=scenario)).any_order
     assert found.verdict == "proven"
     assert 0.999 < found.lower <= found.upper <= 0.9994
 
 
 def test_one_is_no_plural_and_nothing_is_said_twice():
-    told = said(scenario_of("edge_list = [[0, 1], [2, 1], [1, 2]]"))
+    told = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
     assert told["parts"].startswith(
         "1 strongly connected component, of several robots: robots 1, 2"
     )
     assert "at most 2 links leads" in told["network"]
-    assert "at most 1 link leads" in said(scenario_of("edge_list = [[0, 1], [0, 2]]"))["network"]
-    long = said(scenario_of(turns((1, PATH), (5, PATH))))["k >= 5"]
+    assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]
+    long = said(networked(turns((1, PATH), (5, PATH))))["k >= 5"]
     assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
 
 
@@ -176,7 +178,7 @@ def test_a_factor_is_short_and_never_that_of_another_verdict(factor, told):
 
 
 def test_what_is_to_be_above_a_bound_stands_there_as_that():
-    rows = table(read_scenario(SCENARIOS / "paper_first_order.toml").scenario)
+    rows = table(read_scenario(SCENARIOS / "paper_first_order.toml"))
     assert rows["kp"][:3] == ["200", ">", "0.000000"]
     assert rows["kd-tracking"][:4] == ["300", ">", "30.778666", "+269.221334"]
     assert rows["alpha"][:3] == ["0.9", "<", "1.171573"]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
@@ -399,7 +399,7 @@ def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
     outcome = run(parse_scenario(SCENARIO, "arms", tmp_path, "arms.toml"), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 120)
     with Reader(outcome.path) as reader:
-        measured = measure(reader)
+        measured = measure(reader, experiment_of(reader))
     assert measured.position_estimate < 0.01
     assert measured.position_tracking < 0.02
 

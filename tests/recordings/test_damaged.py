@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
-from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.container import Message
 from nrs_cosim.recordings.export import export
@@ -159,10 +159,10 @@ def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, whi
 
     def check_info() -> None:
         with Reader(path) as reader:
-            told = describe(reader)
+            told = describe(reader, experiment_of(reader))
             assert json.loads(json.dumps(told))["ticks"] <= TICKS
             assert told["messages"] <= sum(map(len, places.values()))
-            measure(reader)
+            measure(reader, experiment_of(reader))
 
     def check_export() -> None:
         with Reader(path) as reader:

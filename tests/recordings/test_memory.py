@@ -12,13 +12,13 @@ ROOT = Path(__file__).parents[2]
 READ = """
 import sys
 from pathlib import Path
-from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
 from nrs_cosim.recordings.export import export
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recovering import recover
 path = Path(sys.argv[1])
 with Reader(path, verify=True) as reader:
-    describe(reader), measure(reader)
+    describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))
     export(reader, path.with_suffix(""), sys.argv[2])
     recover(reader, path.with_suffix(".new"))
 status = Path("/proc/self/status").read_text()

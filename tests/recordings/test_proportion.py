@@ -46,7 +46,7 @@ READ = """
 import sys
 from pathlib import Path
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.runs.summary import describe, measure
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
 from nrs_cosim.recordings import Recording, dataset
 from nrs_cosim.recordings.export import export
 from nrs_cosim.recordings.reading import Reader
@@ -54,7 +54,7 @@ path = Path(sys.argv[1])
 
 def told():
     with Reader(path) as reader:
-        describe(reader), measure(reader)
+        describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))
 
 def tables():
     with Reader(path) as reader:

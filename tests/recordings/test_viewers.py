@@ -12,7 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from nrs_cosim.orchestrator.reports.shapes import shapes_of
 from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, scenario_of
+from nrs_cosim.orchestrator.runs.summary import describe, experiment_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UncreatableError
@@ -41,7 +41,7 @@ def decoded(path: Path) -> list[tuple[str, Any, Any]]:
 def test_the_reference_decoder_gives_our_numbers(example: Path) -> None:
     found = decoded(example)
     with Reader(example) as reader, Recording(example) as recording:
-        assert len(found) == describe(reader)["messages"]
+        assert len(found) == describe(reader, experiment_of(reader))["messages"]
         for kind, table in (
             ("sample", recording.samples()),
             ("state", recording.states()),
@@ -65,7 +65,9 @@ def test_rerun_loads_every_message(example: Path) -> None:
             rows[chunk.entity_path] += chunk.num_rows
     with Reader(example) as ours:
         expected = Counter(f"/{topic}" for _, topic, _, _ in ours.messages())
-        assert reader(example).info().message_count == describe(ours)["messages"]
+        assert (
+            reader(example).info().message_count == describe(ours, experiment_of(ours))["messages"]
+        )
     assert {path: rows[path] for path in expected} == dict(expected)
 
 
@@ -86,7 +88,7 @@ def matrix(transform: Any) -> np.ndarray:
 def test_a_scene_shows_the_arms_where_they_are(example: Path, tmp_path: Path) -> None:
     path = tmp_path / "scene.mcap"
     with Reader(example) as reader:
-        shapes = shapes_of(scenario_of(reader))
+        shapes = shapes_of(experiment_of(reader))
         assert shapes == dict.fromkeys(range(1, 7), Shape((1.0, 0.8)))
         write_scene(reader, path, shapes)
         with Reader(path, verify=True) as new:

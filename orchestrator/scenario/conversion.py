@@ -1,0 +1,58 @@
+"""What tables of a scenario are to the other packages: arrays, motions, names of quantities."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.estimator_agents.target import Harmonic, Sampled, Target
+from nrs_cosim.orchestrator.scenario.tables.fmus import Name, Pattern
+from nrs_cosim.orchestrator.scenario.tables.targets import (
+    Axis,
+    FmuTarget,
+    SampledTarget,
+    TargetMotion,
+)
+from nrs_cosim.plant_fmu.archives import naming
+
+Array = NDArray[np.float64]
+
+
+def motion_of(target: TargetMotion) -> Target:
+    """Return a target's motion; `ValueError` where no curve leads through its samples."""
+    if isinstance(target, SampledTarget):
+        return Sampled.of(target.times, target.positions)
+    if isinstance(target, FmuTarget):
+        return Sampled.through(target.times, target.positions, target.velocities)
+    return Harmonic(*terms(target.axes))
+
+
+def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:
+    """Return what a scenario gives for quantities of ours, as FMUs are searched for it."""
+    return {
+        ours: naming.Pattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+        for ours, name in variables.items()
+    }
+
+
+def gain(value: float | tuple[float, ...] | tuple[tuple[float, ...], ...], m: int) -> Array:
+    """Return a gain given as a number, m numbers, or m × m, as a matrix (m, m)."""
+    given = np.asarray(value, float)
+    return given if given.ndim == 2 else np.diag(np.broadcast_to(given, m))
+
+
+def terms(axes: tuple[Axis, ...]) -> tuple[Array, ...]:
+    """Return offset and rate (m,); amplitude, frequency and phase (m, p).
+
+    A cosine is a sine a quarter turn ahead.
+    """
+    terms = [
+        [(w.amplitude, w.frequency, w.phase) for w in axis.sines]
+        + [(w.amplitude, w.frequency, w.phase + np.pi / 2) for w in axis.cosines]
+        for axis in axes
+    ]
+    waves = np.zeros((3, len(axes), max(map(len, terms))))
+    for i, axis_terms in enumerate(terms):
+        if axis_terms:
+            waves[:, i, : len(axis_terms)] = np.transpose(axis_terms)
+    return np.array([a.offset for a in axes]), np.array([a.rate for a in axes]), *waves

@@ -1,0 +1,190 @@
+"""An experiment is a scenario resolved once: everything that a run, and what is said of it, needs.
+
+A scenario is what its user wrote. What follows from it (when samples are taken, who hears whom, how
+the target moves, what links do to samples, which estimator the agents have, what robots start with)
+is here, made when it is first asked for and then kept, and nothing else derives it. It never
+changes, and its parts are shared by whoever asks: arrays among them are not to be written.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.links.links import LinkFault, Links
+from nrs_cosim.bus.links.outages import Outages
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.hearing import Missing
+from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.orchestrator.scenario.clock import Clock, Jitter, nanoseconds
+from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
+from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
+from nrs_cosim.orchestrator.scenario.initial import Quantity, initial_rows
+from nrs_cosim.orchestrator.scenario.networks import topologies_of
+from nrs_cosim.orchestrator.scenario.own import Own, own_of
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import Axis
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
+
+
+@dataclass(frozen=True)  # with no slots: what is derived is kept beside the fields
+class Experiment:
+    """A scenario with all that follows from it; n robots of m joints.
+
+    One that `orchestrator.scenario.file` did not return may be wrong, and what is asked of it then
+    fails in any way.
+    """
+
+    scenario: Scenario
+    """The tables, as they were written."""
+    text: str
+    """Which they were read from, with the samples and edges of the files that it named."""
+    name: str
+    folder: Path
+    """What paths in it are relative to."""
+
+    @property
+    def n(self) -> int:
+        """The number of robots."""
+        return self.scenario.n
+
+    @property
+    def m(self) -> int:
+        """The number of joints of each robot, which is that of the target's axes."""
+        return self.scenario.m
+
+    @property
+    def seed(self) -> int:
+        """The key of all that is drawn."""
+        return self.scenario.run.seed
+
+    @cached_property
+    def clock(self) -> Clock:
+        """The sampling times and the output grid."""
+        return _clock_of(self.scenario.run)
+
+    @cached_property
+    def topologies(self) -> Topologies:
+        """Who hears whom, and when; its arrays cannot be written."""
+        return topologies_of(self.scenario.network, self.seed)
+
+    @cached_property
+    def target(self) -> Target:
+        """The target's motion."""
+        return motion_of(self.scenario.target)
+
+    def target_at(self, seconds: Array) -> tuple[Array, Array]:
+        """Return the target's position and velocity, (…, m) each, at times (…), s."""
+        motion = self.target.at(seconds)
+        return motion.position, motion.velocity
+
+    @cached_property
+    def algorithm(self) -> Algorithm:
+        """The estimator with its gains; `InputError` where it is not installed."""
+        choice = self.scenario.algorithm
+        return load_algorithm(choice.name, choice.alpha, choice.beta)
+
+    @property
+    def missing(self) -> Missing:
+        """What an agent does without a neighbour's sample."""
+        choice = self.scenario.algorithm
+        return choice.missing or policies_of(choice.name)[0]
+
+    @cached_property
+    def links(self) -> Links | None:
+        """The links that have faults; None if the scenario has no faults at all."""
+        return self._links_into(range(1, self.n + 1))
+
+    def links_into(self, robots: Sequence[int]) -> Links | None:
+        """Return the links into some robots that have faults; None as for `links`."""
+        return self.links if len(robots) == self.n else self._links_into(robots)
+
+    @cached_property
+    def faulty(self) -> list[int]:
+        """The robots that may meet faults on the links into them, ascending."""
+        return np.unique(self.links.sink).tolist() if self.links else []
+
+    @cached_property
+    def outages(self) -> Outages:
+        """When which robots send nothing."""
+        return Outages.of(silences(self.scenario), self.clock.since)
+
+    @cached_property
+    def _shared(self) -> Own:
+        return Own(
+            "plant", self.scenario.plant, self.scenario.controller, self.scenario.disturbance
+        )
+
+    @cached_property
+    def _own(self) -> Mapping[int, Own]:
+        """Of those robots that have a table of their own."""
+        return own_of(self.scenario)
+
+    def of_robot(self, robot: int) -> Own:
+        """Return a robot's plant, gains and disturbance, its own or those that all share."""
+        return self._own.get(robot, self._shared)
+
+    @cached_property
+    def plants(self) -> Sequence[Plant]:
+        """All robots' plants, from robot 1 on."""
+        return [self.of_robot(robot).plant for robot in range(1, self.n + 1)]
+
+    def initial_estimates(self, robots: Sequence[int] | None = None) -> Estimate:
+        """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""
+        return Estimate(self._initial("position", robots), self._initial("velocity", robots))
+
+    def bodies(self, robots: Sequence[int] | None = None) -> list[Body]:
+        """Return what each of some robots starts with, or of all."""
+        names: tuple[Quantity, ...] = ("q", "qd", "position", "velocity")
+        start = {name: self._initial(name, robots) for name in names}
+        return [
+            self._body(robot, {name: rows[row] for name, rows in start.items()})
+            for row, robot in enumerate(self._those(robots))
+        ]
+
+    def _body(self, robot: int, start: Mapping[str, Array]) -> Body:
+        own = self.of_robot(robot)
+        return Body(
+            robot=robot,
+            parameters=own.plant.parameters,
+            kp=gain(own.controller.kp, self.m),
+            kd=gain(own.controller.kd, self.m),
+            disturbance=Disturbance(*terms(own.disturbance.axes or (Axis(),) * self.m)),
+            **start,
+        )
+
+    def _initial(self, name: Quantity, robots: Sequence[int] | None) -> Array:
+        return initial_rows(self.scenario, name, self._those(robots))
+
+    def _those(self, robots: Sequence[int] | None) -> Sequence[int]:
+        return range(1, self.n + 1) if robots is None else robots
+
+    def _links_into(self, robots: Sequence[int]) -> Links | None:
+        topologies = self.topologies
+        faults, quiet = link_faults(self.scenario, topologies.links), silences(self.scenario)
+        if not quiet and all(fault == LinkFault() for fault in faults.values()):
+            return None
+        into: NDArray[np.integer] = np.array(robots)
+        return Links(topologies, into, faults, quiet, ticks=self.clock, seed=self.seed, m=self.m)
+
+
+def _clock_of(run: Run) -> Clock:
+    times = tuple(nanoseconds(t) for t in run.sampling_times or (run.sampling_period or 0,))
+    end, turn = nanoseconds(run.end or 0), times[-1]
+    step = nanoseconds(run.output_step) if run.output_step else None
+    longest = max(after - before for before, after in pairwise((0, *times)))
+    early = int(Decimal(repr(run.sampling_jitter)) * turn)
+    return Clock(
+        times,
+        -(-longest // step) if step else 1,
+        end // turn * len(times),
+        Jitter(run.seed, early) if early else None,
+    )

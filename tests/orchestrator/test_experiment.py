@@ -1,0 +1,87 @@
+"""What follows from a scenario is made once, whatever a command does with it."""
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+import nrs_cosim
+from nrs_cosim.bus.links.links import Links
+from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.orchestrator.runs.robots import agents_of, wire_of
+from nrs_cosim.orchestrator.scenario import experiment
+from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.command import nrs
+from tests.orchestrator.conftest import SCENARIOS
+
+LOSSY = SCENARIOS / "paper_lossy_links.toml"
+MADE = {"Clock": 1, "Topologies": 1, "Links": 1, "motion_of": 1, "load_algorithm": 1}
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count how often what a scenario stands for is made."""
+    found: Counter[str] = Counter()
+
+    def count(owner: Any, name: str, what: str) -> None:
+        make = getattr(owner, name)
+
+        def counted(*args: Any, **named: Any) -> Any:
+            found[what] += 1
+            return make(*args, **named)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    for of in (Clock, Topologies, Links):
+        count(of, "__init__", of.__name__)
+    for name in ("motion_of", "load_algorithm"):
+        count(experiment, name, name)
+    return found
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lossy") / "lossy.mcap"
+    assert nrs("run", LOSSY, "-o", path).returncode == 0
+    return path
+
+
+@pytest.mark.parametrize("hosts", ["1", "2"])
+def test_a_run_makes_each_once_in_its_process(made, tmp_path, hosts):
+    done = nrs("run", LOSSY, "-o", tmp_path / "run.mcap", "--hosts", hosts)
+    assert (done.returncode, dict(made)) == (0, MADE)
+
+
+def test_a_check_makes_each_once(made):
+    assert (nrs("check", LOSSY).returncode, dict(made)) == (0, MADE)
+
+
+@pytest.mark.parametrize("command", [["info"], ["info", "--json"], ["replay", "--verify"]])
+def test_what_reads_a_recording_makes_each_once(made, recording, command):
+    assert (nrs(*command, recording).returncode, dict(made)) == (0, MADE)
+
+
+def test_a_report_makes_each_once(made, recording, tmp_path):
+    done = nrs("report", recording, "-o", tmp_path / "report.html")
+    assert (done.returncode, dict(made)) == (0, MADE)
+
+
+def test_a_script_makes_each_once_for_theory_and_run_and_once_for_the_recording(made, tmp_path):
+    scenario = nrs_cosim.Scenario.load(LOSSY)
+    assert nrs_cosim.check(scenario).warnings == nrs_cosim.check(scenario).warnings
+    repr(scenario)
+    nrs_cosim.run(scenario, tmp_path / "one.mcap").close()
+    with nrs_cosim.run(scenario, tmp_path / "other.mcap") as recording:
+        assert dict(made) == MADE
+        recording.errors(), recording.analysis(), recording.report(tmp_path / "report.html")
+        nrs_cosim.check(recording.to_scenario())
+    assert dict(made) == dict.fromkeys(MADE, 2)
+
+
+def test_a_worker_makes_the_links_into_its_own_robots_alone(made):
+    lossy = read_scenario(LOSSY)
+    agents_of(lossy, [2, 5])
+    wire_of(lossy, {"a": [1, 3, 4, 6], "b": [2, 5]}, Seal())
+    assert dict(made) == {name: 1 for name in MADE if name != "motion_of"}
