@@ -259,7 +259,7 @@ def test_what_a_silent_robot_says_is_refused(paper):
 
 def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
     scenario = paper(with_faults(FAULTY))
-    faults = link_faults(scenario, scenario.topologies.links)
+    faults = link_faults(scenario.scenario, scenario.topologies.links)
     assert len(faults) == 10
     assert faults[1, 2] == LinkFault(loss=0.3, noise=(0.5, 0.5))
     late = {"loss": 0.3, "noise": (0.0, 0.25), "quantisation": (0.5, 0.5)}
