@@ -48,9 +48,9 @@ def recording(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("hosts", ["1", "2"])
-def test_a_run_makes_each_once_in_its_process(made, tmp_path, hosts):
-    done = nrs("run", LOSSY, "-o", tmp_path / "run.mcap", "--hosts", hosts)
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_run_makes_each_once_in_its_process(made, tmp_path, workers):
+    done = nrs("run", LOSSY, "-o", tmp_path / "run.mcap", "--workers", workers)
     assert (done.returncode, dict(made)) == (0, MADE)
 
 
