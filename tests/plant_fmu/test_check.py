@@ -14,7 +14,9 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.bundled.building import build, build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, declaration
 from nrs_cosim.plant_fmu.checking.apart import check
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.budget import Budget
+from nrs_cosim.plant_fmu.checking.findings import FmuCheck, Task
+from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.drives.driving import Driving
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
@@ -81,7 +83,8 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
     archive = open_archive(changed(tmp_path, model, (old, new)))
     m = np.zeros(2)
     body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
-    checked = check(Task(archive, body, driving=Driving(solver=solver)))
+    task = Task(archive, body, driving=Driving(solver=solver))
+    checked = FmuCheck(archive.label, archive.sha256, tuple(findings(task, Budget())))
     assert not checked.passes
     assert [name for name, verdict in verdicts(checked).items() if verdict == "fails"] == [fails]
 

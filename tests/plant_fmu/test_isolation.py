@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 from zipfile import ZipFile
@@ -146,6 +147,18 @@ def start(place):
         yield started
 
 
+@pytest.fixture
+def run_here(place, monkeypatch):
+    """Return a function that runs the command on a scenario; the FMU has a process of its own."""
+    monkeypatch.setattr(tempfile, "tempdir", str(place / "temporary"))
+
+    def ran(text):
+        (place / "s.toml").write_text(text, "utf-8")
+        return nrs("run", "s.toml", "-o", "run.mcap", cwd=place)
+
+    return ran
+
+
 def nothing_left(place, words):
     """Assert that every process that told its id has been waited for, and no file remains."""
     pids = [int(word) for word in words if word.isdigit()]
@@ -176,26 +189,25 @@ def nothing_left(place, words):
         ("no status", "0.5", "a step of 0.1 s ended with status -1, which is none"),
     ],
 )
-def test_a_fault_names_robot_fmu_time_and_cause(start, place, life, fault, at, cause):
+def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at, cause):
     deadline = f"deadline = {LIMIT}" if fault == "hang" else ""
-    command = start(scenario(fault, plant=deadline))
-    printed, errors = command.communicate(timeout=GUARD)
-    assert command.returncode == 1
+    done = run_here(scenario(fault, plant=deadline))
+    assert done.returncode == 1
     expected = f"robot 2 (faulty.fmu) at t = {at} s: {cause}"
-    assert f"failed: {expected}" in errors
-    assert "Traceback" not in errors
+    assert f"failed: {expected}" in done.stderr
+    assert "Traceback" not in done.stderr
     nothing_left(place, life.until(None))
     told = json.loads(nrs("info", place / "run.mcap", "--json").stdout)
     assert (told["status"], told["ticks"], told["damage"]) == ("failed", 5, [])
     assert told["messages"] == 3 * 6 + 4 * 5
     assert told["reason"].startswith(expected)
-    assert "failed" in printed
+    assert "failed" in done.stdout
 
 
-def test_a_crash_is_named_too_where_nothing_can_be_compiled(start, tmp_path, life, monkeypatch):
+def test_a_crash_is_named_too_where_nothing_can_be_compiled(run_here, tmp_path, life, monkeypatch):
     monkeypatch.setenv("CC", "none-such")
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "nothing"))
-    _, errors = start(scenario("segfault")).communicate(timeout=GUARD)
+    errors = run_here(scenario("segfault")).stderr
     assert "robot 2 (faulty.fmu) at t = 0.5 s: the FMU crashed with SIGSEGV, in step" in errors
     assert life.until(None)
 
@@ -211,24 +223,22 @@ def test_a_crash_is_named_too_where_nothing_can_be_compiled(start, tmp_path, lif
         ("fatal", "initialisation of robot 2 ended with Fatal"),
     ],
 )
-def test_a_fault_before_the_run_is_bad_input(start, place, life, fault, cause):
-    command = start(scenario(fault, at=BEFORE_THE_RUN, plant=f"deadline = {LIMIT}"))
-    _, errors = command.communicate(timeout=GUARD)
-    assert command.returncode == 2
-    assert cause in errors
-    assert errors.startswith("error: s.toml: plant: faulty.fmu: ")
-    assert "robot 2" in errors
+def test_a_fault_before_the_run_is_bad_input(run_here, place, life, fault, cause):
+    done = run_here(scenario(fault, at=BEFORE_THE_RUN, plant=f"deadline = {LIMIT}"))
+    assert done.returncode == 2
+    assert cause in done.stderr
+    assert done.stderr.startswith("error: s.toml: plant: faulty.fmu: ")
+    assert "robot 2" in done.stderr
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
 
 
-def test_a_library_that_cannot_be_loaded_alive_is_bad_input(start, place, life, monkeypatch):
+def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
-    command = start(scenario())
-    _, errors = command.communicate(timeout=GUARD)
-    assert command.returncode == 2
+    done = run_here(scenario())
+    assert done.returncode == 2
     told = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
-    assert errors == f"error: s.toml: {told}\n"
+    assert done.stderr == f"error: s.toml: {told}\n"
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
 
