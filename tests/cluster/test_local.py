@@ -35,7 +35,7 @@ def test_one_digest(tmp_path):
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_scenarios(tmp_path, name):
-    assert_same(tmp_path, scenario(name, lasting=3), (2, 6))
+    assert_same(tmp_path, scenario(name, lasting=4.5), (2, 6))
 
 
 @pytest.mark.parametrize("name", TURNS)
