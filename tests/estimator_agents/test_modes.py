@@ -9,7 +9,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.theory.recursion import expect_modes
-from nrs_cosim.orchestrator.promises import checking
+from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS
@@ -90,7 +90,7 @@ def test_one_that_says_nothing_says_nothing_wrong():
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
 def test_commands_say_it_in_a_line_before_anything_runs(monkeypatch, tmp_path, command):
-    monkeypatch.setattr(checking, "load_algorithm", lambda _name, a, b: Sunny(a, b))
+    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, a, b: Sunny(a, b))
     assert read_scenario(PAPER).scenario.n == 6
     done = nrs(command[0], PAPER, *command[1:], cwd=tmp_path)
     assert done.returncode == 2
