@@ -67,7 +67,7 @@ def packed(messages: Columns) -> Columns:
     return Columns(data, messages.channel, messages.sequence, messages.time, starts, stops)
 
 
-def closed(offset: int, messages: Columns, compression: Compression) -> tuple[bytes, bytes]:
+def encoded_chunk(offset: int, messages: Columns, compression: Compression) -> tuple[bytes, bytes]:
     """A chunk of records that will stand at `offset`, with its message indexes; its record for the
     summary.
     """
@@ -115,7 +115,7 @@ def _index(messages: Columns) -> tuple[NDArray[np.uint16], bytes, NDArray[np.int
     return heads["channel"], index.tobytes(), begins
 
 
-def opened(chunk: bytes) -> bytes:
+def decoded_chunk(chunk: bytes) -> bytes:
     """The records of a chunk as it stands in the file, checked; DamageError when they cannot be."""
     demand(len(chunk) >= _CHUNK.size and chunk[0] == Opcode.CHUNK, "there is no chunk")
     _, length, _, _, size, crc, n = _CHUNK.unpack_from(chunk)

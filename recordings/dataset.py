@@ -11,7 +11,7 @@ import xarray
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import SAMPLES, STATES, Table, about, joints, robots, rows
+from nrs_cosim.recordings.tables import SAMPLES, STATES, MessageTable, about, joints, robots, rows
 from nrs_cosim.recordings.units import unit_of
 
 _WHAT = {
@@ -40,7 +40,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
     for table, part in rows(reader, [SAMPLES, STATES]):
         parts[table.name].append(part)
 
-    def spread(table: Table) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    def spread(table: MessageTable) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         found = np.concatenate([np.empty(0, table.dtype(m)), *parts.pop(table.name)])
         times, row = np.unique(found["time_ns"], return_inverse=True)
         grids = {}

@@ -22,15 +22,15 @@ from nrs_cosim.recordings.tables import (
     LINK_EVENTS,
     SAMPLES,
     STATES,
+    MessageTable,
     Put,
-    Table,
     expect_joints,
     joints,
     rows,
 )
 
 Format = Literal["csv", "parquet"]
-Opener = Callable[[Path, Table, int], AbstractContextManager[Put]]
+Opener = Callable[[Path, MessageTable, int], AbstractContextManager[Put]]
 """Opens a file for a table of vectors of m numbers; what it gives puts rows into it."""
 
 
@@ -64,7 +64,7 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
 
 
 @contextmanager
-def _csv(path: Path, table: Table, m: int) -> Iterator[Put]:
+def _csv(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
     with path.open("w", newline="", encoding="ascii") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(table.columns(m))
@@ -81,9 +81,9 @@ def _csv(path: Path, table: Table, m: int) -> Iterator[Put]:
 
 def _parquet() -> Opener:
     try:
-        from nrs_cosim.recordings.parquet import opened  # noqa: PLC0415 (an extra)
+        from nrs_cosim.recordings.parquet import parquet_table  # noqa: PLC0415 (an extra)
     except ImportError as error:
         raise InputError(
             "--format parquet: pyarrow is missing; pip install '.[analysis]' in nrs-cosim's sources"
         ) from error
-    return opened
+    return parquet_table

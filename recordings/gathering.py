@@ -46,7 +46,7 @@ def columns_of(messages: Sequence[Message], numbers: Mapping[str, int]) -> Colum
     )
 
 
-def joined(parts: Sequence[Columns]) -> Columns:
+def concatenated(parts: Sequence[Columns]) -> Columns:
     """Return some columns, at least one, as one after the other."""
     if len(parts) == 1:
         return parts[0]

@@ -54,14 +54,14 @@ class _Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
-class Joint(_Record):
+class JointRecord(_Record):
     """A joint's name, and the unit of its coordinate: rad, m, or empty where none is known."""
 
     name: str
     unit: Literal["rad", "m", ""]
 
 
-class Plants(_Record):
+class PlantGroup(_Record):
     """Robots whose plants are of one FMU, and driven alike."""
 
     fmu: Words
@@ -72,10 +72,10 @@ class Plants(_Record):
     why: str
     sha256: Sha256
     robots: Annotated[tuple[int, ...], Field(min_length=1)]
-    joints: tuple[Joint, ...]
+    joints: tuple[JointRecord, ...]
 
 
-class Run(_Record):
+class RunRecord(_Record):
     """`nrs.run`."""
 
     name: str
@@ -88,7 +88,7 @@ class Run(_Record):
     """None of a run whose sampling times are not periodic."""
     output_step_ns: Annotated[Whole, Field(ge=1)] | None = None
     outputs_per_interval: Annotated[Whole, Field(ge=1)] | None = None
-    plants: Annotated[Json[tuple[Plants, ...]], Field(min_length=1)]
+    plants: Annotated[Json[tuple[PlantGroup, ...]], Field(min_length=1)]
 
 
 class Parent(_Record):
@@ -98,7 +98,7 @@ class Parent(_Record):
     change: str
 
 
-class End(_Record):
+class EndRecord(_Record):
     """`nrs.end`."""
 
     status: Closing
@@ -118,7 +118,7 @@ class End(_Record):
 class About:
     """All that a recording says of its run before the first message."""
 
-    run: Run
+    run: RunRecord
     versions: Mapping[str, str]
     parent: Parent | None
     scenario: str
@@ -142,7 +142,7 @@ def read_about(
     """
     if RUN not in metadata:
         return None
-    run = parse(path, RUN, Run, metadata[RUN])
+    run = parse(path, RUN, RunRecord, metadata[RUN])
     n = run.robots
     expected = {sample_topic(0)}
     if len(topics) == 2 * n + 1:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from nrs_cosim.recordings.tables import Put, Table
+from nrs_cosim.recordings.tables import MessageTable, Put
 
 GROUP = 4 * 2**20
 _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
@@ -21,7 +21,7 @@ _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
 
 
 @contextmanager
-def opened(path: Path, table: Table, m: int) -> Iterator[Put]:
+def parquet_table(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
     """Open a file for a table of vectors of m numbers; what it gives puts rows into it."""
     kinds = {name: _SCALARS.get(name, pa.uint32()) for name in table.scalars}
     schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in table.columns(m)])

@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.recordings.chunk import INDEXED, opened
+from nrs_cosim.recordings.chunk import INDEXED, decoded_chunk
 from nrs_cosim.recordings.columns import Columns, columns
 from nrs_cosim.recordings.container import (
     BEGIN,
@@ -43,7 +43,7 @@ from nrs_cosim.recordings.digest import Digest
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.gathering import order, ranks
 from nrs_cosim.recordings.layout import RecordFile, Span, find, parsed
-from nrs_cosim.recordings.metadata import About, End, parse, read_about
+from nrs_cosim.recordings.metadata import About, EndRecord, parse, read_about
 
 _UNFINISHED = "never closed: its writer was killed, or is still at work"
 
@@ -73,7 +73,7 @@ class Reader:
     """What is said of the run; None in a file that holds none."""
     end: dict[str, str]
     """All that was said at the end, with the `extra` of `Writer.finish`; empty when unfinished."""
-    ending: End | None
+    ending: EndRecord | None
     """The same, read; None when unfinished."""
     status: Status
     reason: str
@@ -280,7 +280,7 @@ class Reader:
         self.damage += layout.damage
         self._chunks = layout.chunks
         self.end = self._read_end(layout.end) if layout.end else {}
-        self.ending = parse(self.path, END, End, self.end) if self.end else None
+        self.ending = parse(self.path, END, EndRecord, self.end) if self.end else None
         if layout.intact and self.ending and not verify:
             self.message_count, self.ticks = self.ending.messages, self.ending.ticks
             least, most = len(self._chunks), self._records.size // INDEXED
@@ -365,7 +365,7 @@ class Reader:
         self._watch(min((span.offset + span.length) / self._records.size, 1.0))
 
     def _columns(self, span: Span) -> Columns:
-        records = opened(self._records.read(span.offset, span.length))
+        records = decoded_chunk(self._records.read(span.offset, span.length))
         found = columns(records, self.topics, self._like)
         self._like = found.start
         if self._contents:

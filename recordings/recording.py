@@ -23,7 +23,7 @@ from nrs_cosim.recordings.tables import (
     LINK_EVENTS,
     SAMPLES,
     STATES,
-    Table,
+    MessageTable,
     about,
     joints,
     robots,
@@ -132,11 +132,11 @@ class Recording:
 
     def chunks(
         self,
-        tables: Sequence[Table],
+        tables: Sequence[MessageTable],
         robots: Collection[int] | None = None,
         start: float | None = None,
         end: float | None = None,
-    ) -> Iterator[tuple[Table, NDArray[np.void]]]:
+    ) -> Iterator[tuple[MessageTable, NDArray[np.void]]]:
         """Yield the same rows, of one or more tables in one pass, a chunk of whole ticks each.
 
         So a recording of any size is read in little memory.
@@ -170,7 +170,7 @@ class Recording:
 
     def _array(
         self,
-        table: Table,
+        table: MessageTable,
         robots: int | Collection[int] | None,
         start: float | None,
         end: float | None,

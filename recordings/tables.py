@@ -26,7 +26,7 @@ Put = Callable[[NDArray[np.void]], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class MessageTable:
     """A name, the type of the messages, their topics by robot, the first robot, the row's names."""
 
     name: str
@@ -57,9 +57,9 @@ class Table:
         return np.dtype(layout + [(name, "f8", (m,)) for name in self.kind.vectors])
 
 
-SAMPLES = Table("samples", SAMPLE, sample_topic, 0, ("k", "time_ns", "t", "robot"))
-STATES = Table("states", STATE, state_topic, 1, ("k", "time_ns", "t", "robot"))
-LINK_EVENTS = Table(
+SAMPLES = MessageTable("samples", SAMPLE, sample_topic, 0, ("k", "time_ns", "t", "robot"))
+STATES = MessageTable("states", STATE, state_topic, 1, ("k", "time_ns", "t", "robot"))
+LINK_EVENTS = MessageTable(
     "link_events",
     LINK_EVENT,
     link_event_topic,
@@ -100,11 +100,11 @@ def robots(reader: Reader) -> int:
 
 def rows(
     reader: Reader,
-    tables: Sequence[Table],
+    tables: Sequence[MessageTable],
     of: Collection[int] | None = None,
     start_ns: int | None = None,
     end_ns: int | None = None,
-) -> Iterator[tuple[Table, NDArray[np.void]]]:
+) -> Iterator[tuple[MessageTable, NDArray[np.void]]]:
     """Yield rows of some tables, each with its own, in one pass over the file.
 
     They are those of all robots or some, with start_ns <= time_ns < end_ns, a chunk each, which
@@ -131,7 +131,7 @@ def rows(
                     raise UnreadableError(f"{reader.path}: {error}") from error
 
 
-def _rows(table: Table, codec: Codec, columns: Columns) -> NDArray[np.void]:
+def _rows(table: MessageTable, codec: Codec, columns: Columns) -> NDArray[np.void]:
     messages = codec.parsed(columns.payloads(codec.size))
     dtype = table.dtype(codec.m)
     found = np.empty(len(messages), dtype)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.text import quoted, storable
-from nrs_cosim.recordings.chunk import closed, packed
+from nrs_cosim.recordings.chunk import encoded_chunk, packed
 from nrs_cosim.recordings.columns import HEAD, MANY, Columns
 from nrs_cosim.recordings.container import (
     END_FIELDS,
@@ -43,7 +43,7 @@ from nrs_cosim.recordings.container import (
 )
 from nrs_cosim.recordings.digest import Digest
 from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
-from nrs_cosim.recordings.gathering import columns_of, joined, order, ranks
+from nrs_cosim.recordings.gathering import columns_of, concatenated, order, ranks
 from nrs_cosim.recordings.metadata import CAUSE
 
 CHUNK_BYTES = 64 * 1024
@@ -275,11 +275,11 @@ class Writer:
 
     def _with(self, parts: Sequence[Columns]) -> _Stored:
         """Put a chunk into the file; return what it then holds."""
-        old, messages = self._stored, joined(parts)
+        old, messages = self._stored, concatenated(parts)
         messages = messages.at(order(messages, self._rank))
         digest = old.digest.copy()
         digest.update(messages)
-        chunk, index = closed(old.offset, packed(messages), self._compression)
+        chunk, index = encoded_chunk(old.offset, packed(messages), self._compression)
         self._chunk_indexes[old.chunks :] = [index]
         offset, crc = self._emit(chunk)
         return _Stored(

@@ -28,14 +28,14 @@ _ALERTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Obstacle:
     """What a probe met. `final` means that waiting does not mend it."""
 
     text: str
     final: bool
 
 
-def probe(address: Address, tls: Tls | None, hearing: float) -> Finding | None:
+def probe(address: Address, tls: Tls | None, hearing: float) -> Obstacle | None:
     """Return what stands in the way to an address; None when no refusal came within `hearing` s."""
     try:
         with _connected(address) as link:
@@ -43,15 +43,15 @@ def probe(address: Address, tls: Tls | None, hearing: float) -> Finding | None:
                 return None
             return _shaken(link, address, tls, hearing)
     except socket.gaierror:
-        return Finding(f"the name {address.host} is not known", final=False)
+        return Obstacle(f"the name {address.host} is not known", final=False)
     except (TimeoutError, BlockingIOError):
-        return Finding(
+        return Obstacle(
             "nobody answers; is the address right, and does a firewall stand there?", False
         )
     except (ConnectionRefusedError, FileNotFoundError):
-        return Finding("nobody listens there; start `nrs run` with --listen first", final=False)
+        return Obstacle("nobody listens there; start `nrs run` with --listen first", final=False)
     except OSError as error:
-        return Finding(f"{error.strerror or error}", final=False)
+        return Obstacle(f"{error.strerror or error}", final=False)
 
 
 def _connected(address: Address) -> socket.socket:
@@ -67,7 +67,7 @@ def _connected(address: Address) -> socket.socket:
     return link
 
 
-def _shaken(link: socket.socket, address: Address, tls: Tls, hearing: float) -> Finding | None:
+def _shaken(link: socket.socket, address: Address, tls: Tls, hearing: float) -> Obstacle | None:
     """Return why a TLS handshake fails, on this side or the other."""
     try:
         with (
@@ -77,15 +77,15 @@ def _shaken(link: socket.socket, address: Address, tls: Tls, hearing: float) -> 
             shaken.settimeout(hearing)
             shaken.recv(1)
     except ssl.SSLCertVerificationError as error:
-        return Finding(f"its certificate is refused here: {error.verify_message}", final=True)
+        return Obstacle(f"its certificate is refused here: {error.verify_message}", final=True)
     except ssl.SSLError as error:
         said = reason(error)
         for alert, meaning in _ALERTS.items():
             if said.endswith(f"alert {alert}"):
-                return Finding(f"this certificate ({tls.certificate}) is refused: {meaning}", True)
-        return Finding(f"no TLS is spoken with it: {said}", final=False)
+                return Obstacle(f"this certificate ({tls.certificate}) is refused: {meaning}", True)
+        return Obstacle(f"no TLS is spoken with it: {said}", final=False)
     except TimeoutError:
-        return Finding("no TLS is spoken with it: it is silent", final=False)
+        return Obstacle("no TLS is spoken with it: it is silent", final=False)
     except (ConnectionResetError, BrokenPipeError):
-        return Finding(f"it ended the handshake; it may refuse {tls.certificate}", final=False)
+        return Obstacle(f"it ended the handshake; it may refuse {tls.certificate}", final=False)
     return None

@@ -7,7 +7,7 @@ import zenoh
 
 from nrs_cosim.bus.errors import BusError, InputError
 from nrs_cosim.bus.network.endpoints import Address, Endpoints, zenoh_settings
-from nrs_cosim.bus.network.reaching import BRIEFLY, LONG, Finding, probe
+from nrs_cosim.bus.network.reaching import BRIEFLY, LONG, Obstacle, probe
 from nrs_cosim.bus.network.room import expect_room
 
 
@@ -45,7 +45,7 @@ def _not_reached(endpoints: Endpoints, error: zenoh.ZError) -> BusError:
     return BusError(f"no connection within {endpoints.wait:g} s: {why}")
 
 
-def _findings(endpoints: Endpoints, hearing: float) -> dict[str, Finding]:
+def _findings(endpoints: Endpoints, hearing: float) -> dict[str, Obstacle]:
     """Return what stands in the way to each endpoint to connect to."""
     probed = {
         endpoint: probe(Address.of("--connect", endpoint), endpoints.tls, hearing)
@@ -54,7 +54,7 @@ def _findings(endpoints: Endpoints, hearing: float) -> dict[str, Finding]:
     return {endpoint: found for endpoint, found in probed.items() if found}
 
 
-def _expect_no_refusal(endpoints: Endpoints, findings: dict[str, Finding]) -> None:
+def _expect_no_refusal(endpoints: Endpoints, findings: dict[str, Obstacle]) -> None:
     """Do not wait where waiting mends nothing: all endpoints refuse, or are refused."""
     final = {endpoint: found.text for endpoint, found in findings.items() if found.final}
     if final and len(final) == len(endpoints.connect):

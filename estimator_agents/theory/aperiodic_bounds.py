@@ -27,7 +27,7 @@ from scipy import sparse
 
 from nrs_cosim.estimator_agents.theory.estimates import (
     REST,
-    Pair,
+    EstimateBounds,
     always,
     largest,
     modulus,
@@ -47,7 +47,7 @@ WORK = 2e9
 
 def sharp_of_list(
     recursion: Recursion, gaps: Sequence[float], gamma_1: float, gamma_2: float, factor: float
-) -> tuple[Pair, Pair] | None:
+) -> tuple[EstimateBounds, EstimateBounds] | None:
     """Return the sharp bounds at the sampling times, left limits, and at all times.
 
     Of the recursion K, G and D count, and `factor` < 1 is the growth. None where it takes too long.
@@ -84,7 +84,7 @@ def sharp_of_list(
 
 def sharp_aperiodic(
     recursion: Recursion, r: float, gamma_1: float, gamma_2: float, radius: float
-) -> tuple[Pair, Pair] | None:
+) -> tuple[EstimateBounds, EstimateBounds] | None:
     """Return bounds at the sampling times, left limits, and at all times, for periods h ± r.
 
     The recursion and its ρ = `radius` are those of h. None where no bound is found.
@@ -100,7 +100,7 @@ def sharp_aperiodic(
         if H is None or r * np.abs(np.linalg.eigvals(H)).max() >= 1:
             return None
         y = np.linalg.solve(np.eye(n) - r * H, y)
-    found: list[Pair] = []
+    found: list[EstimateBounds] = []
     for seen in (sparse.eye_array(2 * n, format="csr"), jump):
         most = worst(recursion, *moved, seen, recursion.h + r)
         pushed = _pushed(recursion, seen, radius, y)

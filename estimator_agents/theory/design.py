@@ -24,7 +24,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, proven, proven_under
 
 SHORTEST, LONGEST, HALVINGS = 1e-9, 1e3, 24
@@ -36,7 +36,7 @@ RATIOS = np.geomspace(1e-4, 1e4, 33)
 LARGEST = 1e12
 """The factor beyond which no gains are looked for."""
 
-BoundOf = Callable[[float], Pair | None]
+BoundOf = Callable[[float], EstimateBounds | None]
 """Returns bounds on the estimates for a period in s; None where they are not known."""
 Status = Literal["found", "no bounds", "no period is short enough", "not computed"]
 
@@ -86,7 +86,7 @@ class Design:
 
 def design(
     robots: Sequence[Constants],
-    wanted: Pair,
+    wanted: EstimateBounds,
     epsilon: float,
     paper: BoundOf,
     always: BoundOf,
@@ -106,7 +106,7 @@ def design(
 
 
 def _proven(
-    robots: Sequence[Constants], wanted: Pair, epsilon: float, always: BoundOf
+    robots: Sequence[Constants], wanted: EstimateBounds, epsilon: float, always: BoundOf
 ) -> Gains | None:
     of = _worst(robots)
     base = max(2 * of.lambda_M, of.rho_1) * (1 + MARGIN), of.rho_2 * (1 + MARGIN)
@@ -134,7 +134,7 @@ def _proven(
         return None
     best = min(found, key=lambda d: d.kp_max * wanted.position + d.kd_max * wanted.velocity)
 
-    def kept(bound: Pair) -> bool:
+    def kept(bound: EstimateBounds) -> bool:
         return _within(proven(of, best, bound), wanted)
 
     return Gains(best.kp_min, best.kd_min, *_longest(always, kept))
@@ -149,13 +149,15 @@ def _worst(robots: Sequence[Constants]) -> Constants:
     )
 
 
-def _within(ball: Pair | None, wanted: Pair) -> bool:
+def _within(ball: EstimateBounds | None, wanted: EstimateBounds) -> bool:
     return (
         ball is not None and ball.position <= wanted.position and ball.velocity <= wanted.velocity
     )
 
 
-def _longest(bound_of: BoundOf, kept: Callable[[Pair], bool]) -> tuple[float | None, float | None]:
+def _longest(
+    bound_of: BoundOf, kept: Callable[[EstimateBounds], bool]
+) -> tuple[float | None, float | None]:
     """Return the longest period for whose bounds it is kept, and the shortest that has bounds.
 
     The shorter a period, the longer forgetting takes in periods: a sum over them may be given up.

@@ -36,7 +36,7 @@ BLOCK, DENSE = 256, 100
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class EstimateBounds:
     """Bounds on lim ‖ε̄_i‖∞ and lim ‖ῡ_i‖∞ over all robots."""
 
     position: float
@@ -55,7 +55,7 @@ class Promise:
     """Of 𝒫; None where velocities depend on positions."""
     velocity_kappa: float | None
     """κ2"""
-    bound: Pair
+    bound: EstimateBounds
     """δ1 = h κ1 and δ2 = h min(κ1, κ2) (equation 6.6), or h κ3 for both (equation 5.3)."""
 
 
@@ -73,10 +73,12 @@ def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | N
     if apart is not None:
         kappa_2 = apart.gain * float(gamma_2 + drag[1])
     best = kappa if kappa_2 is None else min(kappa, kappa_2)
-    return Promise(norm, kappa, apart, kappa_2, Pair(h * kappa, h * best))
+    return Promise(norm, kappa, apart, kappa_2, EstimateBounds(h * kappa, h * best))
 
 
-def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -> Pair | None:
+def sharp(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float
+) -> EstimateBounds | None:
     """Return the sharp bounds at the sampling times, left limits.
 
     None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
@@ -87,8 +89,12 @@ def sharp(recursion: Recursion, gamma_1: float, gamma_2: float, radius: float) -
 
 
 def sharp_always(
-    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, before: Pair | None = None
-) -> Pair | None:
+    recursion: Recursion,
+    gamma_1: float,
+    gamma_2: float,
+    radius: float,
+    before: EstimateBounds | None = None,
+) -> EstimateBounds | None:
     """Return the sharp bounds at all times: an interval's are at its ends, and so also after jumps.
 
     In between x is affine in time but for what the target does meanwhile, at most a convex part.
@@ -103,19 +109,21 @@ def sharp_always(
     return always(before, largest(most), recursion, gamma_1)
 
 
-def always(before: Pair, after: Pair, recursion: Recursion, gamma_1: float) -> Pair:
+def always(
+    before: EstimateBounds, after: EstimateBounds, recursion: Recursion, gamma_1: float
+) -> EstimateBounds:
     """Return bounds at all times from those before jumps, and after them but for the drag."""
     dragged = np.abs(recursion.keep - np.eye(2))[:, 1] * gamma_1
-    return Pair(
+    return EstimateBounds(
         max(before.position, after.position + float(dragged[0])),
         max(before.velocity, after.velocity + float(dragged[1])),
     )
 
 
-def largest(most: Array) -> Pair:
+def largest(most: Array) -> EstimateBounds:
     """Return the largest of bounds on positions and then velocities, (2 n,)."""
     position, velocity = most.reshape(2, -1).max(axis=1).tolist()
-    return Pair(position, velocity)
+    return EstimateBounds(position, velocity)
 
 
 def worst(
@@ -215,10 +223,10 @@ class SteadyMotion:
         return self.constant[:, here] + swing
 
     @property
-    def bound(self) -> Pair:
+    def bound(self) -> EstimateBounds:
         """The largest that it comes to."""
         most = np.abs(self.constant) + np.abs(self.phasor).sum(axis=0)
-        return Pair(float(most[0].max()), float(most[1].max()))
+        return EstimateBounds(float(most[0].max()), float(most[1].max()))
 
 
 def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> SteadyMotion | None:

@@ -13,7 +13,7 @@ from nrs_cosim.bus.topology import Topology
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class NetworkSummary:
     """The digraph in short."""
 
     D: tuple[tuple[int, int, float], ...]
@@ -30,7 +30,7 @@ class Network:
     """A2: a directed path leads from the target to every robot."""
 
 
-def network_of(topology: Topology) -> Network:
+def network_of(topology: Topology) -> NetworkSummary:
     """Return a digraph in short."""
     parts = topology.components()
     label = np.empty(topology.n, np.intp)
@@ -47,7 +47,7 @@ def network_of(topology: Topology) -> Network:
     steps = topology.steps()
     weights = topology.D.tocoo()
     rows = zip(weights.row + 1, weights.col + 1, weights.data, strict=True)
-    return Network(
+    return NetworkSummary(
         D=tuple(sorted((int(i), int(j), float(d)) for i, j, d in rows)),
         pinned=tuple((topology.sink[topology.source == 0]).tolist()),
         components=tuple(tuple((np.sort(parts[p]) + 1).tolist()) for p in order),

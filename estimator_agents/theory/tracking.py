@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ TRACKING = "Theorems 2 and 3"
 """The source of the conditions on the gains: sufficient, and often far from necessary."""
 
 
-class Mechanics(Protocol):
+class PlantConstants(Protocol):
     """What P3 says of a robot, in N m, kg m² and s; λ_f bounds viscous drag."""
 
     @property
@@ -93,7 +93,9 @@ class Constants:
         ]
 
 
-def constants(p3: Mechanics, m: int, lambda_d: float, gamma_1: float, gamma_2: float) -> Constants:
+def constants(
+    p3: PlantConstants, m: int, lambda_d: float, gamma_1: float, gamma_2: float
+) -> Constants:
     """Return the constants of inequalities (1.9) and (1.8), for m joints and ‖τ_d‖₂ ≤ λ_d."""
     speed, pull = sqrt(m) * gamma_1, sqrt(m) * gamma_2
     mu_1 = lambda_d + p3.lambda_M * pull + p3.lambda_c * (speed * speed) + p3.lambda_g
@@ -104,13 +106,13 @@ def constants(p3: Mechanics, m: int, lambda_d: float, gamma_1: float, gamma_2: f
     return Constants(m, p3.lambda_m, p3.lambda_M, mu_1, mu_2, rho_1, rho_2)
 
 
-def push(of: Constants, drive: Drive, estimates: Pair) -> float:
+def push(of: Constants, drive: Drive, estimates: EstimateBounds) -> float:
     """Return ϱ3 in the long run: μ1 + √m [λ_max(Kp) δ1 + λ_max(Kd) δ2], N m."""
     swing = drive.kp_max * estimates.position + drive.kd_max * estimates.velocity
     return of.mu_1 + sqrt(of.m) * swing
 
 
-def balls(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
+def balls(of: Constants, drive: Drive, estimates: EstimateBounds) -> EstimateBounds | None:
     """Return δ3 and δ4, or δ5 and δ6, as the paper states them (equations 1.7 and 5.3).
 
     None where its conditions on the gains do not hold.
@@ -118,10 +120,10 @@ def balls(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
     if not all(c.holds for c in of.conditions(drive)):
         return None
     rho_3 = push(of, drive, estimates)
-    return Pair(rho_3 / (drive.kp_min - of.rho_1), rho_3 / (drive.kd_min - of.rho_2))
+    return EstimateBounds(rho_3 / (drive.kp_min - of.rho_1), rho_3 / (drive.kd_min - of.rho_2))
 
 
-def proven(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
+def proven(of: Constants, drive: Drive, estimates: EstimateBounds) -> EstimateBounds | None:
     """Return radii of balls into which e and ė come by (1.8) alone, with √m where it belongs.
 
     None where λ_m is not known, the conditions on the gains do not hold, or numbers overflow.
@@ -129,7 +131,7 @@ def proven(of: Constants, drive: Drive, estimates: Pair) -> Pair | None:
     return proven_under(of, drive, push(of, drive, estimates))
 
 
-def proven_under(of: Constants, drive: Drive, rho_3: float) -> Pair | None:
+def proven_under(of: Constants, drive: Drive, rho_3: float) -> EstimateBounds | None:
     """Return the same under a push ϱ3, N m.
 
     V̇ < 0 outside ‖e‖₂ ≤ X, ‖ė‖₂ ≤ Y; V is at most W inside, and what V ≤ W holds is the answer.
@@ -147,7 +149,7 @@ def proven_under(of: Constants, drive: Drive, rho_3: float) -> Pair | None:
     W += drive.kd_max * min(X * X / 2, sqrt(of.m) * X)
     if not isfinite(W):
         return None
-    return Pair(sqrt(2 * W / (drive.kp_min - 2 * of.lambda_M)), 2 * sqrt(W / of.lambda_m))
+    return EstimateBounds(sqrt(2 * W / (drive.kp_min - 2 * of.lambda_M)), 2 * sqrt(W / of.lambda_m))
 
 
 def _outside(b: float, rho_3: float, gained: float) -> float:
@@ -168,10 +170,10 @@ def _outside(b: float, rho_3: float, gained: float) -> float:
     return high
 
 
-def worst(found: Sequence[Pair | None]) -> Pair | None:
+def worst_tracking(found: Sequence[EstimateBounds | None]) -> EstimateBounds | None:
     """Return the largest over robots; None where one has none."""
     have = [pair for pair in found if pair is not None]
     if not have or len(have) < len(found):
         return None
-    most = Pair(max(p.position for p in have), max(p.velocity for p in have))
+    most = EstimateBounds(max(p.position for p in have), max(p.velocity for p in have))
     return most if most.position < inf else None

@@ -53,7 +53,7 @@ from nrs_cosim.orchestrator.runs.worker import Heard
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import named
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
-from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.errors import FmuError
 
@@ -335,7 +335,7 @@ class _Finder:
                 archive = find_archive(fmu, self._folder)
                 if archive.sha256 == sha256:
                     return archive
-        path = stored(sha256) or self._fetched(fmu, sha256)
+        path = stored_fmu(sha256) or self._fetched(fmu, sha256)
         return replace(find_archive(str(path), Path()), label=fmu)
 
     def _fetched(self, fmu: str, sha256: str) -> Path:
@@ -357,4 +357,4 @@ class _Finder:
                     if not item.payload:
                         raise FmuError(f"{fmu}: the orchestrator cannot read it any more")
                     if hashlib.sha256(item.payload).hexdigest() == sha256:
-                        return keep(item.payload, sha256)
+                        return keep_fmu(item.payload, sha256)

@@ -218,7 +218,7 @@ def check(
         raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
-    from nrs_cosim.estimator_agents.theory.estimates import Pair
+    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
     from nrs_cosim.orchestrator.commands import showing
     from nrs_cosim.orchestrator.commands.progress import stages
     from nrs_cosim.orchestrator.commands.verdict import unmet as unmet_of
@@ -230,7 +230,7 @@ def check(
     from nrs_cosim.orchestrator.scenario.file import read_scenario
 
     experiment = read_scenario(scenario)
-    wanted = Pair(*accuracy) if accuracy else None
+    wanted = EstimateBounds(*accuracy) if accuracy else None
     with stages(err) as begin:
         begin("opening the plants")
         with named(str(scenario)), ExitStack() as stack:

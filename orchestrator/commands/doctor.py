@@ -18,7 +18,7 @@ from nrs_cosim.bus.network.vetting import Verdict, vet
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.building import try_compiler
 from nrs_cosim.plant_fmu.checking.apart import check
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.writing import Writer
@@ -83,7 +83,7 @@ def _tried(topic: str, name: str, trial: Callable[[], str]) -> Symptom:
 
 
 def _try_plant() -> str:
-    checked = check(Task(find_archive(MODEL, Path())))
+    checked = check(CheckTask(find_archive(MODEL, Path())))
     for finding in checked.findings:
         if finding.verdict == "fails":
             raise CosimError(f"{MODEL}: {finding.name}: {finding.text}")

@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
     from nrs_cosim.plant_fmu.archives.archive import Archive
-    from nrs_cosim.plant_fmu.checking.findings import Task
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
 _STIFF_TOO = {"alone", "resumed"}
 """What a robot fails as well that is only costly to step: with links of grams, and damping."""
@@ -62,10 +62,10 @@ def fmu_check(
     from nrs_cosim.orchestrator.scenario.file import read_scenario
     from nrs_cosim.plant_fmu.archives.archive import find_archive
     from nrs_cosim.plant_fmu.checking.apart import check
-    from nrs_cosim.plant_fmu.checking.findings import Task
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
     archive = find_archive(name, Path())
-    task = Task(archive) if scenario is None else _task(archive, read_scenario(scenario))
+    task = CheckTask(archive) if scenario is None else _task(archive, read_scenario(scenario))
     with stages(err) as begin:
         checked = check(task, tell=begin)
     if as_json:
@@ -115,7 +115,7 @@ def fmu_from_urdf(
     from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
     from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
     from nrs_cosim.plant_fmu.checking.built import check_built
-    from nrs_cosim.plant_fmu.checking.findings import Task
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
     pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
     expect_replaceable(output, "FMU", b"PK")
@@ -126,7 +126,7 @@ def fmu_from_urdf(
             say("yellow", "warning", f"{urdf}: {warning}")
         built = build_urdf(robot, fmi, pull, begin)
         begin("checking")
-        checked = check_built(Task(open_archive(built, str(output))))
+        checked = check_built(CheckTask(open_archive(built, str(output))))
     wrong = False
     for finding in checked.findings:
         if finding.verdict == "fails" and finding.name not in _STIFF_TOO:
@@ -153,10 +153,10 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _task(archive: "Archive", experiment: "Experiment") -> "Task":
+def _task(archive: "Archive", experiment: "Experiment") -> "CheckTask":
     """Return the check of an FMU in the place of robot 1's."""
     from nrs_cosim.orchestrator.runs.plants import Group
-    from nrs_cosim.plant_fmu.checking.findings import Task
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
     group = Group("plant", experiment.of_robot(1).plant, archive, [0])
-    return Task(archive, experiment.bodies([1])[0], group.names, group.driving)
+    return CheckTask(archive, experiment.bodies([1])[0], group.names, group.driving)

@@ -17,7 +17,7 @@ from nrs_cosim.orchestrator.terminal import prose
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.estimator_agents.theory.design import Design, Gains
-    from nrs_cosim.estimator_agents.theory.estimates import Pair
+    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
     from nrs_cosim.orchestrator.commands.doctor import Diagnosis
     from nrs_cosim.orchestrator.promises.checking import Check
     from nrs_cosim.orchestrator.promises.judging import Judged, Judgement
@@ -121,7 +121,9 @@ def _beside(judged: "Judgement") -> dict[str, str]:
     return told
 
 
-def design(console: Console, found: "Design | None", wanted: "Pair", *, sampled: bool) -> None:
+def design(
+    console: Console, found: "Design | None", wanted: "EstimateBounds", *, sampled: bool
+) -> None:
     """Show what gains and period are proven to give an accuracy, and what the paper has."""
     if found is None:
         told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}

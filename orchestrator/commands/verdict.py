@@ -9,7 +9,7 @@ from nrs_cosim.orchestrator.scenario.numbers import multiple
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.algorithm import Spectrum
     from nrs_cosim.estimator_agents.theory.aperiodic import Growth
-    from nrs_cosim.estimator_agents.theory.network import Network
+    from nrs_cosim.estimator_agents.theory.network import NetworkSummary
     from nrs_cosim.orchestrator.promises.bounding import Bounded
     from nrs_cosim.orchestrator.promises.checking import Check
     from nrs_cosim.orchestrator.promises.promising import Promises
@@ -68,7 +68,7 @@ def _networks(checked: "Check") -> dict[str, str]:
     return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **told}
 
 
-def _ways(network: "Network") -> str:
+def _ways(network: "NetworkSummary") -> str:
     """Say how the target comes to all."""
     return (
         f"a path of at most {_count(network.depth, 'link')} leads from the target to every robot "
@@ -140,7 +140,7 @@ def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
     )
 
 
-def _parts(network: "Network") -> str:
+def _parts(network: "NetworkSummary") -> str:
     """Say which robots depend on one another."""
     loops = [part for part in network.components if len(part) > 1]
     if not loops:

@@ -9,7 +9,7 @@ import numpy as np
 from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
-from nrs_cosim.estimator_agents.theory.network import Network
+from nrs_cosim.estimator_agents.theory.network import NetworkSummary
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, expect_modes
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
@@ -60,7 +60,7 @@ class Check:
     """Whether links have faults, which the growth knows nothing of."""
 
     @property
-    def network(self) -> Network | None:
+    def network(self) -> NetworkSummary | None:
         """The only digraph; None where there are several."""
         heard = [digraph for turn in self.turns for digraph in turn.digraphs]
         return heard[0].network if len(heard) == 1 else None

@@ -7,7 +7,7 @@ from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.checking.apart import p3_of
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.driving import Driving
 
 MOST = 4
@@ -34,6 +34,6 @@ class Sampling:
         (body,) = self._experiment.bodies([robot])
         try:
             archive = find_archive(plant.fmu, self._experiment.folder)
-            return p3_of(Task(archive, body, names_of(plant.variables), Driving.of(plant)))
+            return p3_of(CheckTask(archive, body, names_of(plant.variables), Driving.of(plant)))
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"

@@ -12,7 +12,7 @@ from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
 from nrs_cosim.estimator_agents.theory.design import Design, design
 from nrs_cosim.estimator_agents.theory.estimates import (
-    Pair,
+    EstimateBounds,
     Promise,
     SteadyMotion,
     promise,
@@ -22,7 +22,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
 )
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
-from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst
+from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
 from nrs_cosim.orchestrator.promises.bounding import Bounded, Find, bounded
 from nrs_cosim.orchestrator.promises.checking import finite
 from nrs_cosim.orchestrator.promises.settling import (
@@ -41,11 +41,11 @@ from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTar
 class Tracking:
     """Bounds on lim ‖e_i‖₂ and lim ‖ė_i‖₂ over all robots; None where there is none."""
 
-    paper: Pair | None
+    paper: EstimateBounds | None
     """δ3 and δ4, or δ5 and δ6, of the paper's bounds on the estimates."""
-    sharp: Pair | None
+    sharp: EstimateBounds | None
     """The same of sharp bounds on the estimates."""
-    proven: Pair | None
+    proven: EstimateBounds | None
     """What the proof holds of sharp bounds, where the paper's own step from V̇ does not follow."""
 
 
@@ -72,13 +72,13 @@ class Promises:
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
-    sharp: Pair | None
+    sharp: EstimateBounds | None
     paper: Promise | None
     robots: list[Bounded]
     tracking: Tracking
 
     @property
-    def exact(self) -> Pair | None:
+    def exact(self) -> EstimateBounds | None:
         """The largest that the estimates' errors come to, for this target."""
         return self.motion.bound if self.motion else None
 
@@ -139,9 +139,9 @@ def bounds(promised: Promises) -> list[Bound]:
 
 def _rows(
     names: tuple[str, str],
-    exact: Pair | None,
-    sharpest: Pair | None,
-    paper: Pair | None,
+    exact: EstimateBounds | None,
+    sharpest: EstimateBounds | None,
+    paper: EstimateBounds | None,
     *,
     sampled: bool = False,
     unproven: bool = False,
@@ -153,7 +153,7 @@ def _rows(
     ]
 
 
-def _of(pair: Pair | None, part: str) -> float | None:
+def _of(pair: EstimateBounds | None, part: str) -> float | None:
     return getattr(pair, part) if pair else None
 
 
@@ -196,7 +196,7 @@ def promises(
         paper = None if topologies.turning else promise(recursion, *whole)
     tracking = Tracking(
         *(
-            worst([_ball(way, part, estimates) for part in robots])
+            worst_tracking([_ball(way, part, estimates) for part in robots])
             for way, estimates in (
                 (balls, paper.bound if paper else None),
                 (balls, always),
@@ -224,7 +224,7 @@ def promises(
 
 @np.errstate(all="ignore")
 def designed(
-    experiment: Experiment, wanted: Pair, epsilon: float, find: Find | None = None
+    experiment: Experiment, wanted: EstimateBounds, epsilon: float, find: Find | None = None
 ) -> Design | None:
     """Return gains and a period for a wanted accuracy; None without P3."""
     topologies, whole = experiment.topologies, experiment.target.bounds()
@@ -238,12 +238,12 @@ def designed(
     def recursion_at(h: float) -> Recursion | None:
         return lasting(recursions_of(algorithm, topologies, h), topologies)
 
-    def paper_of(h: float) -> Pair | None:
+    def paper_of(h: float) -> EstimateBounds | None:
         recursion = None if topologies.turning else recursion_at(h)
         found = promise(recursion, *whole) if recursion else None
         return found.bound if found else None
 
-    def always(h: float) -> Pair | None:
+    def always(h: float) -> EstimateBounds | None:
         recursion = recursion_at(h)
         radius = growth_of(algorithm, topologies, spectra, Periods((h,))).factor
         if recursion is None or not radius < 1:
@@ -292,14 +292,14 @@ def _unsettled(growth: Growth) -> str:
     return "the estimates diverge"
 
 
-def _ball(way: Any, part: Bounded, estimates: Pair | None) -> Pair | None:
+def _ball(way: Any, part: Bounded, estimates: EstimateBounds | None) -> EstimateBounds | None:
     if part.constants is None or estimates is None:
         return None
-    found: Pair | None = way(part.constants, part.drive, estimates)
+    found: EstimateBounds | None = way(part.constants, part.drive, estimates)
     return found
 
 
-def pair_json(pair: Pair | None) -> dict[str, float | None] | None:
+def pair_json(pair: EstimateBounds | None) -> dict[str, float | None] | None:
     """Return a pair of bounds for JSON."""
     if pair is None:
         return None

@@ -11,7 +11,7 @@ from nrs_cosim.bus.topologies import Topologies
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, Verdict
-from nrs_cosim.estimator_agents.theory.network import Network, network_of
+from nrs_cosim.estimator_agents.theory.network import NetworkSummary, network_of
 from nrs_cosim.estimator_agents.theory.switching import any_order, contracts_in_any_order
 from nrs_cosim.orchestrator.promises.settling import for_any_periods, growth_alone, recursions_of
 
@@ -22,7 +22,7 @@ class Heard:
 
     of: Literal["positions and velocities", "positions", "velocities"]
     """What travels over it."""
-    network: Network
+    network: NetworkSummary
     spectrum: Spectrum
 
 

@@ -23,7 +23,7 @@ from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.terminal import say
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.report.page import expect_plotly, told
+from nrs_cosim.recordings.report.page import expect_plotly, page_data
 from nrs_cosim.recordings.report.serving import HOST, LiveServer
 
 _LINGER = 3.0
@@ -104,7 +104,7 @@ def serve(recording: Path, final: Path, listening: socket.socket, before: str) -
     def tell() -> bytes | None:
         try:
             with Reader(current()) as reader:
-                return json.dumps(told([story_of(reader)]), allow_nan=False).encode()
+                return json.dumps(page_data([story_of(reader)]), allow_nan=False).encode()
         except UnreadableError:
             return None
 

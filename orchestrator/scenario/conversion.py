@@ -30,7 +30,7 @@ def motion_of(target: TargetMotion) -> Target:
 def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:
     """Return what a scenario gives for quantities of ours, as FMUs are searched for it."""
     return {
-        ours: naming.Pattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+        ours: naming.NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
         for ours, name in variables.items()
     }
 

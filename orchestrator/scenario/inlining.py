@@ -110,7 +110,7 @@ def _samples(path: Path) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Disagreement:
+class VelocityMismatch:
     """Where a velocity is farthest from that of the spline through the positions."""
 
     row: int
@@ -125,7 +125,7 @@ class Disagreement:
         return abs(self.expected - self.got)
 
 
-def disagreement(times: Array, positions: Array, velocities: Array) -> Disagreement | None:
+def disagreement(times: Array, positions: Array, velocities: Array) -> VelocityMismatch | None:
     """Return where velocities are not those of the spline through the positions, both (s, m)."""
     with np.errstate(all="ignore"):
         moved = Sampled.of(times, positions).at(times).velocity
@@ -136,7 +136,7 @@ def disagreement(times: Array, positions: Array, velocities: Array) -> Disagreem
         return None
     row, axis = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
     expected, got = moved[row, axis], velocities[row, axis]
-    return Disagreement(int(row), int(axis), float(expected), float(got), float(most))
+    return VelocityMismatch(int(row), int(axis), float(expected), float(got), float(most))
 
 
 def _expect_agreement(path: Path, times: Array, positions: Array, velocities: Array) -> None:

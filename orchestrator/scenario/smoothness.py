@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.orchestrator.scenario.inlining import Array, Disagreement, disagreement
+from nrs_cosim.orchestrator.scenario.inlining import Array, VelocityMismatch, disagreement
 from nrs_cosim.plant_fmu.errors import FmuError
 
 FINER, ROUNDS = 4, 4
@@ -65,7 +65,7 @@ def _why(
     times: Sequence[float],
     positions: Array,
     velocities: Array,
-    found: Disagreement,
+    found: VelocityMismatch,
     sample: Sample | None,
 ) -> str:
     """Return what samples that are nearer to one another say, and what to do then."""

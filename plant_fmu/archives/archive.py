@@ -10,7 +10,7 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription
 
-from nrs_cosim.plant_fmu.archives.entries import GIB, MOST_BYTES, opened, unpack
+from nrs_cosim.plant_fmu.archives.entries import GIB, MOST_BYTES, opened_archive, unpack
 from nrs_cosim.plant_fmu.archives.libraries import obstacle
 from nrs_cosim.plant_fmu.archives.reading import read_description
 from nrs_cosim.plant_fmu.archives.units import unit_of
@@ -125,7 +125,7 @@ class Archive:
 def read_archive(path: Path, label: str | None = None) -> Archive:
     """Read an FMU, for whatever platform it is; `FmuError` when it is missing, damaged or unfit."""
     label = label or str(path)
-    with _file(path, label) as file, opened(file, label) as archive:
+    with _file(path, label) as file, opened_archive(file, label) as archive:
         description = read_description(archive, label)
         why_not = obstacle(description, archive.namelist())
         joints = read_joints(archive, label)

@@ -38,7 +38,7 @@ _DAMAGE = (
 
 
 @contextmanager
-def opened(file: BinaryIO, label: str) -> Iterator[ZipFile]:
+def opened_archive(file: BinaryIO, label: str) -> Iterator[ZipFile]:
     """Open an archive whose entries are fit to be read; `FmuError` with the cause when not."""
     try:
         archive = ZipFile(file)
@@ -61,7 +61,7 @@ def opened(file: BinaryIO, label: str) -> Iterator[ZipFile]:
 
 
 def unpack(file: BinaryIO, folder: Path, label: str) -> None:
-    """Unpack an archive that `opened` has let pass into an empty folder."""
+    """Unpack an archive that `opened_archive` has let pass into an empty folder."""
     try:
         with ZipFile(file) as archive:
             archive.extractall(folder)

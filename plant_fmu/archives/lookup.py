@@ -17,7 +17,7 @@ Identity = tuple[str, int]
 def find_variables(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     """Return the variable of a name or the family of which it is the stem; empty when neither."""
     if name in by_name(archive):
-        return (named(archive, name),)
+        return (variable_named(archive, name),)
     found = [f for f in families(name, by_name(archive)) if f.entries[0].startswith(name)]
     return only(archive, name, found, "write the names of its entries one by one")
 
@@ -28,7 +28,7 @@ def only(
     """Return the variables of the only family; those of the same numbers are one."""
     different: dict[tuple[Identity, ...], tuple[Family, tuple[ModelVariable, ...]]] = {}
     for family in found:
-        variables = tuple(named(archive, entry) for entry in family.entries)
+        variables = tuple(variable_named(archive, entry) for entry in family.entries)
         different.setdefault(tuple(map(identity, variables)), (family, variables))
     if len(different) > 1:
         entries = " or ".join(listed(family.entries, 3) for family, _ in different.values())
@@ -45,7 +45,7 @@ def identity(variable: ModelVariable) -> Identity:
     return "Integer" if variable.type == "Enumeration" else variable.type, variable.valueReference
 
 
-def named(archive: Archive, name: str) -> ModelVariable:
+def variable_named(archive: Archive, name: str) -> ModelVariable:
     """Return the variable of a name; `FmuError` when there is none, or more than one."""
     variables = by_name(archive).get(name, ())
     if len(variables) > 1:

@@ -17,7 +17,7 @@ _SLICE = re.compile(r"(?P<stem>.+)\[(?P<first>\d{0,9}):(?P<last>\d{0,9})\]")
 
 
 @dataclass(frozen=True, slots=True)
-class Pattern:
+class NamePattern:
     """The names that it gives for i, j = base, base + 1, …"""
 
     pattern: str
@@ -36,7 +36,7 @@ class Pattern:
         return self.pattern.replace("{i}", str(i)).replace("{j}", str(j))
 
 
-Spec = str | tuple[str, ...] | Pattern
+Spec = str | tuple[str, ...] | NamePattern
 """What a user may write for a quantity: a name, a stem or a slice of either; names; a pattern."""
 
 
@@ -49,7 +49,7 @@ class Family:
 
     def __str__(self) -> str:
         """Return the spec as TOML."""
-        if isinstance(self.spec, Pattern):
+        if isinstance(self.spec, NamePattern):
             return f'{{ pattern = "{self.spec.pattern}", base = {self.spec.base} }}'
         return f'"{self.spec}"'
 
@@ -64,7 +64,7 @@ def families(stem: str, names: Collection[str]) -> list[Family]:
             if match := expression.fullmatch(name):
                 members[f"{match['prefix']}{stem}{style}"].add(name)
     for pattern, found in members.items():
-        for spec in (Pattern(pattern, base=0), Pattern(pattern, base=1)):
+        for spec in (NamePattern(pattern, base=0), NamePattern(pattern, base=1)):
             entries = spec.entries(found)
             if set(entries) == found:
                 candidates.append(Family(spec, entries))

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.naming import Spec
-from nrs_cosim.plant_fmu.archives.quantities import TYPES, Layout
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, NumberLayout
 from nrs_cosim.plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
 from nrs_cosim.plant_fmu.errors import FmuError
 
@@ -53,7 +53,9 @@ def takes(
         if variable.causality == "input" and variable.type in TYPES
     }
     return has(archive, names, *quantities, sizes=sizes) and all(
-        inputs.issuperset(Layout.of([find_quantity(archive, ours, names, sizes=sizes)]).references)
+        inputs.issuperset(
+            NumberLayout.of([find_quantity(archive, ours, names, sizes=sizes)]).references
+        )
         for ours in quantities
     )
 

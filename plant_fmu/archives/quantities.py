@@ -58,7 +58,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class NumberLayout:
     """Where the numbers of quantities stand among those of their variables, each taken once.
 
     ours = factor * theirs[index], with `theirs` flat over the variables.
@@ -109,7 +109,7 @@ class View:
     """Rows of ours (robots, numbers), and the FMUs' own numbers that they stand for."""
 
     def __init__(self, quantities: Iterable[Quantity], ours: NDArray[np.float64]) -> None:
-        layout = Layout.of(quantities)
+        layout = NumberLayout.of(quantities)
         self._ours, self._layout = ours, layout
         self._is_direct, self.is_complete = layout.is_direct, layout.is_complete
         self.references = layout.references

@@ -17,8 +17,8 @@ from fmpy.model_description import ModelVariable
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.lookup import by_name, listed, named, only, suggestion
-from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families, split_slice
+from nrs_cosim.plant_fmu.archives.lookup import by_name, listed, only, suggestion, variable_named
+from nrs_cosim.plant_fmu.archives.naming import NamePattern, Spec, families, split_slice
 from nrs_cosim.plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import si_factor, si_name, unit_of
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -143,12 +143,12 @@ def shape_of(
 def _picks(archive: Archive, ours: str, spec: Spec) -> tuple[Pick, ...]:
     """Return what a spec means; empty when it is a name or a pattern that the FMU does not know."""
     known = by_name(archive)
-    if isinstance(spec, Pattern):
-        return tuple((named(archive, entry), slice(None)) for entry in spec.entries(known))
+    if isinstance(spec, NamePattern):
+        return tuple((variable_named(archive, entry), slice(None)) for entry in spec.entries(known))
     if isinstance(spec, tuple):
         return tuple(_listed_pick(archive, name) for name in spec)
     if spec in known:
-        return ((named(archive, spec), slice(None)),)
+        return ((variable_named(archive, spec), slice(None)),)
     if sliced := split_slice(spec):
         stem, cut = sliced
         return _cut(archive, spec, _picks(archive, ours, stem), cut)
@@ -163,7 +163,7 @@ def _listed_pick(archive: Archive, name: str) -> Pick:
     """Return what a name in a list means: a variable, or a slice of one."""
     sliced = None if name in by_name(archive) else split_slice(name)
     stem, cut = sliced or (name, slice(None))
-    return named(archive, stem), cut
+    return variable_named(archive, stem), cut
 
 
 def _cut(archive: Archive, spec: str, picks: Sequence[Pick], cut: slice) -> tuple[Pick, ...]:
@@ -184,7 +184,9 @@ def _derivatives(archive: Archive, picks: Sequence[Pick]) -> tuple[Pick, ...]:
     names = [f"der({variable.name})" for variable, _ in picks]
     if not all(name in by_name(archive) for name in names):
         return ()
-    return tuple((named(archive, name), cut) for name, (_, cut) in zip(names, picks, strict=True))
+    return tuple(
+        (variable_named(archive, name), cut) for name, (_, cut) in zip(names, picks, strict=True)
+    )
 
 
 def _part(archive: Archive, ours: str, pick: Pick, sizes: Mapping[int, int]) -> Part:
@@ -236,7 +238,7 @@ def _unit_factor(archive: Archive, ours: str, unit: str) -> float:
 
 def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
     """Say that there is no such quantity, what is near, and what to write."""
-    looked_for = spec.pattern if isinstance(spec, Pattern) else spec
+    looked_for = spec.pattern if isinstance(spec, NamePattern) else spec
     what = f"variable {quoted(looked_for)}" + (f" for {ours}" if spec != ours else "")
     near = suggestion(str(looked_for), _moving(archive) if ours in MOTION else by_name(archive))
     write = f'"its name", or a list of names, or {{ pattern = "{ours}[{{i}}]", base = 1 }}'

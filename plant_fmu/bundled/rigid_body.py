@@ -19,7 +19,7 @@ from adam.model import Model
 from adam.model.std_factories.std_joint import StdJoint
 from adam.model.std_factories.std_model import URDFModelFactory
 
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Pose, Robot, Three
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Pose, Three, UrdfRobot
 
 _CODE: dict[str, bool | str] = {
     "main": False,
@@ -36,7 +36,7 @@ _HEADER = """\
 """
 
 
-def accelerations(robot: Robot, gravity: Three) -> casadi.Function:
+def accelerations(robot: UrdfRobot, gravity: Three) -> casadi.Function:
     """`forward_dynamics`: (q, qd, force) to qdd, (m,); gravity is in m/s2, in the base's frame."""
     axes = robot.axes
     q, qd, force = (casadi.SX.sym(name, len(axes)) for name in ("q", "qd", "force"))
@@ -54,7 +54,7 @@ def c_code(equations: casadi.Function) -> str:
 
 
 def _equations_of_motion(
-    robot: Robot, gravity: Three, q: casadi.SX, qd: casadi.SX
+    robot: UrdfRobot, gravity: Three, q: casadi.SX, qd: casadi.SX
 ) -> tuple[casadi.SX, casadi.SX]:
     """M (m, m) and h (m): adam's, for a base that floats, without the base's six rows."""
     maths = _Maths()
@@ -100,7 +100,7 @@ class _Factory(URDFModelFactory):  # type: ignore[misc]
         return _Joint(joint, self.math)
 
 
-def _plain(robot: Robot) -> str:
+def _plain(robot: UrdfRobot) -> str:
     """The robot as a URDF in which all that adam reads is there, and nothing else."""
     root = Element("robot", name=robot.name)
     for link in robot.links:

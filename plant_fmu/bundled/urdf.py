@@ -8,17 +8,22 @@ from dataclasses import replace
 from pathlib import Path
 
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.plant_fmu.bundled.urdf_elements import named, read_joint, read_link, writable
+from nrs_cosim.plant_fmu.bundled.urdf_elements import (
+    named_elements,
+    read_joint,
+    read_link,
+    writable,
+)
 from nrs_cosim.plant_fmu.bundled.urdf_inertia import SOME_INERTIA, judge_inertias
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Inertial, Robot
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Inertial, UrdfRobot
 from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, moving_links
 from nrs_cosim.plant_fmu.bundled.urdf_xacro import expect_expanded
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element, read_xml
 from nrs_cosim.plant_fmu.errors import FmuError
 
 
-def read_urdf(path: Path) -> Robot:
+def read_urdf(path: Path) -> UrdfRobot:
     """Read and check a URDF file; `FmuError` names the file, the elements and what to do."""
     faults, warnings = Remarks(), Remarks()
     try:
@@ -39,14 +44,14 @@ def _root(path: Path, warnings: Remarks) -> Element:
     return root
 
 
-def _robot(root: Element, stem: str, faults: Remarks, warnings: Remarks) -> Robot:
+def _robot(root: Element, stem: str, faults: Remarks, warnings: Remarks) -> UrdfRobot:
     name = _name(root, stem, faults, warnings)
     unnamed = Remarks()
-    read = [read_link(name, element) for name, element in named(root, "link", unnamed)]
+    read = [read_link(name, element) for name, element in named_elements(root, "link", unnamed)]
     links = {link.name: link for link, _ in read}
     joints = tuple(
         read_joint(name, element, links, faults, warnings)
-        for name, element in named(root, "joint", unnamed)
+        for name, element in named_elements(root, "joint", unnamed)
     )
     faults.take(unnamed)
     axes = tuple(joint for joint in joints if joint.kind != "fixed")
@@ -64,7 +69,7 @@ def _robot(root: Element, stem: str, faults: Remarks, warnings: Remarks) -> Robo
         links[link.name] = replace(link, inertial=kept)
     if order is not None:
         judge_inertias(links, order, axes, faults, warnings)
-    return Robot(name, tuple(links.values()), joints)
+    return UrdfRobot(name, tuple(links.values()), joints)
 
 
 def _name(root: Element, stem: str, faults: Remarks, warnings: Remarks) -> str:

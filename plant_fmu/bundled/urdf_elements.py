@@ -11,7 +11,15 @@ import numpy as np
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
-from nrs_cosim.plant_fmu.bundled.urdf_robot import ZERO, Inertial, Joint, Kind, Link, Pose, Three
+from nrs_cosim.plant_fmu.bundled.urdf_robot import (
+    ZERO,
+    Inertial,
+    Kind,
+    Link,
+    Pose,
+    Three,
+    UrdfJoint,
+)
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element
 
 _FREE = {"floating", "planar"}
@@ -20,7 +28,7 @@ LARGEST = 1e30
 """Beyond what is of any robot; masses, and squares of lengths and rates, stay finite together."""
 
 
-def named(root: Element, tag: str, faults: Remarks) -> Iterator[tuple[str, Element]]:
+def named_elements(root: Element, tag: str, faults: Remarks) -> Iterator[tuple[str, Element]]:
     """Yield the robot's links or joints with their names, no two of one name."""
     seen: set[str] = set()
     for element in root.findall(tag):
@@ -68,7 +76,7 @@ def read_link(name: str, element: Element) -> tuple[Link, Remarks]:
 
 def read_joint(
     name: str, element: Element, links: dict[str, Link], faults: Remarks, warnings: Remarks
-) -> Joint:
+) -> UrdfJoint:
     """Return a joint, as a fixed one where its kind is not supported."""
     read = _Reading("joint", name, faults)
     kind = element.get("type", "")
@@ -85,7 +93,7 @@ def read_joint(
         read.fault("<mimic> is not supported; remove it, or make the joint fixed")
     parent, child = (_end(element, tag, read, links) for tag in ("parent", "child"))
     if kind in _FREE or kind not in get_args(Kind) or kind == "fixed":
-        return Joint(name, "fixed", parent, child, read.pose(element), ZERO, 0.0)
+        return UrdfJoint(name, "fixed", parent, child, read.pose(element), ZERO, 0.0)
     damping, friction = 0.0, 0.0
     dynamics = element.find("dynamics")
     if dynamics is not None:
@@ -98,7 +106,7 @@ def read_joint(
         warnings.add(f"its dry friction of {friction:g} is left out", "joint", name)
     axis = _axis(element, read, warnings)
     pose = read.pose(element)
-    return Joint(name, cast("Kind", kind), parent, child, pose, axis, damping)
+    return UrdfJoint(name, cast("Kind", kind), parent, child, pose, axis, damping)
 
 
 class _Reading:

@@ -11,7 +11,7 @@ from typing import Any
 
 from nrs_cosim.plant_fmu.bundled.building import build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot, Three
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Three, UrdfRobot
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.joints import JOINTS, Joint, write_joints
 
@@ -22,7 +22,7 @@ Begin = Callable[[str], None]
 
 
 def build_urdf(
-    robot: Robot, fmi: int = 3, gravity: Three = GRAVITY, begin: Begin = lambda _: None
+    robot: UrdfRobot, fmi: int = 3, gravity: Three = GRAVITY, begin: Begin = lambda _: None
 ) -> Path:
     """The FMU of a robot for FMI 2 or 3, kept where `build` keeps those of bundled models.
 
@@ -47,7 +47,7 @@ def build_urdf(
     return build_model(_declaration(robot, gravity), equations, fmi, {JOINTS: write_joints(joints)})
 
 
-def _declaration(robot: Robot, gravity: Three) -> Declaration:
+def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:
     """As of a bundled robot, with the joints' names where a variable has a number for each."""
     m = len(robot.axes)
     own = {
@@ -69,7 +69,7 @@ def _declaration(robot: Robot, gravity: Three) -> Declaration:
     return replace(plain, variables=tuple(variables))
 
 
-def _units(robot: Robot) -> dict[str, Any]:
+def _units(robot: UrdfRobot) -> dict[str, Any]:
     """None where some joints turn and some slide: an array has one unit for all its numbers."""
     slides = {joint.kind == "prismatic" for joint in robot.axes}
     if slides == {True}:

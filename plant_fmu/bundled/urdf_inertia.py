@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Inertial, Joint, Link
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Inertial, Link, UrdfJoint
 from nrs_cosim.plant_fmu.bundled.urdf_tree import mass_matrix, moving_links
 
 ROUNDING = 1e-12
@@ -32,8 +32,8 @@ _GIVE = (
 
 def judge_inertias(
     links: Mapping[str, Link],
-    order: Sequence[Joint],
-    axes: Sequence[Joint],
+    order: Sequence[UrdfJoint],
+    axes: Sequence[UrdfJoint],
     faults: Remarks,
     warnings: Remarks,
 ) -> None:
@@ -60,7 +60,7 @@ def judge_inertias(
         _judge_mass(links, order, axes, light, faults, warnings)
 
 
-def _scale(inertials: Sequence[Inertial], order: Sequence[Joint]) -> float:
+def _scale(inertials: Sequence[Inertial], order: Sequence[UrdfJoint]) -> float:
     """Return the robot's largest moment of inertia: of a link, or a mass times a length squared."""
     lengths = [pose.xyz for pose in (*(j.origin for j in order), *(i.origin for i in inertials))]
     length = max(map(np.linalg.norm, lengths), default=0.0)
@@ -73,7 +73,7 @@ def _scale(inertials: Sequence[Inertial], order: Sequence[Joint]) -> float:
     )
 
 
-def _has_inertia(joint: Joint, body: Sequence[tuple[Inertial, Array, Array]]) -> bool:
+def _has_inertia(joint: UrdfJoint, body: Sequence[tuple[Inertial, Array, Array]]) -> bool:
     """Whether S^T I S > 0 of a joint's body, whose links are at R and p in the joint's frame."""
     if joint.kind == "prismatic":
         return any(inertial.mass > 0 for inertial, _, _ in body)
@@ -89,9 +89,9 @@ def _has_inertia(joint: Joint, body: Sequence[tuple[Inertial, Array, Array]]) ->
 
 def _judge_mass(
     links: Mapping[str, Link],
-    order: Sequence[Joint],
-    axes: Sequence[Joint],
-    light: Sequence[Joint],
+    order: Sequence[UrdfJoint],
+    axes: Sequence[UrdfJoint],
+    light: Sequence[UrdfJoint],
     faults: Remarks,
     warnings: Remarks,
 ) -> None:

@@ -46,7 +46,7 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class UrdfJoint:
     """A joint from a parent link to a child link; `axis` has length 1, and 0 for a fixed joint.
 
     `damping` is in N m s/rad or N s/m; dry friction is left out.
@@ -62,16 +62,16 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class UrdfRobot:
     """An open chain or tree of links, the joints in the file's order."""
 
     name: str
     links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
+    joints: tuple[UrdfJoint, ...]
     warnings: tuple[str, ...] = ()
     """What of the file was read otherwise than it is written, or is left out of the dynamics."""
 
     @property
-    def axes(self) -> tuple[Joint, ...]:
+    def axes(self) -> tuple[UrdfJoint, ...]:
         """The joints that move: entry i of q belongs to the i-th."""
         return tuple(joint for joint in self.joints if joint.kind != "fixed")

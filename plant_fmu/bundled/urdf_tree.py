@@ -11,19 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Joint, Link
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Link, UrdfJoint
 
 
 def from_the_base(
-    links: Mapping[str, Link], joints: Sequence[Joint], faults: Remarks
-) -> tuple[Joint, ...] | None:
+    links: Mapping[str, Link], joints: Sequence[UrdfJoint], faults: Remarks
+) -> tuple[UrdfJoint, ...] | None:
     """Return the joints, whose ends are links, each after that of its parent link.
 
     None where they are not one tree, which is a fault.
     """
     looped = False
-    above: dict[str, Joint] = {}
-    below: dict[str, list[Joint]] = {name: [] for name in links}
+    above: dict[str, UrdfJoint] = {}
+    below: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     for joint in joints:
         if joint.child in above:
             faults.add(
@@ -52,9 +52,9 @@ def from_the_base(
     return None if looped or len(bases) != 1 or unreached else tuple(order)
 
 
-def moving_links(order: Sequence[Joint]) -> dict[str, tuple[Joint, Array, Array]]:
+def moving_links(order: Sequence[UrdfJoint]) -> dict[str, tuple[UrdfJoint, Array, Array]]:
     """Return the links that move: the joint that moves each, and R and p in that one's frame."""
-    moving: dict[str, tuple[Joint, Array, Array]] = {}
+    moving: dict[str, tuple[UrdfJoint, Array, Array]] = {}
     for joint in order:
         if joint.kind != "fixed":
             moving[joint.child] = joint, np.eye(3), np.zeros(3)
@@ -65,7 +65,7 @@ def moving_links(order: Sequence[Joint]) -> dict[str, tuple[Joint, Array, Array]
 
 
 def mass_matrix(
-    links: Mapping[str, Link], order: Sequence[Joint], axes: Sequence[Joint], q: Array
+    links: Mapping[str, Link], order: Sequence[UrdfJoint], axes: Sequence[UrdfJoint], q: Array
 ) -> tuple[Array, Array]:
     """Return M(q), (m, m), and for each of its diagonal the largest that any axis could give, (m,).
 
@@ -93,11 +93,11 @@ def mass_matrix(
 
 
 def _frames(
-    order: Sequence[Joint], number: Mapping[str, int], q: Array
-) -> Iterator[tuple[str, Array, Array, tuple[tuple[Joint, Array, Array], ...]]]:
+    order: Sequence[UrdfJoint], number: Mapping[str, int], q: Array
+) -> Iterator[tuple[str, Array, Array, tuple[tuple[UrdfJoint, Array, Array], ...]]]:
     """Yield each link below the base: R, p, and the joints that move it with their axes."""
-    none: tuple[tuple[Joint, Array, Array], ...] = ()
-    at: dict[str, tuple[Array, Array, tuple[tuple[Joint, Array, Array], ...]]] = {}
+    none: tuple[tuple[UrdfJoint, Array, Array], ...] = ()
+    at: dict[str, tuple[Array, Array, tuple[tuple[UrdfJoint, Array, Array], ...]]] = {}
     for joint in order:
         R, p, movers = at.get(joint.parent, (np.eye(3), np.zeros(3), none))
         p = p + R @ joint.origin.xyz

@@ -24,7 +24,7 @@ import numpy as np
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.checking.budget import LIMIT, STARTING, VALIDATING, Budget, Tell, unheard
-from nrs_cosim.plant_fmu.checking.findings import Finding, FmuCheck, Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.sampling import sampled
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -41,12 +41,12 @@ OURS = ("", STARTING, VALIDATING)
 P3_LIMIT = 60.0
 """s of processor time."""
 
-Say = Callable[[Task, Tell], Iterator[dict[str, Any]]]
+Say = Callable[[CheckTask, Tell], Iterator[dict[str, Any]]]
 """What a process is to say of a task, for JSON; a function of a module. It tells each stage."""
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Outcome:
     """What a process told before it ended, and how that was; nothing where it got to its end."""
 
     lines: list[dict[str, Any]]
@@ -57,7 +57,7 @@ class Told:
     """The last that began."""
 
 
-def check(task: Task, deadline: float = DEADLINE, tell: Tell = unheard) -> FmuCheck:
+def check(task: CheckTask, deadline: float = DEADLINE, tell: Tell = unheard) -> FmuCheck:
     """Check an FMU of ours in this process, and one of others apart; tell each stage."""
     if task.archive.ours:
         found = list(findings(task, Budget(tell)))
@@ -66,7 +66,7 @@ def check(task: Task, deadline: float = DEADLINE, tell: Tell = unheard) -> FmuCh
     return FmuCheck(task.archive.label, task.archive.sha256, tuple(found))
 
 
-def p3_of(task: Task, deadline: float = DEADLINE) -> Bounds:
+def p3_of(task: CheckTask, deadline: float = DEADLINE) -> Bounds:
     """Return P3 of a robot by sampling: of an FMU of ours in this process, else apart.
 
     `FmuError` says why there is none.
@@ -82,7 +82,7 @@ def p3_of(task: Task, deadline: float = DEADLINE) -> Bounds:
     return Bounds(**line)
 
 
-def _found_apart(task: Task, deadline: float, tell: Tell) -> list[Finding]:
+def _found_apart(task: CheckTask, deadline: float, tell: Tell) -> list[Finding]:
     told = told_apart(say_findings, task, deadline, tell)
     found = [Finding(**line) for line in told.lines]
     if told.ending:
@@ -92,19 +92,19 @@ def _found_apart(task: Task, deadline: float, tell: Tell) -> list[Finding]:
     return found
 
 
-def say_findings(task: Task, tell: Tell, limit: float = LIMIT) -> Iterator[dict[str, Any]]:
+def say_findings(task: CheckTask, tell: Tell, limit: float = LIMIT) -> Iterator[dict[str, Any]]:
     """Yield all findings for JSON, each stage of which may take so long."""
     return map(asdict, findings(task, Budget(tell, tell, limit)))
 
 
-def _say_p3(task: Task, tell: Tell) -> Iterator[dict[str, Any]]:
+def _say_p3(task: CheckTask, tell: Tell) -> Iterator[dict[str, Any]]:
     try:
         yield asdict(sampled(task, Budget(tell, tell, P3_LIMIT)))
     except (CosimError, np.linalg.LinAlgError) as error:
         yield {"why": str(error)}
 
 
-def told_apart(say: Say, task: Task, deadline: float, tell: Tell = unheard) -> Told:
+def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> Outcome:
     """Run a function on a task in a process of its own.
 
     The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
@@ -139,7 +139,7 @@ def told_apart(say: Say, task: Task, deadline: float, tell: Tell = unheard) -> T
     return replace(told, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
 
 
-def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Told:
+def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Outcome:
     """Return what a process says until its end, or until it is silent for too long."""
     assert process.stdout is not None
     lines: list[dict[str, Any]] = []
@@ -149,15 +149,15 @@ def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> To
         while True:
             patience = deadline if stage not in OURS else max(deadline, DEADLINE)
             if not selector.select(patience):
-                return Told(lines, f"did not return within {patience:g} s", "", stage)
+                return Outcome(lines, f"did not return within {patience:g} s", "", stage)
             heard = os.read(said.fileno(), 1 << 16)
             if not heard:
                 process.wait()
-                return Told(lines, _ending(process.returncode), "", stage)
+                return Outcome(lines, _ending(process.returncode), "", stage)
             *whole, unfinished = (unfinished + heard).split(b"\n")
             for line in whole:
                 if line == END:
-                    return Told(lines, "", "", stage)
+                    return Outcome(lines, "", "", stage)
                 found = json.loads(line)
                 if "now" not in found:
                     lines.append(found)

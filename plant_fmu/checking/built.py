@@ -9,13 +9,13 @@ from typing import Any
 
 from nrs_cosim.plant_fmu.checking.apart import say_findings, told_apart
 from nrs_cosim.plant_fmu.checking.budget import Tell
-from nrs_cosim.plant_fmu.checking.findings import Finding, FmuCheck, Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
 
 DEADLINE, LIMIT = 30.0, 10.0
 """s: of a call; of processor time, for each stage. A humanoid of 30 joints takes 3 in all."""
 
 
-def check_built(task: Task, deadline: float = DEADLINE) -> FmuCheck:
+def check_built(task: CheckTask, deadline: float = DEADLINE) -> FmuCheck:
     """Check an FMU in a process of its own, for as long as a deadline in s allows."""
     told = told_apart(_say, task, deadline)
     found = [Finding(**line) for line in told.lines]
@@ -28,5 +28,5 @@ def check_built(task: Task, deadline: float = DEADLINE) -> FmuCheck:
     return FmuCheck(task.archive.label, task.archive.sha256, tuple(found))
 
 
-def _say(task: Task, tell: Tell) -> Iterator[dict[str, Any]]:
+def _say(task: CheckTask, tell: Tell) -> Iterator[dict[str, Any]]:
     return say_findings(task, tell, LIMIT)

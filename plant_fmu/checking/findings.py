@@ -30,7 +30,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class CheckTask:
     """What is to be checked, as a scenario tells it where there is one."""
 
     archive: Archive

@@ -79,7 +79,7 @@ class Rest:
     """Times which a deviation grows meanwhile by the linearised equations, at least 1."""
 
 
-class Mechanics:
+class MechanicsProbe:
     """One plant's equations, as they are found by starting it anew at postures."""
 
     def __init__(self, opened: OpenProbe, body: Body, budget: Budget) -> None:

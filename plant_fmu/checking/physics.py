@@ -11,7 +11,7 @@ import numpy as np
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.checking.budget import OverBudgetError
 from nrs_cosim.plant_fmu.checking.findings import Finding
-from nrs_cosim.plant_fmu.checking.mechanics import HOLDING, Mechanics
+from nrs_cosim.plant_fmu.checking.mechanics import HOLDING, MechanicsProbe
 from nrs_cosim.plant_fmu.drives.probing import SEED
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Array
@@ -25,7 +25,7 @@ DRIFT, MOST_GROWTH = 1e-3, 100.0
 """rad, per growth of a deviation; beyond so much growth a drift says nothing."""
 
 
-def physics(mechanics: Mechanics, why_slow: str) -> Iterator[Finding]:
+def physics(mechanics: MechanicsProbe, why_slow: str) -> Iterator[Finding]:
     """Yield whether it is mechanics, at its start and at postures drawn about it."""
     start = mechanics.start
     drawn = np.random.Generator(np.random.Philox(SEED))
@@ -77,7 +77,7 @@ def physics(mechanics: Mechanics, why_slow: str) -> Iterator[Finding]:
             yield Finding("physics", name, "unknown", f"cannot be probed: {error}")
 
 
-def _resting(mechanics: Mechanics, postures: Sequence[Array]) -> Finding:
+def _resting(mechanics: MechanicsProbe, postures: Sequence[Array]) -> Finding:
     """Judge whether it stays where gravity is balanced, at the posture that is least unstable."""
     rests = [mechanics.rest(q, mechanics.spans[0]) for q in postures]
     rest = min(rests, key=lambda rest: rest.growth)
@@ -93,7 +93,7 @@ def _resting(mechanics: Mechanics, postures: Sequence[Array]) -> Finding:
 
 
 def _balancing(
-    mechanics: Mechanics, postures: Sequence[Array], velocities: Sequence[Array]
+    mechanics: MechanicsProbe, postures: Sequence[Array], velocities: Sequence[Array]
 ) -> Finding:
     """Judge where energy goes, at pairs of opposite velocities."""
     gained, doubts = np.transpose(

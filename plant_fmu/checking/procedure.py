@@ -12,8 +12,8 @@ from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.checking.budget import VALIDATING, Budget
-from nrs_cosim.plant_fmu.checking.findings import Finding, Task
-from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding
+from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.checking.physics import physics
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.validity import validity
@@ -26,7 +26,7 @@ from nrs_cosim.plant_fmu.fmi.library import Kind, Library
 QUANTITIES = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
 
 
-def findings(task: Task, budget: Budget) -> Iterator[Finding]:
+def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
     """Yield what is found of an FMU, in this process; of one that cannot be driven, why."""
     archive = task.archive
     budget.begin(VALIDATING)
@@ -53,7 +53,7 @@ def findings(task: Task, budget: Budget) -> Iterator[Finding]:
     with ExitStack() as stack:
         try:
             probe = open_probe(stack, archive, body, task.names, offered, chosen)
-            mechanics = Mechanics(probe, body, budget)
+            mechanics = MechanicsProbe(probe, body, budget)
         except CosimError as error:
             yield Finding("physics", "mechanics", "unknown", f"cannot be probed: {error}")
         else:
@@ -82,7 +82,7 @@ def _loading(archive: Archive) -> Iterator[Finding]:
             yield Finding("loads", kind, "holds", f"it can be instantiated here{archive.needs}")
 
 
-def _mapping(task: Task, sizes: Mapping[int, int]) -> Iterator[Finding]:
+def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
     """Yield what stands for each quantity of ours; what is missing is told once, if it is needed.
 
     A torque makes references needless, and references a torque.

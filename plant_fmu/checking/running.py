@@ -11,10 +11,10 @@ import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.quantities import TYPES, Layout, Quantity
+from nrs_cosim.plant_fmu.archives.quantities import TYPES, NumberLayout, Quantity
 from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
-from nrs_cosim.plant_fmu.checking.findings import Finding, Task, Verdict
-from nrs_cosim.plant_fmu.checking.mechanics import Mechanics
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, Verdict
+from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe
 from nrs_cosim.plant_fmu.checking.resuming import resumed
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import UnstableStepError
@@ -38,19 +38,19 @@ def at_start(archive: Archive, q: Quantity) -> Body:
         if v.type in TYPES and v.start
     }
     theirs: list[float] = []
-    for reference in Layout.of([q]).references:
+    for reference in NumberLayout.of([q]).references:
         length = next(part.length for part in q.parts if part.reference == reference)
         numbers: list[float] = []
         with suppress(ValueError):
             numbers = [float(number) for number in declared.get(reference, "").split()]
         theirs += numbers if len(numbers) == length else [*(numbers[:1] or [0.0])] * length
-    layout, m = Layout.of([q]), q.size
+    layout, m = NumberLayout.of([q]), q.size
     start, none, one = layout.factor * np.array(theirs)[layout.index], np.zeros(m), np.eye(m)
     still = Disturbance(none, none, *np.zeros((3, m, 0)))
     return Body(1, {}, one, one, still, q=start, qd=none, position=start, velocity=none)
 
 
-def fitted(mechanics: Mechanics, body: Body) -> Body | None:
+def fitted(mechanics: MechanicsProbe, body: Body) -> Body | None:
     """Return a robot whose gains are critically damped at its inertia; None if it has none."""
     try:
         mobility = mechanics.mobility(body.q, mechanics.spans[0])
@@ -61,7 +61,7 @@ def fitted(mechanics: Mechanics, body: Body) -> Body | None:
     return replace(body, kp=PACE**2 * mass, kd=2 * PACE * mass) if fits else None
 
 
-def slowness(mechanics: Mechanics) -> str:
+def slowness(mechanics: MechanicsProbe) -> str:
     """Return why a plant is costly to step, as the end of a sentence; nothing where it is not."""
     try:
         rate = mechanics.damping_rate(mechanics.start, mechanics.spans[-1])
@@ -75,7 +75,7 @@ def slowness(mechanics: Mechanics) -> str:
     )
 
 
-def running(task: Task, body: Body, known: bool, budget: Budget, why_slow: str) -> Finding:
+def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: str) -> Finding:
     """Run one robot alone, its reference at its start unless a scenario says otherwise.
 
     Gains that are not `known` to suit the robot make no failure of its.
@@ -109,7 +109,7 @@ def running(task: Task, body: Body, known: bool, budget: Budget, why_slow: str) 
     return finding("holds", text, moved)
 
 
-def resuming(task: Task, body: Body, budget: Budget, why_slow: str) -> Finding:
+def resuming(task: CheckTask, body: Body, budget: Budget, why_slow: str) -> Finding:
     """Save the robot, and go on in another process."""
 
     def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:

@@ -18,8 +18,8 @@ import numpy as np
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
-from nrs_cosim.plant_fmu.checking.findings import Task
-from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
+from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.drives.driving import choose, offers
 from nrs_cosim.plant_fmu.drives.probing import SEED
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -38,7 +38,7 @@ TURNS = 8
 Measure = Callable[[Array], float]
 
 
-def sampled(task: Task, budget: Budget) -> Bounds:
+def sampled(task: CheckTask, budget: Budget) -> Bounds:
     """Return P3 of a robot as it is found by sampling, in this process; `FmuError` says why not."""
     archive, body = task.archive, task.body
     assert body is not None
@@ -48,14 +48,14 @@ def sampled(task: Task, budget: Budget) -> Bounds:
     chosen = choose(archive, task.names, task.driving, sizes)
     with ExitStack() as stack:
         probe = open_probe(stack, archive, body, task.names, offered, chosen)
-        found = _Worst(Mechanics(probe, body, budget))
+        found = _Worst(MechanicsProbe(probe, body, budget))
         return found.bounds(len(body.q))
 
 
 class _Worst:
     """The worst that was seen of one plant."""
 
-    def __init__(self, mechanics: Mechanics) -> None:
+    def __init__(self, mechanics: MechanicsProbe) -> None:
         self._mechanics = mechanics
         self._least, self._most, self._weight = np.inf, 0.0, 0.0
         self._turning, self._drag = 0.0, 0.0

@@ -32,7 +32,7 @@ _INTEGERS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Assignment:
+class StartValues:
     """Values for variables of one FMI type, ready to be passed."""
 
     name: str
@@ -54,7 +54,7 @@ class Assignment:
             yield calls.exit_configuration(handle)
 
 
-def assignments(archive: Archive, parameters: Mapping[str, Any]) -> list[Assignment]:
+def assignments(archive: Archive, parameters: Mapping[str, Any]) -> list[StartValues]:
     """Return what to set, structural parameters first.
 
     A value is a number, a truth, a text, or lists of them, as the variable's shape; a flat list is
@@ -62,13 +62,13 @@ def assignments(archive: Archive, parameters: Mapping[str, Any]) -> list[Assignm
     """
     found = [(name, _settable(archive, name), value) for name, value in parameters.items()]
     found.sort(key=lambda item: item[1][0].causality != "structuralParameter")
-    assigned: list[Assignment] = []
+    assigned: list[StartValues] = []
     for name, variables, value in found:
         assigned.append(_assignment(archive, name, variables, value, sizes_of(assigned)))
     return assigned
 
 
-def sizes_of(assigned: Iterable[Assignment]) -> dict[int, int]:
+def sizes_of(assigned: Iterable[StartValues]) -> dict[int, int]:
     """Return the values of structural parameters by value reference."""
     return {
         assignment.references[0]: assignment.values[0]
@@ -112,7 +112,7 @@ def _assignment(
     variables: tuple[ModelVariable, ...],
     value: Any,
     sizes: Mapping[int, int],
-) -> Assignment:
+) -> StartValues:
     first = variables[0]
     shape = shape_of(archive, first, sizes) if len(variables) == 1 else (len(variables),)
     for variable in variables:
@@ -124,7 +124,7 @@ def _assignment(
         c_values = (c_type * len(entries))(*map(check, entries))
     except (TypeError, ValueError) as error:
         raise FmuError(f"{archive.label}: {name} is of type {first.type}, {error}") from None
-    return Assignment(
+    return StartValues(
         name,
         first.type,
         tuple(variable.valueReference for variable in variables),

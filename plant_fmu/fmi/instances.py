@@ -14,11 +14,11 @@ from nrs_cosim.plant_fmu.archives.quantities import TYPES, Quantity, View
 from nrs_cosim.plant_fmu.archives.starts import start_parameters
 from nrs_cosim.plant_fmu.archives.variables import bare_or_quoted, find_quantity
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.plant_fmu.fmi.assigning import Assignment, assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assigning import StartValues, assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.native.rounds import native_rounds
-from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, End, Rounds, arguments
+from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, EarlyEnd, Rounds, arguments
 from nrs_cosim.plant_fmu.plants import Array, Body, called
 
 Transfer = Callable[[float], None]
@@ -110,7 +110,7 @@ class Instances:
         which = c_references(view.references)
         return arguments(self.library.calls, self.handles[row], which, view, at)
 
-    def expect_all(self, end: End | None, act: str, seconds: float) -> None:
+    def expect_all(self, end: EarlyEnd | None, act: str, seconds: float) -> None:
         """Raise `StepError` for the robot whose FMU ended a round."""
         if end:
             raise self.refusal(end.row, seconds, act, end.status)
@@ -165,7 +165,7 @@ class Instances:
         exchange = self.rounds.exchange(view, setting=setting)
         return lambda seconds: self.expect_all(exchange(), f"access to {what}", seconds)
 
-    def _start(self, row: int, told: Mapping[str, Any], assigned: Sequence[Assignment]) -> None:
+    def _start(self, row: int, told: Mapping[str, Any], assigned: Sequence[StartValues]) -> None:
         """Set one robot's values of our quantities, in SI, all at once."""
         sizes = sizes_of(assigned)
         archive = self.library.archive

@@ -15,7 +15,7 @@ from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
 
-class End(NamedTuple):
+class EarlyEnd(NamedTuple):
     """The call that ended a round before its time."""
 
     row: int
@@ -24,8 +24,8 @@ class End(NamedTuple):
     """Whether it was a step."""
 
 
-Round = Callable[[], End | None]
-Step = Callable[[float, float], End | None]
+Round = Callable[[], EarlyEnd | None]
+Step = Callable[[float, float], EarlyEnd | None]
 """From a time by a step, in s."""
 
 
@@ -59,14 +59,14 @@ class CalledRounds:
         get, rows = self._library.calls.get, self._rows(view)
         do_step = self._library.bind(bind_step).step
 
-        def advance(start: float, step: float) -> End | None:
+        def advance(start: float, step: float) -> EarlyEnd | None:
             for row, arguments in enumerate(rows):
                 status = do_step(arguments[0], start, step)
                 if not is_fine(status):
-                    return End(row, status, stepping=True)
+                    return EarlyEnd(row, status, stepping=True)
                 status = get(*arguments)
                 if not is_fine(status):
-                    return End(row, status)
+                    return EarlyEnd(row, status)
             return None
 
         return advance
@@ -98,8 +98,8 @@ def place(states: Any, row: int) -> Any:
     return byref(states, row * sizeof(c_void_p))
 
 
-def _ended(statuses: Iterable[int]) -> End | None:
+def _ended(statuses: Iterable[int]) -> EarlyEnd | None:
     for row, status in enumerate(statuses):
         if not is_fine(status):
-            return End(row, status)
+            return EarlyEnd(row, status)
     return None

@@ -22,12 +22,12 @@ from nrs_cosim.plant_fmu.isolation.sharing import (
     RESTORE,
     SAVE,
     Memory,
-    Task,
-    frame,
+    ShareTask,
+    envelope,
     join,
     split,
 )
-from nrs_cosim.plant_fmu.isolation.worker_process import Worker
+from nrs_cosim.plant_fmu.isolation.worker_process import FmuProcess
 from nrs_cosim.plant_fmu.plants import Array, Body
 
 
@@ -66,9 +66,9 @@ class IsolatedPlants:
             own = bodies[self._shares[number]]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
-            told = Task(archive, own, names, driving, path, place, number, alike)
+            told = ShareTask(archive, own, names, driving, path, place, number, alike)
             task.write_bytes(pickle.dumps(told))
-            worker = Worker(
+            worker = FmuProcess(
                 task,
                 self._memory.progress[number],
                 deadline,
@@ -87,7 +87,7 @@ class IsolatedPlants:
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""
-        request = frame(ADVANCE, ADVANCED_BY.pack(self._new, start, step))
+        request = envelope(ADVANCE, ADVANCED_BY.pack(self._new, start, step))
         for worker in self._workers:
             worker.ask(request)
         for worker in self._workers:
@@ -96,16 +96,16 @@ class IsolatedPlants:
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""
-        return split(b"".join(self._all([frame(SAVE)] * len(self._workers), self._time)))
+        return split(b"".join(self._all([envelope(SAVE)] * len(self._workers), self._time)))
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put each robot back to a checkpoint."""
         time = time_of(data, len(self.q))
-        self._all([frame(RESTORE, join(data[share])) for share in self._shares])
+        self._all([envelope(RESTORE, join(data[share])) for share in self._shares])
         self._new, self._time = False, time
 
     def _all(self, requests: Sequence[bytes], seconds: float | None = None) -> list[bytes]:
-        """Ask each worker its own, all at once; return their answers, as `Worker.answer` has it."""
+        """Ask each its own, all at once; return their answers, as `FmuProcess.answer` has it."""
         for worker, request in zip(self._workers, requests, strict=True):
             worker.ask(request)
         return [worker.answer(seconds) for worker in self._workers]

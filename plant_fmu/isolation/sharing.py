@@ -30,7 +30,7 @@ ROBOT = Struct("<I")
 """What stands before such a text: the robot that it is of, 0 for none."""
 
 
-def frame(kind: bytes, payload: bytes = b"") -> bytes:
+def envelope(kind: bytes, payload: bytes = b"") -> bytes:
     """Return a frame."""
     return HEAD.pack(kind, len(payload)) + payload
 
@@ -58,7 +58,7 @@ def send(pipe: IO[bytes], whole: bytes) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class ShareTask:
     """What one worker is told at its start."""
 
     archive: Archive

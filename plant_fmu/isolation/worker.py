@@ -35,8 +35,8 @@ from nrs_cosim.plant_fmu.isolation.sharing import (
     ROBOT,
     SAVE,
     Memory,
-    Task,
-    frame,
+    ShareTask,
+    envelope,
     join,
     send,
     split,
@@ -67,7 +67,7 @@ class AnnouncedLibrary(Library):
 class Share:
     """One worker's rows of the shared memory, and the plants that they mirror."""
 
-    def __init__(self, stack: ExitStack, task: Task) -> None:
+    def __init__(self, stack: ExitStack, task: ShareTask) -> None:
         """Open the task's plants; the stack ends them."""
         first, n, workers = task.place
         memory = Memory(task.memory, workers, n, len(task.bodies[0].q))
@@ -115,21 +115,21 @@ class Share:
         self._progress.rest()
 
 
-def serve(task: Task, requests: BinaryIO, replies: BinaryIO) -> None:
+def serve(task: ShareTask, requests: BinaryIO, replies: BinaryIO) -> None:
     """Open the plants, then do what each request says; every one of both is answered."""
     with ExitStack() as stack:
         try:
             share = Share(stack, task)
             acts = {ADVANCE: share.advance, SAVE: share.save, RESTORE: share.restore}
-            send(replies, frame(DONE, share.told()))
+            send(replies, envelope(DONE, share.told()))
             while head := requests.read(HEAD.size):
                 kind, length = HEAD.unpack(head)
                 answer = acts[kind](requests.read(length))
-                send(replies, frame(DONE, answer))
+                send(replies, envelope(DONE, answer))
         except CosimError as error:
             kind = BAD_FMU if isinstance(error, FmuError) else BAD_STEP
             robot = (error.cause.robot if isinstance(error, RunError) else None) or 0
-            send(replies, frame(kind, ROBOT.pack(robot) + str(error).encode()))
+            send(replies, envelope(kind, ROBOT.pack(robot) + str(error).encode()))
             os._exit(1)
 
 

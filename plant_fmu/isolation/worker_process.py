@@ -29,7 +29,7 @@ STARTING = 60.0
 _PRINTED = 2000
 
 
-class Worker:
+class FmuProcess:
     """A process that runs `plant_fmu.isolation.worker`; a context that ends it."""
 
     def __init__(

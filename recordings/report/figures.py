@@ -67,10 +67,10 @@ def groups(stories: Sequence[Story]) -> list[Group]:
     if len(stories) == 1:
         drawn = enumerate(stories[0].drawn)
         return [*((f"robot {robot}", ink) for ink, robot in drawn), (TARGET, None)]
-    return [*((name, ink) for ink, name in enumerate(names(stories))), (TARGET, None)]
+    return [*((name, ink) for ink, name in enumerate(run_names(stories))), (TARGET, None)]
 
 
-def names(stories: Sequence[Story]) -> list[str]:
+def run_names(stories: Sequence[Story]) -> list[str]:
     """Return a name for each recording, numbered where several share theirs."""
     told = [story.name for story in stories]
     return [
@@ -120,7 +120,7 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
     several = len(stories) > 1
     for joint in range(max(story.m for story in stories)):
         curves = []
-        for at, (story, said) in enumerate(zip(stories, names(stories), strict=True)):
+        for at, (story, said) in enumerate(zip(stories, run_names(stories), strict=True)):
             if joint >= story.m or not len(story.t):
                 continue
             y = story.vectors[name][:, :, joint]
@@ -179,7 +179,7 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
     several = len(stories) > 1
     for kind, whose, *norms in _NORMS:
         curves: list[Curve] = []
-        for at, (story, said) in enumerate(zip(stories, names(stories), strict=True)):
+        for at, (story, said) in enumerate(zip(stories, run_names(stories), strict=True)):
             of = f"{said}: " if several else ""
             group = said if several else whose
             for number, (name, norm) in enumerate(
@@ -238,7 +238,7 @@ _LOOKS = {"lost": (5, 5.0), "outage": (1, 5.0), "late": (0, 5.0), "altered": (7,
 def _link_events(stories: Sequence[Story]) -> Figure:
     several = len(stories) > 1
     panels = []
-    for story, said in zip(stories, names(stories), strict=True):
+    for story, said in zip(stories, run_names(stories), strict=True):
         if len(story.link_events.k):
             label = f"{said}: " if several else ""
             panels.append(_fault_panel(story, f"{label}robot ← whom it hears"))

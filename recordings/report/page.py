@@ -21,14 +21,14 @@ from typing import Any
 from nrs_cosim.recordings.errors import MissingExtraError
 from nrs_cosim.recordings.report import network, words
 from nrs_cosim.recordings.report.arrays import Arrays
-from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, names
+from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, run_names
 from nrs_cosim.recordings.report.motion import motion
 from nrs_cosim.recordings.report.story import Story
 
 
 def page(stories: Sequence[Story]) -> str:
     """Return the page of some recordings."""
-    return _filled(json.dumps(told(stories), allow_nan=False), "'none'")
+    return _filled(json.dumps(page_data(stories), allow_nan=False), "'none'")
 
 
 @cache
@@ -37,7 +37,7 @@ def live_page() -> str:
     return _filled("null", "'self'")
 
 
-def told(stories: Sequence[Story]) -> dict[str, Any]:
+def page_data(stories: Sequence[Story]) -> dict[str, Any]:
     """Return all that a page shows, for JSON."""
     arrays = Arrays()
     return {
@@ -57,7 +57,7 @@ def told(stories: Sequence[Story]) -> dict[str, Any]:
                 "unit": story.subject.unit,
                 "motion": motion(story, arrays) if len(story.t) else None,
             }
-            for story, name in zip(stories, names(stories), strict=True)
+            for story, name in zip(stories, run_names(stories), strict=True)
         ],
         "groups": [{"name": name, "ink": ink} for name, ink in groups(stories)],
         "figures": [_figure(figure, arrays) for figure in figures(stories)],

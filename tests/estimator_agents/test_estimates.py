@@ -10,7 +10,7 @@ from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.impulsive import Impulsive
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.estimates import (
-    Pair,
+    EstimateBounds,
     always,
     largest,
     modulus,
@@ -72,9 +72,9 @@ def test_after_a_jump_the_drag_adds_to_what_the_estimates_are_bounded_by():
     recursion = replace(
         recursion_of(Impulsive(0.6, 0.9), TOPOLOGY, 0.1), keep=np.array([[1, 0.2], [0, 0.1]])
     )
-    found = always(Pair(1.0, 1.0), Pair(0.9, 0.5), recursion, 3.0)
+    found = always(EstimateBounds(1.0, 1.0), EstimateBounds(0.9, 0.5), recursion, 3.0)
     assert (found.position, found.velocity) == pytest.approx((0.9 + 0.6, 0.5 + 2.7))
-    found = always(Pair(7.0, 8.0), Pair(0.9, 0.5), recursion, 3.0)
+    found = always(EstimateBounds(7.0, 8.0), EstimateBounds(0.9, 0.5), recursion, 3.0)
     assert (found.position, found.velocity) == (7.0, 8.0)
 
 
@@ -94,7 +94,7 @@ def test_the_integral_of_a_straight_lines_size_is_that_of_its_triangles(first, l
 
 
 def test_the_largest_of_bounds_is_that_of_positions_and_of_velocities():
-    assert largest(np.array([1.0, 5.0, 2.0, 4.0, 9.0, 3.0])) == Pair(5.0, 9.0)
+    assert largest(np.array([1.0, 5.0, 2.0, 4.0, 9.0, 3.0])) == EstimateBounds(5.0, 9.0)
 
 
 @pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from nrs_cosim.estimator_agents.theory.design import design
-from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.tracking import (
     Constants,
     Drive,
@@ -16,7 +16,7 @@ from nrs_cosim.estimator_agents.theory.tracking import (
     constants,
     proven,
     push,
-    worst,
+    worst_tracking,
 )
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
 from tests.plant_fmu.test_bounds import two_link
@@ -51,35 +51,35 @@ def test_inequality_1_9_holds_wherever_one_looks():
 
 
 def test_balls_of_theorem_2_and_the_gains_that_it_asks_for():
-    found = balls(OF, DRIVE, Pair(0.1, 0.2))
+    found = balls(OF, DRIVE, EstimateBounds(0.1, 0.2))
     rho_3 = OF.mu_1 + 2**0.5 * (200 * 0.1 + 300 * 0.2)
-    assert push(OF, DRIVE, Pair(0.1, 0.2)) == pytest.approx(rho_3)
+    assert push(OF, DRIVE, EstimateBounds(0.1, 0.2)) == pytest.approx(rho_3)
     assert found.position == pytest.approx(rho_3 / (200 - OF.rho_1))
     assert found.velocity == pytest.approx(rho_3 / (300 - OF.rho_2))
     for kp, kd in ((0.99 * 2 * P3.lambda_M, 300), (200, 0.99 * OF.rho_2)):
         weak = Drive.of(kp * np.eye(2), kd * np.eye(2))
         assert not all(c.holds for c in OF.conditions(weak))
-        assert balls(OF, weak, Pair(0.1, 0.2)) is None
-        assert proven(OF, weak, Pair(0.1, 0.2)) is None
+        assert balls(OF, weak, EstimateBounds(0.1, 0.2)) is None
+        assert proven(OF, weak, EstimateBounds(0.1, 0.2)) is None
 
 
 def test_what_is_proven_is_no_less_than_where_the_derivative_is_negative():
-    estimates = Pair(0.1674, 0.5156)
+    estimates = EstimateBounds(0.1674, 0.5156)
     stated, holding = balls(OF, DRIVE, estimates), proven(OF, DRIVE, estimates)
     assert holding.position > stated.position
     assert holding.velocity > stated.velocity
-    assert worst([stated, holding]) == holding
-    assert worst([stated, None]) is None
+    assert worst_tracking([stated, holding]) == holding
+    assert worst_tracking([stated, None]) is None
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
 def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(share):
     """With bounds on the estimates that are h and 2 h, on both sides of the third of (6.1)."""
-    wanted = Pair(0.7, 0.9)
-    found = design([OF], wanted, share, lambda h: Pair(h, 2 * h), lambda _: None)
+    wanted = EstimateBounds(0.7, 0.9)
+    found = design([OF], wanted, share, lambda h: EstimateBounds(h, 2 * h), lambda _: None)
     paper = found.paper
     drive = Drive(paper.kp, paper.kp, paper.kd, paper.kd)
-    kept = balls(OF, drive, Pair(paper.period, 2 * paper.period))
+    kept = balls(OF, drive, EstimateBounds(paper.period, 2 * paper.period))
     assert kept.position <= wanted.position * (1 + 1e-6)
     assert kept.velocity <= wanted.velocity * (1 + 1e-6)
     room = OF.mu_1 * (1 - share) / (share * 2**0.5)
@@ -96,23 +96,33 @@ def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(shar
 def test_no_period_is_said_to_be_short_enough_only_where_short_ones_have_bounds(known_from, status):
     """With bounds that stay as large at any period, and of short ones are known or not."""
     found = design(
-        [OF], Pair(0.7, 0.9), 0.5, *[lambda h: Pair(10, 10) if h >= known_from else None] * 2
+        [OF],
+        EstimateBounds(0.7, 0.9),
+        0.5,
+        *[lambda h: EstimateBounds(10, 10) if h >= known_from else None] * 2,
     )
     for gains in (found.paper, found.proven):
         assert (gains.period, gains.status) == (None, status)
         assert gains.bounds_from == pytest.approx((known_from and 1e-3) or 1e-9)
-    near = design([OF], Pair(0.7, 0.9), 0.5, *[lambda h: Pair(h, h) if h >= 1e-6 else None] * 2)
+    near = design(
+        [OF],
+        EstimateBounds(0.7, 0.9),
+        0.5,
+        *[lambda h: EstimateBounds(h, h) if h >= 1e-6 else None] * 2,
+    )
     assert near.paper.status == near.proven.status == "found"
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-@pytest.mark.parametrize("wanted", [Pair(0.7, 0.9), Pair(0.001, 100.0), Pair(5.0, 0.01)])
+@pytest.mark.parametrize(
+    "wanted", [EstimateBounds(0.7, 0.9), EstimateBounds(0.001, 100.0), EstimateBounds(5.0, 0.01)]
+)
 def test_what_is_designed_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, share):
-    found = design([OF], wanted, share, lambda _: None, lambda h: Pair(h, 2 * h)).proven
+    found = design([OF], wanted, share, lambda _: None, lambda h: EstimateBounds(h, 2 * h)).proven
     drive = Drive(found.kp, found.kp, found.kd, found.kd)
 
     def keeps(h):
-        ball = proven(OF, drive, Pair(h, 2 * h))
+        ball = proven(OF, drive, EstimateBounds(h, 2 * h))
         return ball.position <= wanted.position and ball.velocity <= wanted.velocity
 
     assert keeps(found.period)
@@ -120,11 +130,14 @@ def test_what_is_designed_is_within_the_proven_balls_and_a_longer_period_is_not(
 
 
 def test_a_design_for_unlike_robots_keeps_its_promise_for_each():
-    wanted, other = Pair(0.2, 0.9), replace(OF, lambda_m=OF.lambda_m / 3, mu_1=OF.mu_1 / 2)
-    found = design([OF, other], wanted, 0.5, lambda _: None, lambda h: Pair(h, h)).proven
+    wanted, other = (
+        EstimateBounds(0.2, 0.9),
+        replace(OF, lambda_m=OF.lambda_m / 3, mu_1=OF.mu_1 / 2),
+    )
+    found = design([OF, other], wanted, 0.5, lambda _: None, lambda h: EstimateBounds(h, h)).proven
     drive = Drive(found.kp, found.kp, found.kd, found.kd)
     for robot in (OF, other):
-        ball = proven(robot, drive, Pair(found.period, found.period))
+        ball = proven(robot, drive, EstimateBounds(found.period, found.period))
         assert ball.position <= wanted.position
         assert ball.velocity <= wanted.velocity
 
@@ -173,7 +186,7 @@ def test_what_is_proven_by_roots_and_by_looking_everywhere(seed):
     of = Constants(m, lambda_m, lambda_M, mu_1, mu_2, rho_1, rho_2)
     least = max(2 * lambda_M, rho_1) + rng.uniform(0.5, 60)
     drive = Drive(least, least * 1.3, rho_2 + rng.uniform(0.5, 60), rho_2 + 80)
-    estimates = Pair(*rng.uniform(0, 0.2, 2))
+    estimates = EstimateBounds(*rng.uniform(0, 0.2, 2))
     rho_3 = mu_1 + np.sqrt(m) * (
         drive.kp_max * estimates.position + drive.kd_max * estimates.velocity
     )
@@ -200,7 +213,7 @@ def test_what_is_proven_by_roots_and_by_looking_everywhere(seed):
 
 def test_nothing_is_proven_of_a_mass_that_is_not_known():
     of = Constants(2, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    assert proven(of, Drive(9, 9, 9, 9), Pair(0.1, 0.1)) is None
+    assert proven(of, Drive(9, 9, 9, 9), EstimateBounds(0.1, 0.1)) is None
 
 
 def test_the_eigenvalues_of_gains_are_those_of_their_symmetric_parts_and_of_their_norms():

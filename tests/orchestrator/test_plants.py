@@ -10,7 +10,7 @@ from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.runs.units import mixed_units
 from nrs_cosim.orchestrator.scenario import initial
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
-from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.archives.units import si_name
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -105,12 +105,12 @@ def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_
     built = build("planar_robot")
     sha256 = hashlib.sha256(built.read_bytes()).hexdigest()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path))
-    keep(built.read_bytes(), sha256)
+    keep_fmu(built.read_bytes(), sha256)
     file, asked = paper(('fmu = "two_link_arm"', 'fmu = "../elsewhere/my.fmu"')), []
 
     def find(fmu: str) -> Archive:
         asked.append(fmu)
-        path = stored(sha256)
+        path = stored_fmu(sha256)
         assert path is not None
         return open_archive(path, fmu)
 

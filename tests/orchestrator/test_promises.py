@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from nrs_cosim.estimator_agents.theory.design import Gains
-from nrs_cosim.estimator_agents.theory.estimates import Pair
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.orchestrator.commands import showing
 from nrs_cosim.orchestrator.promises.bounding import bounded, tracking_conditions
 from nrs_cosim.orchestrator.promises.checking import check
@@ -207,8 +207,8 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     }  # fmt: skip
     assert [row.sampled for row in bounds(promised)] == [False, False, True, True]
     assert [row.sampled for row in bounds(promises(ours))] == [False] * 4
-    assert designed(file, Pair(0.5, 0.5), 0.5, find).paper.kp == pytest.approx(
-        designed(ours, Pair(0.5, 0.5), 0.5).paper.kp, rel=1e-3
+    assert designed(file, EstimateBounds(0.5, 0.5), 0.5, find).paper.kp == pytest.approx(
+        designed(ours, EstimateBounds(0.5, 0.5), 0.5).paper.kp, rel=1e-3
     )
 
 
@@ -228,7 +228,7 @@ def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
 
 
 def test_a_design_is_found_and_keeps_6_1():
-    found = designed(read_scenario(PAPER), Pair(0.5, 0.5), 0.5)
+    found = designed(read_scenario(PAPER), EstimateBounds(0.5, 0.5), 0.5)
     (part,) = bounded(read_scenario(PAPER))
     of = part.constants
     assert found.paper.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
@@ -276,7 +276,7 @@ def built(text, gains, h):
 
 def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_not(tmp_path):
     """A disturbance in resonance with Kp: 13 times what (6.1) would have."""
-    wanted = Pair(0.001, 100.0)
+    wanted = EstimateBounds(0.001, 100.0)
     found = designed(built(RESONANT, Gains(2900.0, 2.28, None, None), 0.01), wanted, 0.5)
     most = {}
     for name, gains in (("paper", found.paper), ("proven", found.proven)):
@@ -293,7 +293,7 @@ def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_n
 @pytest.mark.parametrize("seed", [1, 2])
 def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_path, model, seed):
     rng = np.random.default_rng(seed)
-    wanted = Pair(*np.exp(rng.uniform(-3, 0, 2)).tolist())
+    wanted = EstimateBounds(*np.exp(rng.uniform(-3, 0, 2)).tolist())
     text = RESONANT.replace("38.07", f"{rng.uniform(1, 60):.2f}").replace("planar_robot", model)
     text = text.replace("amplitude = 1,", f"amplitude = {1 + seed},")
     share = float(rng.uniform(0.3, 0.7))
@@ -367,7 +367,7 @@ def test_a_target_that_rests_is_reached():
     text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
     told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
     assert (told.gamma_1, told.gamma_2) == (0, 0)
-    assert told.exact == told.sharp == told.paper.bound == Pair(0, 0)
+    assert told.exact == told.sharp == told.paper.bound == EstimateBounds(0, 0)
     assert told.tracking.paper.position < 0.2
 
 

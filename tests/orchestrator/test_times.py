@@ -23,7 +23,7 @@ from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.measuring import SteadyState
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.report.page import told
+from nrs_cosim.recordings.report.page import page_data
 from nrs_cosim.recordings.report.words import lead
 from nrs_cosim.recordings.tables import samples, states
 from tests.orchestrator.arms import along
@@ -237,7 +237,7 @@ def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
 def test_a_page_has_no_factor_where_there_is_none(paper, tmp_path):
     changes = (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 1.0"))
     with Reader(run(paper(*changes), tmp_path / "run.mcap").path) as reader:
-        (page,) = told([story_of(reader)])["runs"]
+        (page,) = page_data([story_of(reader)])["runs"]
     assert page["factor"] is None
     assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in page["lead"]
     json.dumps(page, allow_nan=False)

@@ -22,7 +22,7 @@ from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive, unp
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.checking.apart import check
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.plant_fmu.fmi.library import Library
@@ -428,7 +428,7 @@ def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
     path = rewritten(tmp_path / "arm.fmu", fmi, needing)
     archive = open_archive(path, "arm.fmu")
     assert archive.told()["needs_execution_tool"] == "Arms 7"
-    loads = [found.text for found in check(Task(archive)).findings if found.topic == "loads"]
+    loads = [found.text for found in check(CheckTask(archive)).findings if found.topic == "loads"]
     assert len(loads) == 2
     assert all("; it needs Arms 7 on this machine (needsExecutionTool)" in text for text in loads)
     archive.description.guid = archive.description.instantiationToken = "another"

@@ -15,7 +15,7 @@ from nrs_cosim.plant_fmu.bundled.building import build, build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, declaration
 from nrs_cosim.plant_fmu.checking.apart import check
 from nrs_cosim.plant_fmu.checking.budget import Budget
-from nrs_cosim.plant_fmu.checking.findings import FmuCheck, Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, FmuCheck
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.drives.driving import Driving
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
@@ -54,7 +54,7 @@ def changed(path, model, *edits):
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("model", ["two_link_arm", "n_link_arm", "planar_robot"])
 def test_bundled_models_obey_mechanics(model, fmi):
-    checked = check(Task(open_archive(build(model, fmi))))
+    checked = check(CheckTask(open_archive(build(model, fmi))))
     assert checked.passes
     assert verdicts(checked) == dict.fromkeys(PHYSICS, "holds")
     assert verdicts(checked, "drives")["chosen"] == "holds"
@@ -65,7 +65,7 @@ def test_bundled_models_obey_mechanics(model, fmi):
 
 def test_damping_is_what_the_closed_form_says():
     """Of m v̇ = −d v the power is −d v'v, beside v'mv / s: −0.5 / (0.5 + 2)."""
-    power = found(check(Task(open_archive(build("planar_robot")))), "power")
+    power = found(check(CheckTask(open_archive(build("planar_robot")))), "power")
     np.testing.assert_allclose(power.value, -0.2, rtol=1e-6)
 
 
@@ -83,7 +83,7 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
     archive = open_archive(changed(tmp_path, model, (old, new)))
     m = np.zeros(2)
     body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
-    task = Task(archive, body, driving=Driving(solver=solver))
+    task = CheckTask(archive, body, driving=Driving(solver=solver))
     checked = FmuCheck(archive.label, archive.sha256, tuple(findings(task, Budget())))
     assert not checked.passes
     assert [name for name, verdict in verdicts(checked).items() if verdict == "fails"] == [fails]
@@ -113,7 +113,7 @@ def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
         ('#include "robot.h"', '#include <stdlib.h>\n#include "robot.h"'),
         ("(void)q;", f"if (q[0] != 0.0) {{ {act} }}"),
     )
-    assert ending in check(Task(open_archive(path)), deadline=LIMIT).findings[-1].text
+    assert ending in check(CheckTask(open_archive(path)), deadline=LIMIT).findings[-1].text
 
 
 LIES = {
@@ -162,7 +162,7 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
         patch.setattr("nrs_cosim.plant_fmu.bundled.declaration.MODELS", models)
         patch.setattr("nrs_cosim.plant_fmu.bundled.building.MODELS", models)
         path = build("two_link_arm")
-    checked = check(Task(open_archive(path)))
+    checked = check(CheckTask(open_archive(path)))
     resumed = found(checked, "resumed")
     assert resumed.verdict == "fails"
     assert found(checked, "alone").verdict == "holds"
@@ -177,7 +177,7 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
 def test_a_state_that_is_all_is_found_to_be(solver):
     m = np.zeros(2)
     body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
-    task = Task(open_archive(build("planar_robot", 2)), body, driving=Driving(solver=solver))
+    task = CheckTask(open_archive(build("planar_robot", 2)), body, driving=Driving(solver=solver))
     resumed = found(check(task), "resumed")
     assert (resumed.verdict, resumed.value) == ("holds", 0.0)
 
@@ -191,7 +191,7 @@ def test_a_state_that_is_not_claimed_is_a_note(tmp_path, fmi):
         assert claim in text
         return text.replace(claim, "")
 
-    checked = check(Task(open_archive(rewritten(tmp_path / "a.fmu", fmi, edit))))
+    checked = check(CheckTask(open_archive(rewritten(tmp_path / "a.fmu", fmi, edit))))
     assert checked.passes
     assert found(checked, "resumed").verdict == "note"
 
@@ -206,10 +206,10 @@ def test_names_that_are_not_found_tell_what_to_write(tmp_path):
         )
 
     path = rewritten(tmp_path / "a.fmu", 2, edit)
-    checked = check(Task(open_archive(path)))
+    checked = check(CheckTask(open_archive(path)))
     assert verdicts(checked, "drives")["chosen"] == "fails"
     assert 'variables.q = "its name"' in found(checked, "q").text
-    mended = check(Task(open_archive(path), names={"q": ("phi_1_", "phi_2_")}))
+    mended = check(CheckTask(open_archive(path), names={"q": ("phi_1_", "phi_2_")}))
     assert mended.passes
     assert found(mended, "q").text == "phi_1_ (rad), phi_2_ (rad)"
 
@@ -222,14 +222,14 @@ def test_what_is_missing_is_told_once_and_only_where_it_is_needed(tmp_path):
         return renamed(text, lambda stem, at: new.get(stem, f"x{stem}") + "_".join(map(str, at)))
 
     path = rewritten(tmp_path / "a.fmu", 2, edit)
-    plain = check(Task(open_archive(path)))
+    plain = check(CheckTask(open_archive(path)))
     told = [f for f in plain.findings if f.topic in {"variables", "drives"}]
     assert sum("; it has " in f.text or "did you mean" in f.text for f in told) == 1
     assert found(plain, "tau").text == "not found either; write variables.tau as well, as of q"
     assert found(plain, "position_ref").text == "not there, nor needed: tau would do"
     assert "variables.q" not in found(plain, "chosen").text
     names = {ours: (f"{new[ours]}1", f"{new[ours]}2") for ours in ("q", "qd", "tau")}
-    mapped = check(Task(open_archive(path), names=names))
+    mapped = check(CheckTask(open_archive(path), names=names))
     assert found(mapped, "velocity_ref").text == "not there, nor needed: it takes tau"
     assert mapped.passes
 
@@ -282,6 +282,6 @@ def test_a_variable_of_another_type_with_the_reference_of_a_quantity_changes_not
         2,
         lambda text: text.replace("</ModelVariables>", other.format(reference["q[1]"])),
     )
-    expected, got = (check(Task(open_archive(path))) for path in (plain, more))
+    expected, got = (check(CheckTask(open_archive(path))) for path in (plain, more))
     assert expected.passes
     assert got.findings == expected.findings

@@ -12,7 +12,7 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.checking.apart import check
 from nrs_cosim.plant_fmu.checking.budget import Budget, OutOfTime, limited
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from tests.plant_fmu.archives import description, rewritten
 from tests.plant_fmu.stepping import INERTIA, build_stepping
@@ -29,7 +29,7 @@ def test_a_stage_that_is_given_up_is_unknown_and_the_others_are_not():
     """By a clock that goes by 1 s at each look: mechanics wants thousands, running alone 100."""
     ticks = count()
     budget = Budget(limit=1000.0, clock=lambda: float(next(ticks)))
-    told = {f.name: f for f in findings(Task(open_archive(build("two_link_arm"))), budget)}
+    told = {f.name: f for f in findings(CheckTask(open_archive(build("two_link_arm"))), budget)}
     assert told["M symmetric"].verdict == "holds"
     assert told["rests"].verdict == "unknown"
     assert told["rests"].text == "cannot be probed: given up after 1000 s of processor time"
@@ -45,7 +45,9 @@ def test_running_alone_is_given_up_with_the_reason_where_the_equations_are_stiff
         limit=50.0,
         clock=lambda: float(next(ticks)) if "alone" in stages[-1] else 0.0,
     )
-    task = Task(open_archive(build("planar_robot")), replace(body(), parameters={"d": damping}))
+    task = CheckTask(
+        open_archive(build("planar_robot")), replace(body(), parameters={"d": damping})
+    )
     (alone,) = (f for f in findings(task, budget) if f.name == "alone")
     assert alone.verdict == "unknown"
     why = (
@@ -72,7 +74,7 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
         raise OutOfTime
 
     monkeypatch.setattr("nrs_cosim.plant_fmu.checking.validity.validate_fmu", endless)
-    told = list(findings(Task(open_archive(build("planar_robot"))), Budget(limit=20.0)))
+    told = list(findings(CheckTask(open_archive(build("planar_robot"))), Budget(limit=20.0)))
     (valid,) = (f for f in told if f.topic == "valid")
     assert valid.verdict == "unknown"
     assert valid.text == "not validated: took longer than 20 s of processor time"
@@ -83,7 +85,7 @@ def test_problems_of_one_kind_are_told_once_with_how_many_they_are(tmp_path):
     given = 'causality="parameter"'
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace(given, f'{given} order="1"'))
     parameters = description(3).count(given)
-    problems = [f for f in check(Task(open_archive(path))).findings if f.topic == "valid"]
+    problems = [f for f in check(CheckTask(open_archive(path))).findings if f.topic == "valid"]
     (problem,) = problems
     assert "The attribute 'order' is not allowed" in problem.text
     assert problem.text.endswith(f" ({parameters} times alike)")
@@ -94,8 +96,8 @@ def test_stages_are_told_as_they_begin(tmp_path):
     ours = open_archive(build("planar_robot"))
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace("planar", "flat"))
     theirs = []
-    check(Task(ours), tell=stages.append)
-    check(Task(open_archive(path)), tell=theirs.append)
+    check(CheckTask(ours), tell=stages.append)
+    check(CheckTask(open_archive(path)), tell=theirs.append)
     expected = [
         "starting",
         "validating its model description",
@@ -118,7 +120,7 @@ def test_a_torque_against_its_sign_is_told_and_a_run_away_is_no_run(tmp_path, ga
     path = build_stepping(
         tmp_path / "a.fmu", 1e-3, mobility=-100 * np.linalg.inv(INERTIA), edit=edit
     )
-    task = Task(open_archive(path))
+    task = CheckTask(open_archive(path))
     if gains == "given":
         task = replace(task, body=replace(body(), q=np.array([0.1, 0.0])))
     checked = check(task)

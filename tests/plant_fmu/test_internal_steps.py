@@ -10,8 +10,8 @@ import pytest
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.checking.apart import check, p3_of
 from nrs_cosim.plant_fmu.checking.budget import Budget
-from nrs_cosim.plant_fmu.checking.findings import Task
-from nrs_cosim.plant_fmu.checking.mechanics import Mechanics, open_probe
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
+from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.drives.driving import Driving, choose, offers
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import UnstableStepError
@@ -39,7 +39,7 @@ def inertia(path):
     offered, chosen = offers(archive, {}), choose(archive, {}, Driving())
     with ExitStack() as stack:
         opened = open_probe(stack, archive, body(), {}, offered, chosen)
-        mechanics = Mechanics(opened, body(), Budget())
+        mechanics = MechanicsProbe(opened, body(), Budget())
         return mechanics.stairs, np.linalg.inv(mechanics.mobility(NONE + 0.2, mechanics.spans[0]))
 
 
@@ -54,7 +54,7 @@ def test_the_inertia_of_joints_that_step_is_right(tmp_path, step, fmi):
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
 def test_sound_joints_that_step_pass(tmp_path, step):
-    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step))))
+    checked = check(CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step))))
     told = dict.fromkeys(PHYSICS, "holds")
     if step > 1e-3:  # q̈ is known to d times its rate, which is more than the tolerance
         told["power"] = "unknown"
@@ -71,14 +71,14 @@ def test_joints_that_a_torque_of_one_holds_where_they_start_are_probed(tmp_path,
     """Their springs pull by 4 q, that is by 1."""
     archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.01))
     start = replace(body(), q=NONE + at, position=NONE + at)
-    checked = check(Task(archive, start))
+    checked = check(CheckTask(archive, start))
     ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
 
 
 def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_path):
     path = build_stepping(tmp_path / "a.fmu", 1e-3, lasting=True)
-    checked = check(Task(open_archive(path)))
+    checked = check(CheckTask(open_archive(path)))
     told = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
     assert verdicts(checked) == told
     for name in ("rests", "power"):
@@ -110,7 +110,7 @@ def test_what_takes_only_the_steps_that_it_declares_is_asked_for_no_others(tmp_p
     stairs, mass = inertia(path)
     assert stairs.internal == 0.02
     np.testing.assert_allclose(mass, INERTIA, rtol=4e-4)
-    checked = check(Task(open_archive(path), body(), driving=Driving(control_step=0.02)))
+    checked = check(CheckTask(open_archive(path), body(), driving=Driving(control_step=0.02)))
     assert verdicts(checked) == {**dict.fromkeys(PHYSICS, "holds"), "power": "unknown"}
 
 
@@ -125,7 +125,9 @@ WRONG = {
 @pytest.mark.parametrize("step", [1e-3, 0.02])
 @pytest.mark.parametrize("wrong", WRONG)
 def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
-    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong]))))
+    checked = check(
+        CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong])))
+    )
     assert not checked.passes
     assert [n for n, verdict in verdicts(checked).items() if verdict == "fails"] == [wrong]
 
@@ -133,7 +135,7 @@ def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
 def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
     """Steps of 50 ms tell q̈ to d times its rate, far more than damping of -0.02 gains."""
     path = build_stepping(tmp_path / "a.fmu", 0.05, damping=-0.02)
-    power = found(check(Task(open_archive(path))), "power")
+    power = found(check(CheckTask(open_archive(path))), "power")
     assert power.verdict == "unknown"
     assert "its internal step of 0.05 s" in power.text
 
@@ -141,7 +143,9 @@ def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
 @pytest.mark.parametrize("case", ["too long a step", "no torque that acts"])
 def test_what_does_not_move_is_unknown_and_not_without_inertia(tmp_path, case):
     step, mobility = (9.0, None) if case == "too long a step" else (0.01, np.zeros((2, 2)))
-    checked = check(Task(open_archive(build_stepping(tmp_path / "a.fmu", step, mobility=mobility))))
+    checked = check(
+        CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, mobility=mobility)))
+    )
     assert verdicts(checked) == {"mechanics": "unknown"}
     text = found(checked, "mechanics").text
     assert text.startswith("cannot be probed: nothing moves within 1 s")
@@ -151,13 +155,13 @@ def test_what_does_not_move_is_unknown_and_not_without_inertia(tmp_path, case):
 
 def test_a_joint_that_does_not_move_is_named(tmp_path):
     path = build_stepping(tmp_path / "a.fmu", 0.01, mobility=np.diag([0.5, 0.0]))
-    text = found(check(Task(open_archive(path))), "mechanics").text
+    text = found(check(CheckTask(open_archive(path))), "mechanics").text
     assert text == "cannot be probed: nothing moves by a torque on joint 2"
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
 def test_p3_is_sampled_of_joints_that_step(tmp_path, step):
-    found = p3_of(Task(open_archive(build_stepping(tmp_path / "a.fmu", step)), body()))
+    found = p3_of(CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step)), body()))
     least, most = np.linalg.eigvalsh(INERTIA)
     assert [found.lambda_m, found.lambda_M] == pytest.approx([least, most], rel=max(1e-6, step**2))
 

@@ -11,7 +11,7 @@ import pytest
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
-from nrs_cosim.plant_fmu.archives.naming import Pattern
+from nrs_cosim.plant_fmu.archives.naming import NamePattern
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.motion import motion_of
 from tests.guard import LIMIT
@@ -128,7 +128,7 @@ BAD = {
         "variables.position = position_ref: an input, which nothing sets",
     ),
     "another size": (
-        {"position": "q", "velocity": Pattern("disturbance_amplitude[{i}]")},
+        {"position": "q", "velocity": NamePattern("disturbance_amplitude[{i}]")},
         "has no variable 'disturbance_amplitude[{i}]'",
     ),
     "too few": (

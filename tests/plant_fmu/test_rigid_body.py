@@ -10,7 +10,7 @@ import pytest
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot
+from nrs_cosim.plant_fmu.bundled.urdf_robot import UrdfRobot
 from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, mass_matrix
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.random_robots import KINDS, MOST_JOINTS, RandomRobot, random_robot
@@ -70,7 +70,7 @@ class Reference:
         return theirs
 
 
-def read(robot: RandomRobot, folder: Path) -> Robot:
+def read(robot: RandomRobot, folder: Path) -> UrdfRobot:
     path = folder / "drawn.urdf"
     path.write_text(robot.text, "utf-8")
     return read_urdf(path)

@@ -24,7 +24,7 @@ from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.native.rounds import NativeRounds, load_native
-from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, End, Rounds
+from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, EarlyEnd, Rounds
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.isolation.worker import AnnouncedLibrary
 from tests.plant_fmu.conftest import FAULTS
@@ -105,7 +105,7 @@ class TestEveryRounds:
         now = View([Quantity("time", (Part(0, 1, 0, 1, 1.0, ()),))], time)
         assert instances.rounds.exchange(now, setting=False)() is None
         library.calls.reset(instances.handles[1])
-        assert rounds.advance(now)(0.0, H) == End(1, ERROR, stepping=True)
+        assert rounds.advance(now)(0.0, H) == EarlyEnd(1, ERROR, stepping=True)
         assert rounds.exchange(now, setting=False)() is None
         np.testing.assert_array_equal(time, [[H], [0.0], [0.0]])
 
@@ -113,9 +113,9 @@ class TestEveryRounds:
         library, instances = opened(fmi)
         rounds = make(library, instances)
         view = View([Quantity("none", (Part(99999, 1, 0, 1, 1.0, ()),))], np.zeros((3, 1)))
-        assert rounds.exchange(view, setting=True)() == End(0, ERROR)
-        assert rounds.exchange(view, setting=False)() == End(0, ERROR)
-        assert rounds.advance(view)(0.0, H) == End(0, ERROR, stepping=False)
+        assert rounds.exchange(view, setting=True)() == EarlyEnd(0, ERROR)
+        assert rounds.exchange(view, setting=False)() == EarlyEnd(0, ERROR)
+        assert rounds.advance(view)(0.0, H) == EarlyEnd(0, ERROR, stepping=False)
 
     def test_each_call_is_announced(self, opened: Any, make: Make, fmi: int) -> None:
         progress = Progress(memoryview(bytearray(SIZE)))
@@ -140,7 +140,7 @@ class TestEveryRounds:
             before = progress.calls
         library.calls.reset(instances.handles[0])
         before = progress.calls
-        assert rounds.advance(view)(0.0, H) == End(0, ERROR, stepping=True)
+        assert rounds.advance(view)(0.0, H) == EarlyEnd(0, ERROR, stepping=True)
         assert (progress.who, progress.act, progress.calls - before) == ("robot 1", "step", 1)
 
 

@@ -10,7 +10,7 @@ from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.plant_fmu.checking.apart import p3_of
 from nrs_cosim.plant_fmu.checking.budget import Budget
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.sampling import sampled
 from nrs_cosim.plant_fmu.drives.driving import Driving
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -36,7 +36,7 @@ def task(archive, driving=BEST, joints=2, **parameters):
     none, one = np.zeros(joints), np.eye(joints)
     still = Disturbance(none, none, *np.zeros((3, joints, 0)))
     body = Body(1, parameters, one, one, still, q=none + 0.3, qd=none, position=none, velocity=none)
-    return Task(archive, body, {}, driving)
+    return CheckTask(archive, body, {}, driving)
 
 
 @pytest.mark.parametrize("driving", [BEST, Driving(solver="rk4"), Driving(control="hold")], ids=str)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nrs_cosim.plant_fmu.archives.store import keep, stored
+from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 
 DATA = np.random.default_rng(3).bytes(100_000)
@@ -26,9 +26,9 @@ def files(folder: Path) -> list[Path]:
 
 
 def test_what_was_kept_is_found(cache: Path) -> None:
-    assert stored(SHA256) is None
-    path = keep(DATA, SHA256)
-    assert stored(SHA256) == path
+    assert stored_fmu(SHA256) is None
+    path = keep_fmu(DATA, SHA256)
+    assert stored_fmu(SHA256) == path
     assert path.read_bytes() == DATA
     assert path.suffix == ".fmu"
     assert files(cache) == [path]
@@ -38,34 +38,34 @@ def test_what_has_another_digest_is_not_kept(cache: Path) -> None:
     with pytest.raises(
         FmuError, match=f"to have sha256 {SHA256}, but its bytes have [0-9a-f]{{64}}"
     ):
-        keep(DATA[:-1], SHA256)
+        keep_fmu(DATA[:-1], SHA256)
     assert not cache.exists()
 
 
 @pytest.mark.parametrize("damage", [DATA[:-1], b"", DATA[:500] + b"\0" + DATA[501:]])
 def test_a_damaged_file_is_not_there_and_is_replaced(damage: bytes) -> None:
-    path = keep(DATA, SHA256)
+    path = keep_fmu(DATA, SHA256)
     path.write_bytes(damage)
-    assert stored(SHA256) is None
-    assert keep(DATA, SHA256) == path
+    assert stored_fmu(SHA256) is None
+    assert keep_fmu(DATA, SHA256) == path
     assert path.read_bytes() == DATA
 
 
 def test_a_digest_leads_nowhere_else(cache: Path) -> None:
-    kept = keep(DATA, SHA256)
+    kept = keep_fmu(DATA, SHA256)
     (cache / f"{SHA256}.fmu").write_bytes(DATA)
     for name in ("", "..", f"../{SHA256}", str(kept.with_suffix("")), SHA256.upper(), "\0" * 64):
-        assert stored(name) is None
+        assert stored_fmu(name) is None
     kept.unlink()
     kept.mkdir()
-    assert stored(SHA256) is None
+    assert stored_fmu(SHA256) is None
 
 
 def test_many_may_keep_at_once(cache: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
-        paths = set(pool.map(lambda _: keep(DATA, SHA256), range(32)))
+        paths = set(pool.map(lambda _: keep_fmu(DATA, SHA256), range(32)))
     assert files(cache) == list(paths)
-    assert stored(SHA256) in paths
+    assert stored_fmu(SHA256) in paths
 
 
 def test_a_store_that_cannot_be_written_says_so(
@@ -73,6 +73,6 @@ def test_a_store_that_cannot_be_written_says_so(
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "file"))
-    assert stored(SHA256) is None
+    assert stored_fmu(SHA256) is None
     with pytest.raises(FmuError, match="set NRS_CACHE to another folder"):
-        keep(DATA, SHA256)
+        keep_fmu(DATA, SHA256)

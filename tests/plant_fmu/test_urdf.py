@@ -28,7 +28,7 @@ from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.checking import built
-from nrs_cosim.plant_fmu.checking.findings import Task
+from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
@@ -474,7 +474,7 @@ def test_a_robot_that_is_too_stiff_to_be_stepped_is_written_with_a_warning(tmp_p
 def test_a_crash_of_the_check_is_a_failure() -> None:
     """An archive that is gone when the check begins ends its process."""
     archive = open_archive(build_urdf(read_urdf(ARM)))
-    checked = CHECK_BUILT(Task(replace(archive, path=archive.path.with_name("gone.fmu"))))
+    checked = CHECK_BUILT(CheckTask(replace(archive, path=archive.path.with_name("gone.fmu"))))
     assert not checked.passes
 
 

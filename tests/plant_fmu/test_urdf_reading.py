@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
-from nrs_cosim.plant_fmu.bundled.urdf_robot import Robot
+from nrs_cosim.plant_fmu.bundled.urdf_robot import UrdfRobot
 from nrs_cosim.plant_fmu.errors import FmuError
 
 BODY = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
@@ -186,7 +186,7 @@ def test_all_faults_are_told_at_once_and_those_of_a_kind_in_one_line(tmp_path: P
 # What is enough of inertias
 
 
-def read(folder: Path, text: str | bytes) -> Robot:
+def read(folder: Path, text: str | bytes) -> UrdfRobot:
     path = folder / "robot.urdf"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_urdf(path)

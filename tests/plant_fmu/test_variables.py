@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
-from nrs_cosim.plant_fmu.archives.naming import Pattern, Spec, families
-from nrs_cosim.plant_fmu.archives.quantities import Layout
+from nrs_cosim.plant_fmu.archives.naming import NamePattern, Spec, families
+from nrs_cosim.plant_fmu.archives.quantities import NumberLayout
 from nrs_cosim.plant_fmu.archives.units import read, si_factor
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.bundled.building import build
@@ -140,8 +140,8 @@ def test_a_user_may_write_a_list_a_pattern_a_stem_or_a_slice(fmu):
     archive = fmu("b.phi", "a.phi", "j0.w", "j1.w", "x[1]", "x[2]", "x[3]", "M(1,1)", "M(1,2)")
     for spec, expected in {
         ("a.phi", "b.phi"): [1, 0],
-        Pattern("j{i}.w", 0): [2, 3],
-        Pattern("M({i},{j})"): [7, 8],
+        NamePattern("j{i}.w", 0): [2, 3],
+        NamePattern("M({i},{j})"): [7, 8],
         "x": [4, 5, 6],
         "x[0:2]": [4, 5],
         "x[2:]": [6],
@@ -156,7 +156,7 @@ def test_a_user_may_write_a_list_a_pattern_a_stem_or_a_slice(fmu):
     [
         ("phi3", "has no variable 'phi3' for q; did you mean 'a.phi2' or 'a.phi1'?"),
         (("a.phi1", "a.phi3"), "has no variable 'a.phi3'; did you mean"),
-        (Pattern("b{i}"), "has no variable 'b{i}' for q"),
+        (NamePattern("b{i}"), "has no variable 'b{i}' for q"),
         ("a.phi[1:3]", "'a.phi[1:3]' is beyond the 2 entries that it has"),
         ("a.phi[2:2]", "'a.phi[2:2]' is beyond"),
         ("b[0:2]", "has no variable 'b[0:2]' for q"),
@@ -233,12 +233,12 @@ def test_slices_of_one_array_share_it(fmu):
     archive = fmu(fmi=3, xml=STATE)
     names = {"q": "x[2:4]", "qd": ("x[1:2]", "x[0:1]")}
     quantities = [find_quantity(archive, name, names, size=2) for name in ("q", "qd")]
-    layout = Layout.of(quantities)
+    layout = NumberLayout.of(quantities)
     assert layout.references == (1,)
     assert layout.index.tolist() == [2, 3, 1, 0]
     assert layout.start.tolist() == [1, 2, 3, 4]
     assert layout.is_complete
-    assert not Layout.of(quantities[:1]).is_complete
+    assert not NumberLayout.of(quantities[:1]).is_complete
     message = refused(archive, spec="x[3:5]")
     assert message == "x[3:5] for q is beyond the 4 numbers of 'x'"
 
@@ -379,7 +379,7 @@ STYLES: dict[str, tuple[Callable[[str, list[int]], str], dict[str, Spec]]] = {
         lambda stem, ij: {"q": f"j{ij[0]}.phi", "qd": f"w{'ab'[ij[0] - 1]}"}.get(
             stem, f"{stem}_{ij[0]}" if len(ij) == 1 else f"{stem}[{ij[0]},{ij[1]}]"
         ),
-        {"q": Pattern("j{i}.phi"), "qd": ("wa", "wb")},
+        {"q": NamePattern("j{i}.phi"), "qd": ("wa", "wb")},
     ),
 }
 

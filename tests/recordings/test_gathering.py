@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from nrs_cosim.recordings.gathering import columns_of, joined, order, ranks
+from nrs_cosim.recordings.gathering import columns_of, concatenated, order, ranks
 
 NUMBERS = {"b": 4, "a": 9, "c": 2}
 TOPICS = {number: topic for topic, number in NUMBERS.items()}
@@ -19,7 +19,7 @@ def through(messages, parts=1):
     """Return messages as columns have them: several parts joined, and put in order."""
     each = -(-len(messages) // parts)
     stretches = [messages[at : at + each] for at in range(0, len(messages), each)]
-    columns = joined([columns_of(stretch, NUMBERS) for stretch in stretches])
+    columns = concatenated([columns_of(stretch, NUMBERS) for stretch in stretches])
     assert columns.messages(TOPICS) == messages
     return columns.at(order(columns, ranks(TOPICS))).messages(TOPICS)
 

@@ -22,7 +22,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings import writing
-from nrs_cosim.recordings.chunk import opened
+from nrs_cosim.recordings.chunk import decoded_chunk
 from nrs_cosim.recordings.columns import HEAD, columns
 from nrs_cosim.recordings.container import (
     DamageError,
@@ -131,15 +131,15 @@ def test_many_small_chunks_of_what_is_no_message_take_the_memory_of_one(sound, t
 @pytest.mark.parametrize("compression", COMPRESS)
 def test_a_chunk_of_another_tools_size_is_read_however_well_it_is_compressed(compression):
     records = message(MIB - HEAD.itemsize) * 4
-    assert opened(chunk(compression, records)) == records
+    assert decoded_chunk(chunk(compression, records)) == records
     assert len(columns(records, [1]).time) == 4
 
 
 def test_the_rule_begins_where_lz4_ends():
     records = bytes(64 * MIB)
-    assert opened(chunk("lz4", records)) == records
+    assert decoded_chunk(chunk("lz4", records)) == records
     with pytest.raises(DamageError, match="is refused, for its"):
-        opened(chunk("zstd", records))
+        decoded_chunk(chunk("zstd", records))
     assert in_proportion(8 * MIB, 1)
     assert not in_proportion(8 * MIB + 1, 1)
     assert in_proportion(256 * 2**20, 2**20)

@@ -28,7 +28,7 @@ from nrs_cosim.plant_fmu.bundled.building import build_library
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.calls import Call, bind, c_references
 from nrs_cosim.plant_fmu.fmi.library import Library
-from nrs_cosim.plant_fmu.fmi.rounds import End, Round, Step
+from nrs_cosim.plant_fmu.fmi.rounds import EarlyEnd, Round, Step
 
 _LOG = logging.getLogger("nrs.plant_fmu")
 SOURCE = Path(__file__).with_suffix(".c")
@@ -110,9 +110,9 @@ class NativeRounds:
         calls, rows = self._bound({**_NUMBERS, "step": ("DoStep", "DoStep")}), _rows(view)
         whom, told = (byref(calls), byref(self._all), byref(rows)), byref(answer)
 
-        def step(start: float, step: float) -> End | None:
+        def step(start: float, step: float) -> EarlyEnd | None:
             row = advance(*whom, start, step, told)
-            return None if row == n else End(row, answer.status, answer.stepping)
+            return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
 
         return step
 
@@ -124,9 +124,9 @@ class NativeRounds:
         n, answer = self._all.n, _Answer()
         told = byref(calls), byref(self._all), byref(what), way, byref(answer)
 
-        def go() -> End | None:
+        def go() -> EarlyEnd | None:
             row = function(*told)
-            return None if row == n else End(row, answer.status)
+            return None if row == n else EarlyEnd(row, answer.status)
 
         return go
 
