@@ -7,13 +7,13 @@ So when its file is read, the edges take the place of the name of the file that 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.edges import Arrow, expect_distinct, node_number, positive
 
-_HOLE = "edges {} that take the place of a file's name"
 _FORMS = ("edges", "graphml")
 _BESIDE = ("from", "repeat")
 """Keys of a network that are no form of it."""
@@ -34,7 +34,7 @@ def with_edges(text: str, folder: Path, origin: str) -> str:
         document = tomlkit.parse(text)
     except (TOMLKitError, ValueError, RecursionError):
         return text
-    tables: list[str] = []
+    tables: dict[str, str] = {}
     for where, digraph in _digraphs("network", document.get("network")):
         given = [(key, value) for key, value in digraph.items() if key not in _BESIDE]
         if len(given) != 1:
@@ -44,13 +44,15 @@ def with_edges(text: str, folder: Path, origin: str) -> str:
             continue
         edges = _edges_of(folder / name, form, f"{origin}: {where}.{form}: {name}")
         del digraph[form]
-        digraph["edge_list"] = _HOLE.format(len(tables))
-        tables.append(_rows(edges))
+        # tomlkit takes long to make an item of each number: rows are put in where a word stands
+        # that no text has.
+        hole = digraph["edge_list"] = token_hex(16)
+        tables[f'"{hole}"'] = _rows(edges)
     if not tables:
         return text
     text = tomlkit.dumps(document)
-    for number, table in enumerate(tables):
-        text = text.replace(f'"{_HOLE.format(number)}"', table, 1)
+    for hole, table in tables.items():
+        text = text.replace(hole, table, 1)
     return text
 
 
