@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.api.scenario import Scenario
-from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.results import Result
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -100,9 +100,7 @@ class Recording(Tables):
 
     def analysis(self) -> dict[str, Any]:
         """Return what `nrs info --json` prints: the run, its errors, and the theory beside them."""
-        measured = measure(self._reader, self._experiment)
-        judged = judge(self._reader, self._experiment, measured)
-        return {**describe(self._reader, self._experiment), "theory": judged.as_json()}
+        return Result.of(self._reader, self._experiment).as_json()
 
     def to_pandas(self, table: Literal["samples", "states"] = "states") -> "pd.DataFrame":
         """Return a table, a column a number: `position_1`, …; needs the extra `analysis`."""

@@ -26,6 +26,7 @@ from nrs_cosim.orchestrator.commands.options import (
     NewRecording,
     RecordingPath,
     ScenarioPath,
+    Set,
     TlsCa,
     TlsCertificate,
     TlsKey,
@@ -83,19 +84,17 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
     from nrs_cosim.orchestrator.commands import showing
     from nrs_cosim.orchestrator.commands.progress import reading
     from nrs_cosim.orchestrator.commands.tables import grid
-    from nrs_cosim.orchestrator.promises.judging import judge
-    from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
+    from nrs_cosim.orchestrator.promises.results import Result
+    from nrs_cosim.orchestrator.runs.summary import experiment_of
     from nrs_cosim.recordings.reading import Reader
 
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
-        experiment = experiment_of(reader)
-        told, measured = describe(reader, experiment), measure(reader, experiment)
-        judged = judge(reader, experiment, measured)
+        result = Result.of(reader, experiment_of(reader))
     if as_json:
-        print_json({**told, "theory": judged.as_json()})
+        print_json(result.as_json())
         return
-    grid(out, lines(told, measured))
-    showing.judgement(out, judged)
+    grid(out, result.lines())
+    showing.judgement(out, result.judged)
     for damage in reader.damage:
         say("yellow", "damage", damage)
 
@@ -190,6 +189,7 @@ def scene(
 def check(
     scenario: ScenarioPath,
     as_json: AsJson = False,
+    changes: Set = None,
     accuracy: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -227,13 +227,14 @@ def check(
     from nrs_cosim.orchestrator.promises.promising import bounds, designed, promises
     from nrs_cosim.orchestrator.runs.plants import group_by_archive, named, open_fleet
     from nrs_cosim.orchestrator.runs.units import mixed_units
-    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.orchestrator.scenario.changes import Change
+    from nrs_cosim.orchestrator.scenario.file import name_of, read_scenario
 
-    experiment = read_scenario(scenario)
+    experiment = read_scenario(scenario, [Change.of("--set", text) for text in changes or ()])
     wanted = EstimateBounds(*accuracy) if accuracy else None
     with stages(err) as begin:
         begin("opening the plants")
-        with named(str(scenario)), ExitStack() as stack:
+        with named(name_of(scenario)), ExitStack() as stack:
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
             if mixed := mixed_units(experiment):

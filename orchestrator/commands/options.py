@@ -15,7 +15,10 @@ from nrs_cosim.orchestrator.commands.formats import expect_ending
 LONGEST = 2**63 / 1e9
 """s; what the clock can count in ns."""
 
-ScenarioPath = Annotated[Path, typer.Argument(metavar="SCENARIO", help="A scenario file (TOML).")]
+ScenarioPath = Annotated[
+    Path,
+    typer.Argument(metavar="SCENARIO", help="A scenario file (TOML); - for standard input."),
+]
 RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
 
 
@@ -92,6 +95,14 @@ NewRecording = Annotated[
 ]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace a recording that is there, once this is complete.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="algorithm.alpha=0.8,run.seed=2",
+        help="Change keys of the scenario; values are TOML. May be given again.",
+    ),
 ]
 Compressed = Annotated[
     Literal["zstd", "lz4", "none"],

@@ -1,7 +1,7 @@
 """A run, with everything that a person sees of it: who takes part, how far it is, how it ended."""
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import inf
 from pathlib import Path
@@ -11,7 +11,7 @@ import typer
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.orchestrator.cluster.launcher import (
     WorkerPolicy,
     local_workers,
@@ -23,18 +23,20 @@ from nrs_cosim.orchestrator.commands.locks import expect_unlocked
 from nrs_cosim.orchestrator.commands.places import place_for
 from nrs_cosim.orchestrator.commands.tables import grid
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.promises.judging import judge
+from nrs_cosim.orchestrator.promises.results import Result
 from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.lockstep import Launcher
 from nrs_cosim.orchestrator.runs.pace import NO_PACE, Pace, RealTime
 from nrs_cosim.orchestrator.runs.plants import find_recorded, group_by_archive
 from nrs_cosim.orchestrator.runs.running import Outcome
 from nrs_cosim.orchestrator.runs.running import run as run_scenario
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
-from nrs_cosim.orchestrator.scenario.clock import seconds
+from nrs_cosim.orchestrator.runs.summary import experiment_of
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
-from nrs_cosim.orchestrator.terminal import err, out, say
+from nrs_cosim.orchestrator.terminal import err, out, print_json, say
 from nrs_cosim.recordings.container import Compression, Message
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import about
@@ -100,8 +102,9 @@ def perform(
     pace: Pace = NO_PACE,
     begin: Callable[[Path, Path], None] | None = None,
     force: bool = False,
+    as_json: bool = False,
 ) -> None:
-    """Run with everything that a person sees of it, and exit with its status."""
+    """Run with everything that a person sees of it, or with the result as JSON alone, and exit."""
     clock = experiment.clock
     with (
         place_for(output, experiment.name, force=force) as place,
@@ -131,9 +134,23 @@ def perform(
         path = place.settle(outcome.status == "completed")
     whole = path.absolute()
     with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
-        measured = measure(reader, experiment)
-        told = {**lines(describe(reader, experiment), measured), "recording": str(path)}
-        judged = judge(reader, experiment, measured)
+        result = Result.of(reader, experiment)
+    if as_json:
+        print_json({**result.as_json(), "file": storable(str(path))})
+    else:
+        _show(result, outcome, path, clock, pace)
+        if profile:
+            showing.profile(out, outcome.profile, outcome.wall_seconds)
+            if outcome.restarts:
+                say("yellow", "profile", "what a worker did before it was gone is under other")
+    if outcome.status == "failed":
+        say("red", "failed", outcome.reason)
+    raise typer.Exit(EXIT[outcome.status])
+
+
+def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace) -> None:
+    """Show how a run was, whose recording is at a path."""
+    told = {**result.lines(), "recording": str(path)}
     simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
     took = outcome.wall_seconds
     told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
@@ -148,14 +165,7 @@ def perform(
     if outcome.refused:
         told["refused"] = _counted(outcome)
     grid(out, told | last)
-    showing.judgement(out, judged)
-    if profile:
-        showing.profile(out, outcome.profile, took)
-        if outcome.restarts:
-            say("yellow", "profile", "what a worker did before it was gone is under other")
-    if outcome.status == "failed":
-        say("red", "failed", outcome.reason)
-    raise typer.Exit(EXIT[outcome.status])
+    showing.judgement(out, result.judged)
 
 
 def pace_of(factor: float | None) -> Pace:
@@ -173,18 +183,55 @@ def _counted(outcome: Outcome) -> str:
     return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
 
 
-def resumable(reader: Reader, output: Path | None) -> Experiment:
-    """Return the experiment of a recording that can be continued; `InputError` where it cannot."""
-    if reader.status == "completed" and not reader.damage:
+CONTINUED = (
+    ("run", "duration"),
+    ("run", "divergence_limit"),
+    ("run", "checkpoint_every"),
+    ("bus", "deadline"),
+    ("plant", "deadline"),
+)
+"""Keys that may change when a run is resumed: they decide nothing of what is recorded."""
+
+
+def resumable(reader: Reader, output: Path | None, changes: Sequence[Change] = ()) -> Experiment:
+    """Return the experiment of a recording that can be continued; `InputError` where it cannot.
+
+    With changes it may be continued otherwise, and one that is completed for longer.
+    """
+    experiment = _continued(reader, changes)
+    more = reader.status != "completed" or reader.damage
+    if not more and experiment.clock.ticks <= reader.ticks:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
     if output is not None and output.exists() and output.samefile(reader.path):
         raise InputError(f"-o {output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
-    experiment = experiment_of(reader)
     find = find_recorded(about(reader).plants, experiment.folder)
     group_by_archive(experiment, find=find)
     return experiment
+
+
+def _continued(reader: Reader, changes: Sequence[Change]) -> Experiment:
+    """Return a recording's experiment with changes that leave what is recorded as it is."""
+    experiment = experiment_of(reader)
+    if not changes:
+        return experiment
+    for change in changes:
+        for key in change.values:
+            if key not in CONTINUED:
+                known = ", ".join(".".join(one) for one in CONTINUED)
+                raise InputError(
+                    f"{change.option} {'.'.join(key)}: what is recorded was run with another; "
+                    f"a run is resumed with others of {known} alone"
+                )
+    again = changed(experiment, changes)
+    if again.clock.ticks < reader.ticks:
+        end = seconds(again.clock.t(reader.ticks))
+        raise InputError(
+            f"--set run.duration: expected at least {end!r} s, which are recorded, got "
+            f"{again.scenario.run.duration!r} s"
+        )
+    return again
 
 
 def show(text: str) -> None:

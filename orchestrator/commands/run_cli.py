@@ -22,6 +22,7 @@ from nrs_cosim.orchestrator.commands.options import (
     Realtime,
     RecordingPath,
     ScenarioPath,
+    Set,
     ShowLive,
     ShowProfile,
     Stay,
@@ -32,12 +33,14 @@ from nrs_cosim.orchestrator.commands.options import (
     Workers,
     expect_of,
 )
-from nrs_cosim.orchestrator.terminal import err, say
+from nrs_cosim.orchestrator.terminal import AsJson, err, say
 
 
 def run(
     scenario: ScenarioPath,
     output: Output = None,
+    changes: Set = None,
+    as_json: AsJson = False,
     force: Force = False,
     compression: Compressed = "zstd",
     workers: Workers = None,
@@ -64,17 +67,19 @@ def run(
     from nrs_cosim.orchestrator.promises.checking import check
     from nrs_cosim.orchestrator.runs.plants import named
     from nrs_cosim.orchestrator.runs.units import mixed_units
-    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.orchestrator.scenario.changes import Change
+    from nrs_cosim.orchestrator.scenario.file import name_of, read_scenario
 
     pace = performing.pace_of(realtime)
     expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
     _expect_of_workers(workers, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
-    experiment = read_scenario(scenario)
+    asked = [Change.of("--set", text) for text in changes or ()]
+    experiment = read_scenario(scenario, asked)
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
-    with named(str(scenario)):
+    with named(name_of(scenario)):
         if mixed := mixed_units(experiment):
             say("yellow", "warning", mixed)
     tls = tls_of(tls_ca, tls_certificate, tls_key, experiment.scenario.bus.tls, experiment.folder)
@@ -91,8 +96,9 @@ def run(
         deadline,
         pace=pace,
         force=force,
+        as_json=as_json,
     )
-    with named(str(scenario)):
+    with named(name_of(scenario)):
         if not live:
             start()
         else:
@@ -105,6 +111,8 @@ def run(
 def resume(
     recording: RecordingPath,
     output: Output = None,
+    changes: Set = None,
+    as_json: AsJson = False,
     force: Force = False,
     compression: Compressed = "zstd",
     workers: Workers = None,
@@ -127,6 +135,7 @@ def resume(
     from nrs_cosim.orchestrator.commands.progress import opened
     from nrs_cosim.orchestrator.commands.tls import tls_of
     from nrs_cosim.orchestrator.runs.running import past_of
+    from nrs_cosim.orchestrator.scenario.changes import Change
 
     _expect_of_workers(workers, listen, connect, wait, no_restart)
     wait = WAIT if wait is None else wait
@@ -135,7 +144,8 @@ def resume(
         recording = part
     _expect_beyond(listen, connect, tls_ca, tls_certificate, tls_key, insecure_tcp)
     with opened(err, recording) as reader:
-        experiment = performing.resumable(reader, output)
+        asked = [Change.of("--set", text) for text in changes or ()]
+        experiment = performing.resumable(reader, output, asked)
         tls = tls_of(
             tls_ca, tls_certificate, tls_key, experiment.scenario.bus.tls, experiment.folder
         )
@@ -143,7 +153,15 @@ def resume(
         policy = performing.policy_of(no_restart, wait, expect, deadline)
         launch = performing.launcher_of(experiment, workers, policy, listen, connect, ends)
         performing.perform(
-            experiment, output, launch, compression, profile, deadline, past_of(reader), force=force
+            experiment,
+            output,
+            launch,
+            compression,
+            profile,
+            deadline,
+            past_of(reader),
+            force=force,
+            as_json=as_json,
         )
 
 

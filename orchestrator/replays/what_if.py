@@ -21,9 +21,10 @@ from nrs_cosim.orchestrator.runs.plants import Find, find_recorded, group_by_arc
 from nrs_cosim.orchestrator.runs.robots import Robots
 from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.runs.worker import Watch
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.recordings.metadata import PARENT
 from nrs_cosim.recordings.reading import Reader
@@ -40,7 +41,9 @@ def changed_run(
     """
     if reader.status != "completed" or reader.damage:
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
-    experiment = changed(experiment_of(reader), plants, algorithms)
+    changes = [change.of_plants() for change in plants]
+    changes += [change.within("algorithm") for change in algorithms]
+    experiment = changed(experiment_of(reader), changes)
     if algorithms:
         group_by_archive(experiment, find=finder(reader, experiment))
     every = tuple(range(1, experiment.n + 1))

@@ -6,27 +6,34 @@
 A change sets the keys that it names and keeps the others, so a table in braces is the same as its
 keys with dots. A value that is no TOML is a text, as `plant.fmu=other.fmu`. A comma ends a value
 where what stands before it is TOML, or can be none. `robots` confines a change to some robots: it
-goes into their own tables. Another FMU is another plant: of the old one's table nothing is kept.
+goes into their own tables. What a value excludes goes: another FMU is another plant, of whose old
+table nothing is kept, and so it is with another kind of target and another form of network.
 """
 
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
-from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
 _NEXT = re.compile(rf",(?=\s*{_WORD}(?:\s*\.\s*{_WORD})*\s*=)")
 _OF_PLANTS = ("plant", "controller", "disturbance")
+_NETWORKS = {"adjacency", "generator", "edge_list", "edges", "graphml", "position", "switching"}
+_FILES = {("network", "edges"), ("network", "graphml"), ("target", "file")}
+_TIMES = {
+    "sampling_period": ("sampling_times",),
+    "sampling_times": ("sampling_period", "sampling_jitter"),
+}
+"""What cannot stand beside a key of `[run]`."""
 
 Key = tuple[str, ...]
 
@@ -66,24 +73,35 @@ class Change:
             raise InputError(f"{option}: changes nothing: {quoted(text)}")
         return cls(option, text, robots, values)
 
-
-def changed(file: Experiment, plant: Sequence[Change], algorithm: Sequence[Change]) -> Experiment:
-    """Return a scenario with changes; `InputError` and `ScenarioError` name what is wrong."""
-    document = tomlkit.parse(file.text)
-    for change in plant:
-        for key in change.values:
+    def of_plants(self) -> "Change":
+        """Return it; `InputError` where it changes what is no part of a robot's plant."""
+        for key in self.values:
             if key[0] not in _OF_PLANTS or len(key) == 1:
                 raise InputError(
-                    f"{change.option}: {'.'.join(key)}: expected a key of plant, controller or "
+                    f"{self.option}: {'.'.join(key)}: expected a key of plant, controller or "
                     f"disturbance"
                 )
+        return self
+
+    def within(self, table: str) -> "Change":
+        """Return it as one of the whole scenario, of which it is of a table."""
+        return replace(self, values={(table, *key): value for key, value in self.values.items()})
+
+
+def with_changes(text: str, changes: Sequence[Change]) -> str:
+    """Return a scenario's text with changes; what else is wrong with it is left to its reader."""
+    if not changes:
+        return text
+    try:
+        document = tomlkit.parse(text)
+    except (TOMLKitError, ValueError, RecursionError):
+        return text
+    for change in changes:
         if change.robots is None:
             _apply(document, change.values)
         for robot in change.robots or ():
-            _apply(_own(document, robot), change.values)
-    for change in algorithm:
-        _apply(document, {("algorithm", *key): value for key, value in change.values.items()})
-    return parse_scenario(tomlkit.dumps(document), file.name, file.folder, "the changed scenario")
+            _apply(_own(document, robot, change.option), change.values)
+    return tomlkit.dumps(document)
 
 
 def _parts(text: str) -> Iterator[str]:
@@ -132,8 +150,10 @@ def _leaves(table: Mapping[str, Any], above: Key = ()) -> Iterator[tuple[Key, An
 
 def _found(key: Key, value: Any) -> Any:
     """Return a value; a file of here is one wherever the scenario lies."""
-    is_file = key[-1] == "fmu" and isinstance(value, str) and value.endswith(".fmu")
-    if not is_file or not Path(value).exists():
+    if not isinstance(value, str):
+        return value
+    names_file = key in _FILES or (key[-1] == "fmu" and value.endswith(".fmu"))
+    if not names_file or not Path(value).exists():
         return value
     path = str(Path(value).absolute())
     if storable(path) != path:
@@ -143,9 +163,11 @@ def _found(key: Key, value: Any) -> Any:
     return path
 
 
-def _own(document: tomlkit.TOMLDocument, robot: int) -> Any:
+def _own(document: tomlkit.TOMLDocument, robot: int, option: str) -> Any:
     """Return the table of what a robot has of its own."""
     entries = document.setdefault("robots", tomlkit.aot())
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputError(f"{option}: robots: the scenario's own are no [[robots]]")
     own = next((entry for entry in entries if entry.get("id") == robot), None)
     if own is None:
         own = tomlkit.table()
@@ -157,8 +179,7 @@ def _own(document: tomlkit.TOMLDocument, robot: int) -> Any:
 
 def _apply(table: Any, values: Mapping[Key, Any]) -> None:
     """Set values in a table of a scenario, or of a robot."""
-    if ("plant", "fmu") in values:
-        table["plant"] = tomlkit.table()
+    _make_room(table, values)
     for (*above, name), value in values.items():
         inner = table
         for part in above:
@@ -166,3 +187,22 @@ def _apply(table: Any, values: Mapping[Key, Any]) -> None:
                 inner[part] = tomlkit.table()
             inner = inner[part]
         inner[name] = value
+
+
+def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
+    """Take out what cannot stay beside values: another FMU's keys, or another form's."""
+    if ("plant", "fmu") in values:
+        table["plant"] = tomlkit.table()
+    forms = {key[1] for key in values if key[0] == "network" and len(key) > 1} & _NETWORKS
+    network = table.get("network")
+    if forms and isinstance(network, dict) and not forms & network.keys():
+        table["network"] = tomlkit.table()
+    kind, target = values.get(("target", "kind")), table.get("target")
+    if kind and isinstance(target, dict) and target.get("kind") != kind:
+        table["target"] = tomlkit.table()
+    run = table.get("run")
+    if isinstance(run, dict):
+        for one, others in _TIMES.items():
+            if ("run", one) in values:
+                for other in others:
+                    run.pop(other, None)

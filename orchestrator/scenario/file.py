@@ -1,10 +1,11 @@
 """A scenario file is read once; every error names the field, the value and what was expected."""
 
 import re
+import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -21,13 +22,43 @@ from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
 from nrs_cosim.orchestrator.scenario.wrong_tables import wrong_tables
 
+if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.scenario.changes import Change
+
 RECORDING = b"\x89MCAP"
 """How a recording begins; what knows the rest of it takes time to load."""
 
 
-def read_scenario(path: Path) -> Experiment:
-    """Read a scenario file; `ScenarioError` when it is missing, malformed or wrong."""
-    return resolve_scenario(read_text(path), storable(path.stem), path.parent, str(path))
+STDIN = Path("-")
+"""Stands for standard input, where a command takes a scenario file."""
+
+
+def read_scenario(path: Path, changes: "Sequence[Change]" = ()) -> Experiment:
+    """Read a scenario file, or standard input, with changes; `ScenarioError` when it is wrong."""
+    if path == STDIN:
+        text, name, folder = _decoded(sys.stdin.buffer.read(), name_of(path)), "stdin", Path()
+    else:
+        text, name, folder = read_text(path), storable(path.stem), path.parent
+    return resolve_scenario(_changed(text, changes), name, folder, name_of(path))
+
+
+def name_of(path: Path) -> str:
+    """Return what a scenario's file is called in what is said of it."""
+    return "standard input" if path == STDIN else str(path)
+
+
+def changed(experiment: Experiment, changes: "Sequence[Change]") -> Experiment:
+    """Return an experiment with changes; `InputError` and `ScenarioError` name what is wrong."""
+    text = _changed(experiment.text, changes)
+    return parse_scenario(text, experiment.name, experiment.folder, "the changed scenario")
+
+
+def _changed(text: str, changes: "Sequence[Change]") -> str:
+    if not changes:
+        return text
+    from nrs_cosim.orchestrator.scenario.changes import with_changes  # noqa: PLC0415, it loads tomlkit
+
+    return with_changes(text, changes)
 
 
 def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:
@@ -45,21 +76,21 @@ def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> Experim
 def read_text(path: Path) -> str:
     """Return the text of a scenario file; `ScenarioError` when there is none."""
     try:
-        return _text_of(path)
+        return _decoded(path.read_bytes(), str(path))
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{path}: cannot be read: it is no text in UTF-8") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-def _text_of(path: Path) -> str:
-    """Return a file's text; a byte order mark is passed over."""
-    data = path.read_bytes()
+def _decoded(data: bytes, origin: str) -> str:
+    """Return the text that a file has; a byte order mark is passed over."""
     if data.startswith(RECORDING):
-        raise ScenarioError(f"{path}: is a recording (MCAP), not a scenario; `nrs info` reads it")
-    return data.decode("utf-8-sig").replace("\r\n", "\n")
+        raise ScenarioError(f"{origin}: is a recording (MCAP), not a scenario; `nrs info` reads it")
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{origin}: cannot be read: it is no text in UTF-8") from None
 
 
 def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:

@@ -5,7 +5,8 @@ import tomllib
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
 
 OTHER = ('fmu = "two_link_arm"', 'fmu = "own.fmu"\nparameters.mass = 3.0\nvariables.q = "theta"')
@@ -90,7 +91,7 @@ def test_what_is_no_change_is_named(text, told):
 
 
 def after(file, text):
-    return changed(file, [Change.of("--plant", text)], []).scenario
+    return changed(file, [Change.of("--plant", text).of_plants()]).scenario
 
 
 def test_a_change_keeps_the_keys_that_it_does_not_name(paper):

@@ -16,8 +16,8 @@ from nrs_cosim.orchestrator.promises.promising import promises
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.plant_fmu.bundled.building import build
 from nrs_cosim.recordings.reading import Reader
@@ -59,6 +59,12 @@ def ran(tmp_path_factory):
         yield one, other
 
 
+def test_what_a_comment_says_does_not_matter(tmp_path):
+    short = ("duration = 30.0", "duration = 0.3")
+    words = ("[target]", '# what is "what is times" for?\n[target]')
+    assert read(tmp_path, MOVER, short, words).scenario == read(tmp_path, MOVER, short).scenario
+
+
 def test_the_run_is_that_after_the_formula(ran):
     one, other = (Recording(reader.path) for reader in ran)
     with one, other:
@@ -93,7 +99,7 @@ def test_the_recording_alone_repeats_the_run(ran):
     verdict = verify(ran[1], file, plants=False)
     assert verdict.difference is None
     assert verdict.ticks == 300
-    other = changed(file, [], [Change.of("--algorithm", "alpha=0.8")])
+    other = changed(file, [Change.of("--algorithm", "algorithm.alpha=0.8")])
     assert other.scenario.target == file.scenario.target
 
 

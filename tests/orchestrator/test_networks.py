@@ -177,6 +177,14 @@ def test_a_file_of_edges_travels_in_the_text(tmp_path):
     assert file.text.replace("\n", "").count("a.csv") == 0
 
 
+def test_what_a_comment_says_does_not_matter_to_a_file_of_edges(tmp_path):
+    (tmp_path / "a.csv").write_text("source,sink\n0,1\n1,2\n", "utf-8")
+    path = tmp_path / "net.toml"
+    text = text_of('edges = "a.csv"')
+    path.write_text(f'# "edges 0 that take the place of a file\'s name"\n{text}', "utf-8")
+    assert edges_of(read_scenario(path)) == {(0, 1): 1.0, (1, 2): 1.0}
+
+
 def test_graphml_is_read_as_networkx_writes_it(tmp_path):
     networkx = pytest.importorskip("networkx")
     graph = networkx.DiGraph()

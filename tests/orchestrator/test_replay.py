@@ -18,8 +18,8 @@ from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.replays.what_if import parent, run_again
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.runs.summary import experiment_of
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.writing import Writer
 from tests.command import nrs
@@ -129,7 +129,7 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     changes = [Change.of("--plant", ONE_HEAVY)]
     with Reader(tmp_path / "run.mcap") as reader:
-        file = changed(experiment_of(reader), changes, [])
+        file = changed(experiment_of(reader), changes)
         launch = run_again(reader, file, [3])
         again = run(file, tmp_path / "what-if.mcap", launch, metadata=parent(reader, changes))
         parents = reader.digest
@@ -148,7 +148,8 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
 def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     with Reader(tmp_path / "run.mcap") as reader:
-        file = changed(experiment_of(reader), [], [Change.of("--algorithm", "beta=0.9,alpha=1.0")])
+        gains = Change.of("--algorithm", "beta=0.9,alpha=1.0").within("algorithm")
+        file = changed(experiment_of(reader), [gains])
     again = run(file, tmp_path / "what-if.mcap")
     fresh = run(
         paper(SHORT, ("alpha = 0.9", "alpha = 1.0"), ("beta = 1.1", "beta = 0.9")),
@@ -175,8 +176,9 @@ def test_a_change_that_is_wrong_is_named(paper, plant, algorithm, message):
     with pytest.raises(InputError) as error:
         changed(
             paper(),
-            [Change.of("--plant", plant)] if plant else [],
-            [Change.of("--algorithm", algorithm)] if algorithm else [],
+            [Change.of("--plant", plant).of_plants()]
+            if plant
+            else [Change.of("--algorithm", algorithm).within("algorithm")],
         )
     assert message in str(error.value)
 
@@ -264,7 +266,7 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
 
 
 def test_a_scenario_whose_text_was_changed_is_read_as_any_other(paper):
-    file = changed(paper(), [Change.of("--plant", ONE_HEAVY)], [])
+    file = changed(paper(), [Change.of("--plant", ONE_HEAVY)])
     assert parse_scenario(file.text, "again", SCENARIOS, "again").scenario == file.scenario
     assert file.scenario.robots[0].plant.parameters == {"m2": 3.0}
     assert file.scenario.plant == paper().scenario.plant

@@ -19,8 +19,8 @@ from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.running import past_of, run
 from nrs_cosim.orchestrator.runs.summary import experiment_of, measure, scenario_text
-from nrs_cosim.orchestrator.scenario.changes import Change, changed
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.foreign import read_columns
 from nrs_cosim.recordings.reading import Reader
@@ -280,7 +280,7 @@ def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
     run(file, tmp_path / "rest.mcap", past=islice(past_of(ran[1]), 201))
     with Reader(tmp_path / "rest.mcap") as rest:
         assert rest.digest == ran[1].digest
-    other = changed(file, [], [Change.of("--algorithm", "alpha=0.8")])
+    other = changed(file, [Change.of("--algorithm", "algorithm.alpha=0.8")])
     assert other.scenario.target == file.scenario.target
 
 
