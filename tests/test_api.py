@@ -247,6 +247,8 @@ def test_errors_are_one_tree_that_is_drawn_as_it_is():
     # what is caught within this project, or is another base of a leaf, is not raised to users
     inside = {
         "Interrupted",
+        "AbandonedError",
+        "EndedError",
         "RefusedError",
         "NotLetInError",
         "RecordingError",

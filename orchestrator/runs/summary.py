@@ -112,11 +112,6 @@ def _driven(plants: Sequence[Mapping[str, Any]]) -> str:
     return "; ".join(f"{', '.join(dict.fromkeys(who))}: {why}" for why, who in fmus.items())
 
 
-def scenario_text(reader: Reader) -> str:
-    """Return the text of the scenario that a recording came from."""
-    return about_run(reader).scenario
-
-
 def experiment_of(reader: Reader) -> Experiment:
     """Return the experiment that a recording is of; its paths are relative to where it was."""
     about = about_run(reader)

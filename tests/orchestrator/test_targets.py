@@ -18,7 +18,7 @@ from nrs_cosim.orchestrator.promises.promising import bounds, promises
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import experiment_of, measure, scenario_text
+from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
@@ -266,7 +266,7 @@ def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
 
 def test_the_recording_alone_repeats_the_run(ran, tmp_path):
     file = experiment_of(ran[1])
-    assert "track.csv" not in scenario_text(ran[1])
+    assert "track.csv" not in experiment_of(ran[1]).text
     run(file, tmp_path / "again.mcap")
     with Reader(tmp_path / "again.mcap") as again:
         assert again.digest == ran[1].digest
