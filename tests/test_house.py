@@ -190,3 +190,25 @@ def test_how_long_a_test_waits_is_one_of_the_times_in_guard(path):
             case ast.Attribute(value=ast.Name(id="time"), attr=name) if name in CLOCKS:
                 found.append(node.lineno)
     assert found == [], "lines that wait for a time of their own; see tests/guard.py"
+
+
+def test_what_is_listed_as_slow_is_there_and_leaves_tests_of_every_package():
+    tests, fast = set(), set()
+    listed = (ROOT / "tests" / "slow.txt").read_text("utf-8").split()
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        name = path.relative_to(ROOT).as_posix()
+        tests.add(name)
+        for node in ast.parse(path.read_bytes()).body:
+            inner = node.body if isinstance(node, ast.ClassDef) else [node]
+            of = f"{name}::{node.name}" if isinstance(node, ast.ClassDef) else name
+            found = {
+                f"{of}::{each.name}"
+                for each in inner
+                if isinstance(each, ast.FunctionDef) and each.name.startswith("test_")
+            }
+            tests |= found
+            fast |= set() if name in listed else found - {*listed}
+    gone = [line for line in listed if line not in tests]
+    assert gone == [], "tests/slow.txt names what is not there any more"
+    packages = {"bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings"}
+    assert {name.split("/")[1] for name in fast} >= packages
