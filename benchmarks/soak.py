@@ -36,7 +36,6 @@ from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.running import Outcome, run
 from nrs_cosim.orchestrator.runs.worker import Watch
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.reading import Reader
 
@@ -144,8 +143,8 @@ def _spread(
     mischief = Mischief(dealt, clock.t, again)
     coordinators: list[Workers] = []
 
-    def launched(stack: ExitStack, clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
-        bus, coordinator = launch(stack, clock, watch)
+    def launched(stack: ExitStack, watch: Watch) -> tuple[Bus, Workers]:
+        bus, coordinator = launch(stack, watch)
         coordinators.append(coordinator)
         return bus, coordinator
 

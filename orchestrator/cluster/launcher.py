@@ -20,7 +20,6 @@ from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import group_by_archive
 from nrs_cosim.orchestrator.runs.worker import Watch
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
 from nrs_cosim.plant_fmu.folders import own_folder
@@ -46,7 +45,7 @@ class WorkerPolicy:
 def local_workers(file: Experiment, workers: int, policy: WorkerPolicy) -> Launcher:
     """The robots in several processes of this machine, which meet at a socket of the user's own."""
 
-    def launch(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Workers]:
+    def launch(stack: ExitStack, _watch: Watch) -> tuple[Bus, Workers]:
         load_native()  # compiled once, before every worker looks for it
         folder = stack.enter_context(own_folder())
         endpoint = meeting_place(stack, folder)
@@ -86,7 +85,7 @@ def remote_workers(
 ) -> Launcher:
     """The robots on workers that join by themselves; `assignment` has those of known names."""
 
-    def launch(stack: ExitStack, _clock: Clock, _watch: Watch) -> tuple[Bus, Workers]:
+    def launch(stack: ExitStack, _watch: Watch) -> tuple[Bus, Workers]:
         return _coordinator(stack, file, endpoints, assignment, policy, None)
 
     return launch

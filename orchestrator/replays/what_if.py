@@ -22,7 +22,6 @@ from nrs_cosim.orchestrator.runs.robots import Robots
 from nrs_cosim.orchestrator.runs.summary import experiment_of
 from nrs_cosim.orchestrator.runs.worker import Watch
 from nrs_cosim.orchestrator.scenario.changes import Change
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.plant_fmu.fleet import Fleet
@@ -58,7 +57,7 @@ def run_again(reader: Reader, experiment: Experiment, robots: Sequence[int]) -> 
     every = range(1, n + 1)
     others = [robot for robot in every if robot not in set(robots)]
 
-    def launch(stack: ExitStack, _clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
+    def launch(stack: ExitStack, watch: Watch) -> tuple[Bus, Workers]:
         real = Robots.opened(stack, experiment, robots, finder(reader, experiment))
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:

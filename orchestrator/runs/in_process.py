@@ -16,7 +16,6 @@ from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.runs.worker import Heard, Spent, Watch, Worker
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.recorder import Recorder
 
@@ -97,7 +96,7 @@ class _RecordedSamples:
 def in_process(experiment: Experiment) -> Launcher:
     """Return how a run gets all its robots into this thread."""
 
-    def launch(stack: ExitStack, _clock: Clock, watch: Watch) -> tuple[Bus, Workers]:
+    def launch(stack: ExitStack, watch: Watch) -> tuple[Bus, Workers]:
         robots = Robots.opened(stack, experiment, range(1, experiment.n + 1))
         return on_a_session(stack, robots, watch)
 

@@ -111,7 +111,7 @@ class Workers(Protocol):
         """Return where the time of each worker went, as far as it said so."""
 
 
-Launcher = Callable[[ExitStack, Clock, Watch], tuple[Bus, Workers]]
+Launcher = Callable[[ExitStack, Watch], tuple[Bus, Workers]]
 """Gets a run its workers, ready to begin; the stack ends them."""
 
 

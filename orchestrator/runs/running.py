@@ -104,7 +104,7 @@ def run(
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
     with ExitStack() as stack, np.errstate(all="ignore"):
-        bus, workers = (launch or in_process(experiment))(stack, clock, watch)
+        bus, workers = (launch or in_process(experiment))(stack, watch)
         wire = workers.wire()
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.told()
