@@ -60,7 +60,7 @@ def run(
     port: Port = None,
     stay: Stay = False,
 ) -> None:
-    """Run a scenario and record all that was said."""
+    """Run a scenario and record every message."""
     from nrs_cosim.bus.network.endpoints import Endpoints
     from nrs_cosim.orchestrator.commands import performing
     from nrs_cosim.orchestrator.commands.tls import tls_of

@@ -108,9 +108,13 @@ def _beside(judged: "Judgement") -> dict[str, str]:
     over = [row for row in known if {*row.above} - {"paper"}]
     loose = [row.bound.name for row in known if row.above == ("paper",)]
     if left is not None or over:
-        begun = "is not known" if left is None else f"is up to {left:.4g}"
+        begun = (
+            "what the initial error still contributes is not known"
+            if left is None
+            else f"the initial error still contributes up to {left:.4g}"
+        )
         above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
-        told["transient"] = f"what is left of the beginning {begun}{above}"
+        told["transient"] = f"{begun}{above}"
     if judged.untracked:
         told["bounds"] = f"none of tracking: {judged.untracked}"
     if loose:

@@ -19,6 +19,7 @@ ROUNDING = 1e-12
 """Of an eigenvalue, that is not shown."""
 TURNS = 12
 """Of digraphs, that are shown."""
+CONVERGE = "the estimates converge to a neighbourhood of the target"
 FAULTLESS = ", of links without faults"
 """What is said of growth where links have faults."""
 UNKNOWN = "whether the estimates converge with these links is not known"
@@ -96,12 +97,12 @@ def _factor(checked: "Check") -> str:
         return f"{factor} on the error per sampling time{worst}{FAULTLESS}: {UNKNOWN}"
     if not isnan(growth.factor):
         settles = growth.factor < 1
-        verdict = "the estimates settle near the target" if settles else "the estimates diverge"
+        verdict = CONVERGE if settles else "the estimates diverge"
         return f"{multiple(growth.factor)} on the error per sampling time: {verdict}"
     verdict = {
-        "proven": "the estimates settle near the target under every jitter",
+        "proven": f"{CONVERGE} under every jitter",
         "refuted": "under some jitter the estimates diverge",
-        "not decided": "it is not decided whether the estimates settle under every jitter",
+        "not decided": "it is not decided whether the estimates converge under every jitter",
     }[growth.verdict]
     bounds = f"{multiple(growth.lower)} to {multiple(growth.upper)}"
     return f"{bounds} on the error per sampling time, at worst: {verdict}"
@@ -120,7 +121,7 @@ def _rate(checked: "Check") -> str:
 
 
 def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
-    """Say whether the estimates would settle whatever the order of turns."""
+    """Say whether the estimates would converge whatever the order of turns."""
     bounds = ""
     if found.lower is not None and found.upper is not None:
         below = found.upper == 1 and found.verdict == "proven"
@@ -130,10 +131,10 @@ def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
     return (
         bounds
         + {
-            "proven": "the estimates settle in any order of these digraphs"
+            "proven": "the estimates converge in any order of these digraphs"
             + (", for both gains are below 1" if found.by_gains else ""),
             "refuted": f"the estimates diverge in the order {turns}, over and over",
-            "not decided": "it is not decided whether the estimates settle in any order",
+            "not decided": "it is not decided whether the estimates converge in any order",
             "not computed": "not computed, of so many robots or at times that are not periodic",
         }[found.verdict]
         + FAULTLESS * (faulty and found.verdict != "not computed")

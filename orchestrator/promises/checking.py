@@ -1,4 +1,4 @@
-"""Before a run: whether the theory lets its estimates settle (paper, Theorems 1 and 3)."""
+"""Before a run: whether the theory lets its estimates converge (paper, Theorems 1 and 3)."""
 
 from dataclasses import asdict, dataclass
 from math import inf, isfinite, isnan, log
@@ -15,7 +15,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.orchestrator.promises.bounding import Find, tracking_conditions
-from nrs_cosim.orchestrator.promises.settling import (
+from nrs_cosim.orchestrator.promises.convergence import (
     growth_of,
     merged,
     periods_of,
@@ -87,7 +87,7 @@ class Check:
         return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
 
     @property
-    def settling(self) -> float:
+    def settling_time(self) -> float:
         """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
         return log(1e6) / self.rate if self.rate > 0 else inf
 
@@ -116,7 +116,7 @@ class Check:
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
-            "settling": None if self.faulty else finite(self.settling),
+            "settling_time": None if self.faulty else finite(self.settling_time),
             "millionth": None if self.faulty else self.millionth,
         }
         if self.periods.alike is None:
@@ -171,7 +171,7 @@ class Check:
             )
         elif self.growth.upper >= 1:
             unmet.append(
-                f"it is not decided whether the estimates settle under every jitter: at worst "
+                f"it is not decided whether the estimates converge under every jitter: at worst "
                 f"their error is multiplied by {multiple(self.growth.lower)} to "
                 f"{multiple(self.growth.upper)} at each sampling time"
             )

@@ -6,8 +6,8 @@ proven when it is more than the bound for this target and the largest such rest 
 together. z also has the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over
 the second half of the ticks until it is lost in rounding. Where it is not known what x settles to,
 z = x: at any t_k the rest of x(t_k) is within the bound for any target. There is no factor then.
-What is left of the robots' own beginning is not known: while the estimates settle, tracking beyond
-its bound is not judged.
+What is left of the robots' own beginning is not known: while the estimates converge, tracking
+beyond its bound is not judged.
 """
 
 from collections.abc import Iterator

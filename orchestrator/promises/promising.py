@@ -25,7 +25,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
 from nrs_cosim.orchestrator.promises.bounding import Bounded, Find, bounded
 from nrs_cosim.orchestrator.promises.checking import finite
-from nrs_cosim.orchestrator.promises.settling import (
+from nrs_cosim.orchestrator.promises.convergence import (
     growth_of,
     lasting,
     periods_of,
@@ -273,7 +273,7 @@ def _why_not(
         "links have faults, and the theory is of links without": experiment.links is not None,
         why_unknown(experiment.algorithm, topologies, periods): isnan(growth.upper),
         "the algorithm pulls the estimates to the origin": pulled,
-        _unsettled(growth): growth.verdict != "proven",
+        _not_converging(growth): growth.verdict != "proven",
         "the algorithm does not jump linearly": not recursions,
         "a period of turns is too long for bounds on so many robots": lasting is None,
         "of digraphs in turn there are bounds at periodic sampling times alone": (
@@ -283,10 +283,10 @@ def _why_not(
     return next((why for why, so in reasons.items() if so), "")
 
 
-def _unsettled(growth: Growth) -> str:
-    """Return why it is not proven that the estimates settle."""
+def _not_converging(growth: Growth) -> str:
+    """Return why it is not proven that the estimates converge."""
     if growth.verdict == "not decided":
-        return "it is not decided whether the estimates settle under every jitter"
+        return "it is not decided whether the estimates converge under every jitter"
     if growth.lower < growth.upper:
         return "under some jitter the estimates diverge"
     return "the estimates diverge"

@@ -1,6 +1,6 @@
 """What the theory says of each digraph of a scenario by itself, and of turns in any order.
 
-That each turn would settle by itself says nothing of turns: with gains above 1 they may diverge.
+That each turn would converge by itself says nothing of turns: with gains above 1 they may diverge.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, Verdict
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary, network_of
 from nrs_cosim.estimator_agents.theory.switching import any_order, contracts_in_any_order
-from nrs_cosim.orchestrator.promises.settling import for_any_periods, growth_alone, recursions_of
+from nrs_cosim.orchestrator.promises.convergence import for_any_periods, growth_alone, recursions_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -169,7 +169,7 @@ def _envelopes(stories: Sequence[Story]) -> Figure:
         )
     return Figure(
         "envelopes",
-        "How fast it settles",
+        "How fast it converges",
         "The largest errors over all robots, and what the theory has beside them" + slope,
         tuple(_envelope_panels(stories)),
     )

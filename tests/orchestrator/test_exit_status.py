@@ -236,7 +236,7 @@ def test_what_a_user_keeps_from_ending_with_the_terminal_goes_on(tmp_path):
         scenario.write(runs.scenario(2, 2, 3))
     printed = process.communicate(timeout=GUARD)
     assert process.returncode == 0, printed[1]
-    assert "the estimates settle" in printed[0]
+    assert "the estimates converge" in printed[0]
 
 
 def test_strict_names_what_is_violated_or_unknown(folder):

@@ -116,7 +116,7 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     words = shown(judged)
     assert re.search(r"^\|eps - eps_0\|inf .* transient", words, re.MULTILINE)
     assert "|eps - eps_0|inf is above this target and any target" in words
-    assert f"is up to {max(one.rest for one in judged.quantities[:2]):.4g}" in words
+    assert f"contributes up to {max(one.rest for one in judged.quantities[:2]):.4g}" in words
 
 
 @pytest.mark.parametrize(
@@ -394,11 +394,11 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     assert told["tracking"]["unproven"] == ["paper", "sharp"]
     assert told.keys() >= {
         "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
-        "conditions", "network", "rate", "settling", "gamma_1", "gamma_2", "norms", "estimates",
-        "plants", "tracking",
+        "conditions", "network", "rate", "settling_time", "gamma_1", "gamma_2", "norms",
+        "estimates", "plants", "tracking",
     }  # fmt: skip
     assert told["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
-    assert told["settling"] == pytest.approx(np.log(1e6) / told["rate"])
+    assert told["settling_time"] == pytest.approx(np.log(1e6) / told["rate"])
     assert told["millionth"] == pytest.approx(11.1)
 
 

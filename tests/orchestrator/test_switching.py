@@ -391,7 +391,7 @@ def test_a_check_says_it_in_words():
     nrs = CliRunner()
     told = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
     assert "3 in turn, over and over after 25 ticks" in told
-    assert "settle in any order of these digraphs, for both gains are below 1" in told
+    assert "converge in any order of these digraphs, for both gains are below 1" in told
     assert "no small-value norm is of digraphs in turn" in told
     told = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
     assert len(json.loads(told)["topologies"]) == 1

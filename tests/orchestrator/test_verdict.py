@@ -62,7 +62,7 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     checked = check(scenario)
     told = checked.as_json()
     assert (told["convergence"], told["of"]) == ("unknown", "links without faults")
-    assert (told["settling"], told["millionth"]) == (None, None)
+    assert (told["settling_time"], told["millionth"]) == (None, None)
     assert {v.source[-23:] for v in subject_of(scenario, "rad").verdicts} == {
         "of links without faults"
     }
@@ -87,7 +87,7 @@ def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faul
 def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
     scenario = along_a_path(0.9)
     assert said(scenario)["rate"].startswith("23.03 per s in the long run; any error has fallen to")
-    assert check(scenario).settling == pytest.approx(0.6)
+    assert check(scenario).settling_time == pytest.approx(0.6)
     assert check(scenario).millionth > 3
 
 
@@ -101,7 +101,9 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
     assert (
         told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
     )
-    assert told["any order"].startswith("0.996294 to below 1 at worst: the estimates settle in any")
+    assert told["any order"].startswith(
+        "0.996294 to below 1 at worst: the estimates converge in any"
+    )
 
 
 def test_of_a_bound_below_0_no_interval_is_told():

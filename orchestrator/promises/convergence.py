@@ -1,4 +1,4 @@
-"""Whether a scenario's estimates settle: the factor that is left of their error at a sampling time.
+"""Whether a scenario's estimates converge: the factor on their error per sampling time.
 
 Of one digraph, or two, and periodic sampling it is ρ of the recursion (paper, Theorems 1 and 3); of
 other sampling times it lies between two bounds. Of digraphs in turn it is that of a period, where
