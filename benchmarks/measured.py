@@ -21,7 +21,8 @@ from benchmarks.work import scenario
 from benchmarks.writers import as_columns, ours_of_columns, ticks_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
+from nrs_cosim.orchestrator.cluster.launcher import local_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.runs.pace import AtOnce
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.experiment import Experiment

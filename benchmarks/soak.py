@@ -31,7 +31,8 @@ from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers, remote_workers
+from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.runs.in_process import in_process
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.running import Outcome, run

@@ -247,10 +247,9 @@ def test_errors_are_one_tree_that_is_drawn_as_it_is():
     # what is caught within this project, or is another base of a leaf, is not raised to users
     inside = {
         "Interrupted",
+        "RefusedError",
         "AbandonedError",
         "EndedError",
-        "RefusedError",
-        "NotLetInError",
         "RecordingError",
         "UnstableStepError",
         "OverBudgetError",

@@ -15,7 +15,8 @@ from nrs_cosim.api.recording import Recording
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers, workers_worth_it
+from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.commands.performing import resumable
 from nrs_cosim.orchestrator.commands.places import Place, place_for
 from nrs_cosim.orchestrator.errors import Interrupted

@@ -3,14 +3,23 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from time import monotonic
 from typing import Any
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.transport import Put
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.cluster.protocol import Hello, Report
+from nrs_cosim.orchestrator.cluster.worker_state import (
+    UNOCCUPIED,
+    WITHOUT_WORKER,
+    State,
+    WorkerState,
+)
 from nrs_cosim.orchestrator.scenario.numbers import named
+
+
+def _nobody(_data: bytes) -> None:
+    """Answer nobody."""
 
 
 class NotAdmittedError(Exception):
@@ -21,55 +30,39 @@ class NotAdmittedError(Exception):
         self.final = final
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class WorkerSlot:
     """Some robots, and the worker that has them."""
 
     robots: Sequence[int]
+    life: WorkerState
     process: LocalWorker | None = None
     """When the orchestrator starts it."""
     reserved: bool = False
     """For a worker of this name, also when it does not come."""
-    incarnation: str | None = None
-    """The id of the session of the worker that is let in; None while there is none."""
     hello: bytes = b""
-    """What that worker said to be let in, and says again where the answer was lost."""
+    """What its worker said to be let in, and says again where the answer was lost."""
     welcome: bytes = b""
     """The answer, which that worker alone can read."""
-    since: float = field(default_factory=monotonic)
-    """When that changed."""
-    present: bool = False
-    is_away: bool = False
-    """Whether its worker was done and its link was lost: it does not know how the run ends."""
-    knows: bool = False
-    """Whether its worker said that it has heard of the end."""
     plants: list[dict[str, Any]] = field(default_factory=list)
-    begin: Put | None = None
-    """Answers a worker that is ready and waits for its beginning."""
-    recorded: int = -1
-    """The last tick that was recorded when it began."""
-    is_ready: bool = False
-    caught_up: int = -1
-    """The last recorded tick whose samples it asked for to catch up."""
-    deaths: int = 0
-    """At the tick `died_at`."""
-    died_at: int = -2
+    begin: Put = _nobody
+    """Answers a worker that is ready and waits to be told where to begin."""
     report: Report | None = None
+    """The last of its workers since one was ready."""
 
     @property
-    def seconds(self) -> float:
-        """How long ago a worker was let in, or went."""
-        return monotonic() - self.since
+    def state(self) -> State:
+        """How far its worker is."""
+        return self.life.state
 
-    def admit(self, incarnation: str | None) -> None:
-        """Have another worker from now on, which is not here yet; None for none."""
-        self.incarnation, self.since, self.present = incarnation, monotonic(), False
-        self.hello = self.welcome = b""
-        self.begin, self.is_ready, self.is_away, self.knows = None, False, False, False
+    @property
+    def is_here(self) -> bool:
+        """Whether a worker was let in, and is neither lost nor gone."""
+        return self.state not in UNOCCUPIED
 
 
 class Assignment(dict[str, WorkerSlot]):
-    """The assignment of n robots by the names of their workers."""
+    """The slots of n robots, by the names of their workers."""
 
     def __init__(self, n: int, expected: int) -> None:
         """Let so many workers share the robots, of those that name none."""
@@ -91,17 +84,17 @@ class Assignment(dict[str, WorkerSlot]):
 
     def missing(self) -> str:
         """Say who is missing, as the end of a sentence; nothing when nobody is."""
-        vacant = [f"worker {name}" for name, slot in self.items() if slot.incarnation is None]
+        vacant = [f"worker {name}" for name, slot in self.items() if not slot.is_here]
         missing = ([named(self.free)] if self.free else []) + vacant
         return f"; missing: {', '.join(missing)}" if missing else ""
 
     def without_worker(self) -> Iterator[tuple[int, float]]:
         """Yield the robots whose remote worker is not here, and since when."""
         for slot in self.values():
-            if not (slot.is_ready or slot.begin or slot.process):
-                yield from ((robot, slot.since) for robot in slot.robots)
+            if slot.state in WITHOUT_WORKER and not slot.process:
+                yield from ((robot, slot.life.since) for robot in slot.robots)
 
-    def place(self, name: str, hello: Hello) -> WorkerSlot:
+    def place(self, name: str, hello: Hello, now: float) -> WorkerSlot:
         """Return the slot of a worker that may have it; `NotAdmittedError` when it may not."""
         if hello.version != version("nrs-cosim"):
             raise NotAdmittedError(
@@ -111,9 +104,9 @@ class Assignment(dict[str, WorkerSlot]):
             )
         slot = self.get(name)
         if slot is None:
-            slot = self._new(hello)
+            slot = self._new(hello, now)
             self[name] = slot
-        elif slot.incarnation is not None and not slot.process:
+        elif slot.is_here:
             raise NotAdmittedError(
                 f"there is a worker of the name {quoted(name)} already", final=False
             )
@@ -125,13 +118,11 @@ class Assignment(dict[str, WorkerSlot]):
             )
         return slot
 
-    def _new(self, hello: Hello) -> WorkerSlot:
+    def _new(self, hello: Hello, now: float) -> WorkerSlot:
         free = self.free
         if not free:
             vacant = [
-                f"{name} ({named(slot.robots)})"
-                for name, slot in self.items()
-                if slot.incarnation is None
+                f"{name} ({named(slot.robots)})" for name, slot in self.items() if not slot.is_here
             ]
             raise NotAdmittedError(
                 "every robot has a worker"
@@ -140,14 +131,14 @@ class Assignment(dict[str, WorkerSlot]):
             )
         if hello.robots is None:
             left = max(self._expected - len(self), 1)
-            return WorkerSlot(free[: -(-len(free) // left)])
+            return WorkerSlot(free[: -(-len(free) // left)], WorkerState(now))
         if not hello.robots or not {*hello.robots} <= {*free}:
             raise NotAdmittedError(
                 f"--robots: {named(free)} of {self._n} have no worker yet, but "
                 f"this worker asks for {named(hello.robots) if hello.robots else 'none'}",
                 final=True,
             )
-        return WorkerSlot(sorted({*hello.robots}))
+        return WorkerSlot(sorted({*hello.robots}), WorkerState(now))
 
     def told(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever worker they are on."""

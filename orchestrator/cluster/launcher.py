@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from secrets import token_bytes
@@ -15,8 +14,11 @@ from nrs_cosim.bus.network.endpoints import Address, Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.seal import Seal
 from nrs_cosim.bus.transport import Bus
-from nrs_cosim.orchestrator.cluster.coordinator import Coordinator, Fmu, Terms, screen_of
+from nrs_cosim.orchestrator.cluster.admission import Fmu
+from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.screen import screen_of
 from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.runs.plants import group_by_archive
 from nrs_cosim.orchestrator.runs.worker import Watch
@@ -26,20 +28,6 @@ from nrs_cosim.plant_fmu.folders import own_folder
 
 _ROBOTS_A_WORKER = 50
 """From so many robots on, a process more is worth what it costs."""
-
-
-@dataclass(frozen=True, slots=True)
-class WorkerPolicy:
-    """What is done about workers that come and go."""
-
-    restart: bool
-    """Whether the run goes on without one that is gone."""
-    wait: float
-    """s: how long a robot may be without a worker."""
-    show: Callable[[str], None]
-    """Is told in words who comes and goes."""
-    expected: int = 1
-    """How many workers share the robots, when they do not say which they want."""
 
 
 def local_workers(file: Experiment, workers: int, policy: WorkerPolicy) -> Launcher:
@@ -110,8 +98,7 @@ def _coordinator(
         inbox = bus.listen_to_all(screen_of(Seal(secret)))
     else:
         inbox = bus.listen(*batches, screen=screen_of(Seal(secret)))
-    terms = Terms(policy.expected, start, policy.restart, policy.wait, policy.show)
-    coordinator = Coordinator(bus, inbox, file, fmus, assignment, terms, secret)
+    coordinator = Coordinator(bus, inbox, file, fmus, assignment, policy, start, secret)
     stack.callback(coordinator.close)
     coordinator.gather()
     return bus, coordinator

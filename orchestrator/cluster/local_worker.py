@@ -9,10 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from nrs_cosim.bus.errors import RunError
+from nrs_cosim.orchestrator.cluster.worker_state import STARTING_UP
 
 _PRINTED = 2000
-STARTING = 60.0
-"""s: how long it may look for the run that started it."""
 
 
 class LocalWorker:
@@ -25,7 +24,7 @@ class LocalWorker:
         temporary = folder / name  # what it leaves when it is killed goes with the run's folder
         temporary.mkdir(exist_ok=True)
         command = ["--connect", endpoint, "--name", name, "--robots", ",".join(map(str, robots))]
-        command += ["--wait", f"{STARTING:g}", "--parent", str(os.getpid())]
+        command += ["--wait", f"{STARTING_UP:g}", "--parent", str(os.getpid())]
         modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         try:
             with self._printed.open("wb") as printed:

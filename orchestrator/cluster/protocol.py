@@ -23,6 +23,10 @@ TICK = Struct("<I")
 """A tick by number, in a question and in its answer."""
 
 
+class NotExpectedError(Exception):
+    """Somebody says what a worker in its state would not; it is counted, and not answered."""
+
+
 class Note(BaseModel):
     """A note whose fields are all known."""
 

@@ -12,12 +12,8 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.text import quoted, storable
-from nrs_cosim.orchestrator.cluster.launcher import (
-    WorkerPolicy,
-    local_workers,
-    remote_workers,
-    workers_worth_it,
-)
+from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.commands import progress, showing
 from nrs_cosim.orchestrator.commands.locks import expect_unlocked
 from nrs_cosim.orchestrator.commands.places import place_for

@@ -6,7 +6,8 @@ import signal
 from collections import defaultdict
 from pathlib import Path
 
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
+from nrs_cosim.orchestrator.cluster.launcher import local_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.reading import Reader

@@ -4,10 +4,11 @@ from importlib.metadata import version
 
 import pytest
 
-from nrs_cosim.orchestrator.cluster.assignment import Assignment, NotAdmittedError, WorkerSlot
-from nrs_cosim.orchestrator.cluster.protocol import Hello, Report
+from nrs_cosim.orchestrator.cluster.assignment import Assignment, NotAdmittedError
+from nrs_cosim.orchestrator.cluster.protocol import Hello
+from nrs_cosim.orchestrator.cluster.worker_state import Event
 
-VERSION = version("nrs-cosim")
+VERSION, NOW = version("nrs-cosim"), 3.0
 
 
 def hello(robots=None, incarnation="a", of=VERSION):
@@ -16,14 +17,19 @@ def hello(robots=None, incarnation="a", of=VERSION):
 
 def let_in(assignment, name, robots=None, incarnation=None):
     """Let a worker in under its name, as the id of its session; return its robots."""
-    slot = assignment.place(name, hello(robots, incarnation or name))
-    slot.admit(incarnation or name)
+    slot = assignment.place(name, hello(robots, incarnation or name), NOW)
+    assert slot.life.join(incarnation or name, NOW)
     return list(slot.robots)
+
+
+def lose(assignment, name):
+    """Lose the worker of a slot."""
+    assert assignment[name].life.lose(0, NOW)
 
 
 def refused(assignment, name, note):
     with pytest.raises(NotAdmittedError) as caught:
-        assignment.place(name, note)
+        assignment.place(name, note, NOW)
     return str(caught.value), caught.value.final
 
 
@@ -81,10 +87,10 @@ def test_a_name_that_is_taken_is_refused_for_now_whoever_asks(incarnation):
 def test_a_worker_that_comes_again_has_the_robots_of_its_name_and_no_others():
     assignment = Assignment(4, 1)
     let_in(assignment, "a", (1, 3))
-    assignment["a"].admit(None)
+    lose(assignment, "a")
     assert assignment.missing() == "; missing: robots 2, 4, worker a"
-    assert assignment.place("a", hello((1, 3), "again")) is assignment["a"]
-    assert assignment.place("a", hello(None, "again")) is assignment["a"]
+    assert assignment.place("a", hello((1, 3), "again"), NOW) is assignment["a"]
+    assert assignment.place("a", hello(None, "again"), NOW) is assignment["a"]
     why, final = refused(assignment, "a", hello((1, 2), "again"))
     assert why == "--robots: 'a' has robots 1, 3 in this run, not robots 1-2"
     assert final
@@ -95,7 +101,7 @@ def test_without_a_free_robot_the_places_that_are_vacant_are_named():
     let_in(assignment, "a", (1, 2))
     let_in(assignment, "b", (3,))
     assert refused(assignment, "c", hello()) == ("every robot has a worker", True)
-    assignment["a"].admit(None)
+    lose(assignment, "a")
     assert refused(assignment, "c", hello()) == (
         "every robot has a worker; take the place of a (robots 1-2) by --name",
         False,
@@ -113,24 +119,22 @@ def test_a_worker_that_goes_for_good_frees_its_robots():
 def test_robots_are_without_a_worker_until_it_is_ready():
     assignment = Assignment(3, 1)
     let_in(assignment, "a", (1, 3))
-    assert [robot for robot, _ in assignment.without_worker()] == [1, 3]
-    assignment["a"].begin = lambda _data: None
+    assert list(assignment.without_worker()) == [(1, NOW), (3, NOW)]
+    assignment["a"].life.on(Event.OPEN)
     assert list(assignment.without_worker()) == []
-    assignment["a"].admit("another")
-    assert [robot for robot, _ in assignment.without_worker()] == [1, 3]
-    assignment["a"].is_ready = True
-    assert list(assignment.without_worker()) == []
+    lose(assignment, "a")
+    assert list(assignment.without_worker()) == [(1, NOW), (3, NOW)]
 
 
-def test_another_worker_has_all_before_it():
-    slot = WorkerSlot([1])
-    slot.admit("first")
-    slot.present = slot.is_ready = slot.is_away = slot.knows = True
-    slot.begin, slot.report = (lambda _data: None), Report(tick=3)
-    slot.admit("second")
-    assert slot.incarnation == "second"
-    assert not any((slot.present, slot.is_ready, slot.is_away, slot.knows, slot.begin))
-    assert slot.seconds >= 0
+def test_a_worker_that_is_done_and_gone_may_come_back_to_its_robots():
+    assignment = Assignment(3, 1)
+    let_in(assignment, "a", (1, 3))
+    for event in (Event.OPEN, Event.BEGIN, Event.FINISH):
+        assert assignment["a"].life.on(event)
+    assert refused(assignment, "a", hello())[1] is False
+    lose(assignment, "a")
+    assert list(assignment.without_worker()) == []
+    assert let_in(assignment, "a", incarnation="again") == [1, 3]
 
 
 def test_plants_that_are_alike_are_told_once_whatever_worker_they_are_on():

@@ -29,7 +29,8 @@ SAYS = ["run", "robots", "plants", "driven", "ticks", "messages", "estimates", "
 DRIVER = """
 import os, signal, sys
 from pathlib import Path
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
+from nrs_cosim.orchestrator.cluster.launcher import local_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.runs.running import past_of, run
 from nrs_cosim.orchestrator.runs.in_process import in_process

@@ -13,8 +13,9 @@ import pytest
 
 from nrs_cosim.bus.errors import BusError, InputError, RunError
 from nrs_cosim.bus.network import room
-from nrs_cosim.orchestrator.cluster import coordinator, launcher
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
+from nrs_cosim.orchestrator.cluster import launcher, worker_state
+from nrs_cosim.orchestrator.cluster.launcher import local_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.recordings.reading import Reader
@@ -136,7 +137,7 @@ def test_a_worker_of_this_machine_that_never_asks_to_join_ends_the_run(
             return "; it printed: panicked"
 
     monkeypatch.setattr(launcher, "LocalWorker", Mute)
-    monkeypatch.setattr(coordinator, "STARTING", 0.1)
+    monkeypatch.setattr(worker_state, "STARTING_UP", 0.1)
     launch = local_workers(paper(SHORT), 2, WorkerPolicy(True, GUARD, lambda _text: None))
     with pytest.raises(
         RunError, match=r"worker local-1 \(robots 1-3\), a process of this machine"

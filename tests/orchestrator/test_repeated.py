@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.repeated import Holdings
-from nrs_cosim.orchestrator.cluster.launcher import WorkerPolicy, local_workers
+from nrs_cosim.orchestrator.cluster.launcher import local_workers
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.recordings.reading import Reader
 from tests.orchestrator.conftest import SHORT
