@@ -12,12 +12,12 @@ links and faults. Only the links that have faults are kept here.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.links.outages import Outages, Spans
+from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.topologies import Topologies, edges_among
 
 BLOCK = 64
@@ -187,7 +187,7 @@ class Draws:
         rows: NDArray[np.intp],
         draw: Draw,
     ) -> None:
-        self._key = [seed, crc32(purpose.encode())]
+        self._seed, self._purpose = seed, purpose
         self._links, self._rows, self._draw = links, rows.tolist(), draw
         self._kept: tuple[int, NDArray[Any]] = -1, np.empty((BLOCK, 0))
         """The last block that was drawn, and its number."""
@@ -199,14 +199,10 @@ class Draws:
         kept, block = self._kept
         if self._links and number != kept:
             blocks = [
-                self._draw(self._generator(link, number), row)
+                self._draw(random_stream(self._seed, self._purpose, *link, number), row)
                 for link, row in zip(self._links, self._rows, strict=True)
             ]
             block = np.stack(blocks, axis=1)
             self._kept = number, block
         drawn: NDArray[Any] = block[offset]
         return drawn
-
-    def _generator(self, link: tuple[int, int], number: int) -> np.random.Generator:
-        key = np.random.SeedSequence([*self._key, *link, number])
-        return np.random.Generator(np.random.Philox(key))

@@ -15,7 +15,7 @@ from decimal import Decimal
 from functools import lru_cache
 from itertools import pairwise
 
-from nrs_cosim.orchestrator.scenario.chance import chance
+from nrs_cosim.bus.random_streams import random_stream
 
 NS_PER_S = 1_000_000_000
 BLOCK = 64
@@ -54,7 +54,7 @@ class Jitter:
 
 @lru_cache(maxsize=64)
 def _drawn(seed: int, most: int, number: int) -> list[int]:
-    rng = chance(seed, "sampling jitter", number)
+    rng = random_stream(seed, "sampling jitter", number)
     drawn: list[int] = rng.integers(0, most, BLOCK, endpoint=True).tolist()
     return drawn
 

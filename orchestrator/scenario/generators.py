@@ -16,7 +16,7 @@ from bisect import insort
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.orchestrator.scenario.chance import chance
+from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.orchestrator.scenario.tables.networks import Generator
 
 Nodes = NDArray[np.intp]
@@ -54,7 +54,7 @@ def _random_k_in(generator: Generator, seed: int, where: str) -> tuple[Nodes, No
     n, k, first = generator.n, generator.k or 0, generator.pinned[0]
     heard = np.empty((n, k), np.intp)
     for rank in range(n):
-        draw = chance(seed, f"{where}.random_k_in", (first - 1 + rank) % n + 1)
+        draw = random_stream(seed, f"{where}.random_k_in", (first - 1 + rank) % n + 1)
         taken = [rank]
         if rank:
             heard[rank, 0] = draw.integers(rank)
@@ -74,7 +74,7 @@ def _small_world(generator: Generator, seed: int, where: str) -> tuple[Nodes, No
     near = [*range(-k, 0), *range(1, k + 1)]
     beside = [{(i + d) % n for d in near} for i in range(n)]
     for i in range(n if rewire else 0):
-        draw = chance(seed, f"{where}.small_world", i + 1)
+        draw = random_stream(seed, f"{where}.small_world", i + 1)
         for d, luck in zip(range(2, k + 1), draw.random(k - 1), strict=True):
             free = n - 1 - len(beside[i])
             if luck >= rewire or not free:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.orchestrator.scenario.chance import chance
+from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 
@@ -40,4 +40,4 @@ def _is_matrix(given: Any) -> bool:
 def draw(seed: int, purpose: str, robot: int, uniform: Uniform, m: int) -> Array:
     """Draw m numbers, uniform in [low, high), for one purpose and robot."""
     low, high = uniform.uniform
-    return low + (high - low) * chance(seed, purpose, robot).random(m)
+    return low + (high - low) * random_stream(seed, purpose, robot).random(m)
