@@ -1,6 +1,6 @@
 """Who hears whom at t_k: digraphs that take turns, and one for positions apart from velocities'.
 
-Exchange e holds from tick since[e] on, until the next does; the last one for ever or, where the
+Entry e holds from tick since[e] on, until the next does; the last one for ever or, where the
 turns repeat after T ticks, up to T, and tick k is then as tick (k − 1) mod T + 1. A sample carries
 position and velocity: it travels at t_k over each edge that either digraph of t_k has, and a robot
 takes of it what its own digraphs have the edge for.
@@ -17,14 +17,14 @@ from nrs_cosim.bus.topology import Topology
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exchange:
+class InteractionGraphs:
     """Over which digraph positions are heard, and over which velocities; mostly they are one."""
 
     position: Topology
     velocity: Topology
 
     @classmethod
-    def of(cls, topology: Topology) -> "Exchange":
+    def of(cls, topology: Topology) -> "InteractionGraphs":
         """Return what hears both over one digraph."""
         return cls(topology, topology)
 
@@ -35,10 +35,10 @@ class Exchange:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Topologies:
+class TopologySchedule:
     """The exchanges of a run, and when each holds."""
 
-    exchanges: tuple[Exchange, ...]
+    exchanges: tuple[InteractionGraphs, ...]
     since: tuple[int, ...]
     """The tick from which each holds, ascending from 1."""
     repeat: int | None
@@ -48,15 +48,18 @@ class Topologies:
 
     @classmethod
     def of(
-        cls, exchanges: Sequence[Exchange], since: Sequence[int] = (1,), repeat: int | None = None
-    ) -> "Topologies":
+        cls,
+        exchanges: Sequence[InteractionGraphs],
+        since: Sequence[int] = (1,),
+        repeat: int | None = None,
+    ) -> "TopologySchedule":
         """Return exchanges of the same n robots in turn."""
         return cls(tuple(exchanges), tuple(since), repeat, united(_digraphs(exchanges)))
 
     @classmethod
-    def constant(cls, topology: Topology) -> "Topologies":
+    def constant(cls, topology: Topology) -> "TopologySchedule":
         """Return one digraph for all, at all times."""
-        return cls.of([Exchange.of(topology)])
+        return cls.of([InteractionGraphs.of(topology)])
 
     @property
     def n(self) -> int:
@@ -91,7 +94,7 @@ class Topologies:
         return [(e, end - self.since[e]) for e, end in enumerate(ends)]
 
 
-def _digraphs(exchanges: Sequence[Exchange]) -> list[Topology]:
+def _digraphs(exchanges: Sequence[InteractionGraphs]) -> list[Topology]:
     return [*dict.fromkeys(t for e in exchanges for t in (e.position, e.velocity))]
 
 

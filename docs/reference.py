@@ -27,7 +27,7 @@ _TABLES = {
     "Network": "[network]",
     "Digraph": "[network.position], [network.velocity]",
     "Generator": "[network.generator]",
-    "Turn": "[[network.switching]]",
+    "PhaseTable": "[[network.switching]]",
     "HarmonicTarget": '[target] kind = "harmonic"',
     "SampledTarget": '[target] kind = "sampled"',
     "FmuTarget": '[target] kind = "fmu"',

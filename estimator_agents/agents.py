@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
-from nrs_cosim.bus.topologies import Topologies, edges_among
+from nrs_cosim.bus.topologies import TopologySchedule, edges_among
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
@@ -75,7 +75,7 @@ class Agents:
     def __init__(
         self,
         robots: NDArray[np.integer],
-        topologies: Topologies,
+        topologies: TopologySchedule,
         algorithm: Algorithm,
         initial: Estimate,
         links: Links | None = None,

@@ -20,7 +20,7 @@ from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 
-def motion_of(
+def fmu_motion(
     archive: Archive,
     parameters: Mapping[str, Any],
     names: Mapping[str, Spec],

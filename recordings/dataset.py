@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.tables import SAMPLES, STATES, MessageTable, about, joints, robots, rows
-from nrs_cosim.recordings.units import unit_of
+from nrs_cosim.recordings.units import vector_unit
 
 _WHAT = {
     "position": "joint positions",
@@ -56,7 +56,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
 
     def variable(dims: tuple[str, ...], name: str, values: NDArray[np.float64]) -> _Variable:
         told = {"long_name": _WHAT[name]}
-        if unit := unit_of(name, coordinate):
+        if unit := vector_unit(name, coordinate):
             told["units"] = unit
         return (*dims, "joint"), values, told
 

@@ -36,7 +36,7 @@ from nrs_cosim.recordings.container import Channel, Schema
 from nrs_cosim.recordings.container import Message as Recorded
 from nrs_cosim.recordings.gathering import columns_of
 from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.units import unit_of
+from nrs_cosim.recordings.units import vector_unit
 
 
 def channels(
@@ -76,7 +76,7 @@ def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str
     units = [joint["unit"] for joint in plant["joints"]]
     told = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
     for vector in kind.vectors:
-        told[f"unit.{vector}"] = json.dumps([unit_of(vector, unit) for unit in units])
+        told[f"unit.{vector}"] = json.dumps([vector_unit(vector, unit) for unit in units])
     return told | {"fmu": plant["fmu"], "drive": plant["drive"]}
 
 

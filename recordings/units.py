@@ -7,7 +7,7 @@ _UNITS = {
 }
 
 
-def unit_of(vector: str, coordinate: str) -> str:
+def vector_unit(vector: str, coordinate: str) -> str:
     """Return the unit of a joint's number in a vector; empty where the coordinate has none.
 
     A vector's name ends with what it is: position, velocity or effort.

@@ -156,6 +156,26 @@ def test_constraints_pin_every_dependency_and_name_no_place():
         assert re.split("[<>=]", requirement)[0].lower() in pinned
 
 
+DOORS = ("nrs_cosim/api/", "orchestrator/commands/")
+"""What a user calls has the name of what it calls."""
+SHARED = {"main", "serve", "check", "Disturbance", "Recording", "Scenario", "Fmu", "turns_of"}
+"""Each process has its main; a seam has one word on both sides; the rest is to be told apart."""
+
+
+def test_a_public_name_has_one_meaning():
+    homes: dict[str, list[str]] = {}
+    for path in sorted(ROOT.glob("[bepro]*/**/*.py")):
+        file = path.relative_to(ROOT).as_posix()
+        if file.split("/")[0] not in {"bus", "estimator_agents", "plant_fmu", "recordings",
+                                      "orchestrator"} or file.startswith(DOORS):  # fmt: skip
+            continue
+        for node in ast.parse(path.read_bytes()).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(file)
+    assert len(homes) > 500
+    assert {name for name, files in homes.items() if len(files) > 1} <= SHARED
+
+
 WAITS = {"deadline", "timeout", "wait"}
 """Arguments by which something waits, s; and methods whose first argument is one."""
 WAITERS = {"communicate", "exception", "join", "result", "wait"}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.links.outages import Outages, Spans
 from nrs_cosim.bus.random_streams import random_stream
-from nrs_cosim.bus.topologies import Topologies, edges_among
+from nrs_cosim.bus.topologies import TopologySchedule, edges_among
 
 BLOCK = 64
 """Draws are made for so many sampling times of a link at once, and only these are kept."""
@@ -81,7 +81,7 @@ class Links:
 
     def __init__(
         self,
-        topologies: Topologies,
+        topologies: TopologySchedule,
         robots: NDArray[np.integer],
         faults: Mapping[tuple[int, int], LinkFault],
         silences: Mapping[int, Spans],

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from nrs_cosim.bus.topologies import Exchange
+from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, modes, name_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
@@ -94,12 +94,14 @@ class Recursion:
         return sparse.csr_array(self.matrix[self.n :, self.n :])
 
 
-def recursion_of(algorithm: Algorithm, over: Topology | Exchange, h: float) -> Recursion | None:
+def recursion_of(
+    algorithm: Algorithm, over: Topology | InteractionGraphs, h: float
+) -> Recursion | None:
     """Return an algorithm's recursion on a digraph, or on two; None if its jump is not linear."""
     found = linear_jump(algorithm)
     if found is None:
         return None
-    exchange = over if isinstance(over, Exchange) else Exchange.of(over)
+    exchange = over if isinstance(over, InteractionGraphs) else InteractionGraphs.of(over)
     D = exchange.position.D
     other = exchange.velocity.D if exchange.hetero else D
     return Recursion(h, *found, D, other, sparse.eye_array(D.shape[0], format="csr"))

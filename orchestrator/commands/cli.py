@@ -225,16 +225,16 @@ def check(
     from nrs_cosim.orchestrator.promises.checking import check as theory_of
     from nrs_cosim.orchestrator.promises.probing import Sampling
     from nrs_cosim.orchestrator.promises.promising import bounds, designed, promises
-    from nrs_cosim.orchestrator.runs.plants import group_by_archive, named, open_fleet
+    from nrs_cosim.orchestrator.runs.plants import group_by_archive, naming_field, open_fleet
     from nrs_cosim.orchestrator.runs.units import mixed_units
     from nrs_cosim.orchestrator.scenario.changes import Change
-    from nrs_cosim.orchestrator.scenario.file import name_of, read_scenario
+    from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     experiment = read_scenario(scenario, [Change.of("--set", text) for text in changes or ()])
     wanted = EstimateBounds(*accuracy) if accuracy else None
     with stages(err) as begin:
         begin("opening the plants")
-        with named(name_of(scenario)), ExitStack() as stack:
+        with naming_field(scenario_name(scenario)), ExitStack() as stack:
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
             if mixed := mixed_units(experiment):
@@ -251,9 +251,9 @@ def check(
         design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **promised.as_json(), **design})
     else:
-        showing.check(out, checked, promised, bounds(promised))
+        showing.theory_table(out, checked, promised, bounds(promised))
         if wanted:
-            showing.design(out, found, wanted, sampled=promised.sampled)
+            showing.gains_table(out, found, wanted, sampled=promised.sampled)
     unmet = unmet_of(checked, promised) if strict else []
     for line in unmet:
         say("red", "strict", line)

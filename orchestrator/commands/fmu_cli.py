@@ -44,7 +44,7 @@ def fmu_info(
     if as_json:
         print_json(told)
     else:
-        fmu_description.show(out, told)
+        fmu_description.show_description(out, told)
 
 
 @fmu.command("check")
@@ -71,7 +71,7 @@ def fmu_check(
     if as_json:
         print_json(checked.as_json())
     else:
-        showing.fmu_check(out, checked)
+        showing.fmu_findings(out, checked)
     raise typer.Exit(0 if checked.passes else 1)
 
 

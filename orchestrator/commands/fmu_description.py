@@ -26,7 +26,7 @@ _COLUMNS = (
 )
 
 
-def show(console: Console, told: Mapping[str, Any]) -> None:
+def show_description(console: Console, told: Mapping[str, Any]) -> None:
     """Show what `Archive.told` says."""
     grid(console, dict(_lines(told)))
     families = [

@@ -65,10 +65,10 @@ def run(
     from nrs_cosim.orchestrator.commands import performing
     from nrs_cosim.orchestrator.commands.tls import tls_of
     from nrs_cosim.orchestrator.promises.checking import check
-    from nrs_cosim.orchestrator.runs.plants import named
+    from nrs_cosim.orchestrator.runs.plants import naming_field
     from nrs_cosim.orchestrator.runs.units import mixed_units
     from nrs_cosim.orchestrator.scenario.changes import Change
-    from nrs_cosim.orchestrator.scenario.file import name_of, read_scenario
+    from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     pace = performing.pace_of(realtime)
     expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
@@ -79,7 +79,7 @@ def run(
     experiment = read_scenario(scenario, asked)
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
-    with named(name_of(scenario)):
+    with naming_field(scenario_name(scenario)):
         if mixed := mixed_units(experiment):
             say("yellow", "warning", mixed)
     tls = tls_of(tls_ca, tls_certificate, tls_key, experiment.scenario.bus.tls, experiment.folder)
@@ -98,7 +98,7 @@ def run(
         force=force,
         as_json=as_json,
     )
-    with named(name_of(scenario)):
+    with naming_field(scenario_name(scenario)):
         if not live:
             start()
         else:

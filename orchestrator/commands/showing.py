@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column
 
-from nrs_cosim.orchestrator.commands.tables import findings, grid, table
+from nrs_cosim.orchestrator.commands.tables import findings_table, grid, table
 from nrs_cosim.orchestrator.commands.verdict import grounds, verdict
 from nrs_cosim.orchestrator.scenario.numbers import decimals
 from nrs_cosim.orchestrator.terminal import prose
@@ -40,7 +40,7 @@ NEAR = 0.01
 """By how much a measured factor may differ without a word."""
 
 
-def check(
+def theory_table(
     console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
 ) -> None:
     """Show the theory's verdict on a scenario."""
@@ -125,7 +125,7 @@ def _beside(judged: "Judgement") -> dict[str, str]:
     return told
 
 
-def design(
+def gains_table(
     console: Console, found: "Design | None", wanted: "EstimateBounds", *, sampled: bool
 ) -> None:
     """Show what gains and period are proven to give an accuracy, and what the paper has."""
@@ -170,12 +170,12 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def fmu_check(console: Console, checked: "FmuCheck") -> None:
+def fmu_findings(console: Console, checked: "FmuCheck") -> None:
     """Show what was found of an FMU, by topic."""
     for topic, found in groupby(checked.findings, lambda finding: finding.topic):
         console.print(f"[bold]{topic}[/]")
         rows = ((finding.name, _VERDICTS[finding.verdict], finding.text) for finding in found)
-        findings(console, rows, (22, 15))
+        findings_table(console, rows, (22, 15))
 
 
 def diagnosis(console: Console, made: "Diagnosis") -> None:
@@ -184,7 +184,7 @@ def diagnosis(console: Console, made: "Diagnosis") -> None:
     for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
         console.print(f"[bold]{topic}[/]")
         rows = ((symptom.name, marks[symptom.verdict], symptom.text) for symptom in symptoms)
-        findings(console, rows, (20, 9))
+        findings_table(console, rows, (20, 9))
 
 
 def comparison(console: Console, found: "Comparison") -> None:

@@ -57,7 +57,7 @@ def table(console: Console, columns: Sequence[Column], rows: Iterable[Sequence[s
             _print_below(console, Text("; ").join(parts), GAP)
 
 
-def findings(
+def findings_table(
     console: Console, rows: Iterable[tuple[str, str, str]], widths: tuple[int, int]
 ) -> None:
     """Show a line for each finding: its name, a marked-up word for what it is, and its text."""

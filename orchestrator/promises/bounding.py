@@ -48,7 +48,7 @@ class Bounded:
         return self.bounds is not None and self.bounds.states is not None
 
 
-def bounded(experiment: Experiment, find: Find | None = None) -> list[Bounded]:
+def plant_bounds(experiment: Experiment, find: Find | None = None) -> list[Bounded]:
     """Return an experiment's robots, those together of which the same can be promised.
 
     P3 of an FMU that is not bundled is what `find` finds.
@@ -71,7 +71,7 @@ def tracking_conditions(experiment: Experiment, find: Find | None = None) -> lis
 
     None unless P3 is known of all robots.
     """
-    parts = bounded(experiment, find)
+    parts = plant_bounds(experiment, find)
     known = [part.constants.conditions(part.drive) for part in parts if part.constants]
     if len(known) < len(parts):
         return []

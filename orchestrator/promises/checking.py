@@ -23,7 +23,7 @@ from nrs_cosim.orchestrator.promises.convergence import (
     spectra_of,
     why_unknown,
 )
-from nrs_cosim.orchestrator.promises.turns import AnyOrder, Heard, Turn, any_order_of, turns_of
+from nrs_cosim.orchestrator.promises.turns import AnyOrder, Heard, Phase, any_order_of, turns_of
 from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.numbers import multiple
@@ -49,7 +49,7 @@ class Check:
     """What Theorem 3 bounds a constant period by, s; None for an algorithm that has no such."""
     conditions: tuple[Condition, ...]
     """For all digraphs: where there are turns, of the one that is nearest to its bound."""
-    turns: tuple[Turn, ...]
+    turns: tuple[Phase, ...]
     repeat: int | None
     """After how many ticks the turns come again."""
     any_order: AnyOrder | None
@@ -242,7 +242,7 @@ def _told(condition: Condition) -> dict[str, Any]:
     }
 
 
-def _turn(turn: Turn) -> dict[str, Any]:
+def _turn(turn: Phase) -> dict[str, Any]:
     """Return what is said of a turn by itself, for JSON."""
     return {
         "from": turn.since,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, modes
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, growth
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
@@ -28,7 +28,7 @@ def periods_of(experiment: Experiment) -> Periods:
     return Periods(tuple(map(seconds, clock.gaps)), early)
 
 
-def spectra_of(topologies: Topologies) -> list[Spectra]:
+def spectra_of(topologies: TopologySchedule) -> list[Spectra]:
     """Return the eigenvalues of D, and of the velocities' D where that is another, by exchange."""
     found = {digraph: spectrum_of(digraph) for digraph in topologies.digraphs}
     return [
@@ -37,13 +37,13 @@ def spectra_of(topologies: Topologies) -> list[Spectra]:
     ]
 
 
-def recursions_of(algorithm: Algorithm, topologies: Topologies, h: float) -> list[Recursion]:
+def recursions_of(algorithm: Algorithm, topologies: TopologySchedule, h: float) -> list[Recursion]:
     """Return the recursion of each exchange; none where the jump is not linear."""
     found = (recursion_of(algorithm, exchange, h) for exchange in topologies.exchanges)
     return [one for one in found if one is not None]
 
 
-def lasting(recursions: Sequence[Recursion], topologies: Topologies) -> Recursion | None:
+def lasting(recursions: Sequence[Recursion], topologies: TopologySchedule) -> Recursion | None:
     """Return the recursion of the long run: of a period of turns, or of the last; None for none."""
     if topologies.turning and recursions:
         return period(recursions, topologies.turns())
@@ -57,7 +57,7 @@ def for_any_periods(algorithm: Algorithm) -> bool:
 
 
 def growth_of(
-    algorithm: Algorithm, topologies: Topologies, spectra: Sequence[Spectra], periods: Periods
+    algorithm: Algorithm, topologies: TopologySchedule, spectra: Sequence[Spectra], periods: Periods
 ) -> Growth:
     """Return bounds on the factor, from the eigenvalues of each D."""
     if not topologies.turning:
@@ -77,7 +77,7 @@ def growth_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> Gr
     return Growth(radius, radius)
 
 
-def why_unknown(algorithm: Algorithm, topologies: Topologies, periods: Periods) -> str:
+def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Periods) -> str:
     """Return why there is no factor, where there is none."""
     if linear_jump(algorithm) is None:
         return "the algorithm does not jump linearly"

@@ -23,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
-from nrs_cosim.orchestrator.promises.bounding import Bounded, Find, bounded
+from nrs_cosim.orchestrator.promises.bounding import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.promises.checking import finite
 from nrs_cosim.orchestrator.promises.convergence import (
     growth_of,
@@ -166,7 +166,7 @@ def promises(
 ) -> Promises:
     """Return what is promised of a run of an experiment; its growth is found unless it is given.
 
-    `find` is as `bounded` has it.
+    `find` is as `plant_bounds` has it.
     """
     topologies, periods = experiment.topologies, periods_of(experiment)
     target, algorithm = experiment.target, experiment.algorithm
@@ -175,7 +175,7 @@ def promises(
     recursion = lasting(recursions, topologies)
     if growth is None:
         growth = growth_of(algorithm, topologies, spectra_of(topologies), periods)
-    robots = bounded(experiment, find)
+    robots = plant_bounds(experiment, find)
     whole = target.bounds()
     why_not = _why_not(experiment, recursions, recursion, growth)
     motion, sharpest, always, paper = None, None, None, None
@@ -230,7 +230,7 @@ def designed(
     topologies, whole = experiment.topologies, experiment.target.bounds()
     algorithm = experiment.algorithm
     spectra = spectra_of(topologies)
-    parts = bounded(experiment, find)
+    parts = plant_bounds(experiment, find)
     known = [part.constants for part in parts if part.constants]
     if len(known) < len(parts):
         return None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, Verdict
@@ -27,7 +27,7 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class Phase:
     """What holds from a tick on, as if it stayed."""
 
     since: int
@@ -51,8 +51,8 @@ class AnyOrder:
 
 
 def turns_of(
-    algorithm: Algorithm, topologies: Topologies, spectra: Sequence[Spectra], periods: Periods
-) -> tuple[Turn, ...]:
+    algorithm: Algorithm, topologies: TopologySchedule, spectra: Sequence[Spectra], periods: Periods
+) -> tuple[Phase, ...]:
     """Return what is said of each exchange by itself."""
     networks = {digraph: network_of(digraph) for digraph in topologies.digraphs}
     turns = []
@@ -63,12 +63,14 @@ def turns_of(
             heard = [Heard("positions", both[0], own[0]), Heard("velocities", both[1], own[1])]
         growth = growth_alone(algorithm, own, periods)
         turns.append(
-            Turn(since, tuple(heard), growth, tuple(conditions(algorithm, own, periods.longest)))
+            Phase(since, tuple(heard), growth, tuple(conditions(algorithm, own, periods.longest)))
         )
     return tuple(turns)
 
 
-def any_order_of(algorithm: Algorithm, topologies: Topologies, periods: Periods) -> AnyOrder | None:
+def any_order_of(
+    algorithm: Algorithm, topologies: TopologySchedule, periods: Periods
+) -> AnyOrder | None:
     """Return what is known of turns in any order; None where there are none, or no recursion."""
     recursions = recursions_of(algorithm, topologies, periods.mean)
     if topologies.is_constant or not recursions:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.promises.checking import Check, check, finite
 from nrs_cosim.orchestrator.promises.promising import bounds, promises
 from nrs_cosim.orchestrator.runs.summary import experiment_of
@@ -54,7 +54,7 @@ def _pace(clock: Clock) -> str:
     return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
 
 
-def _turns(topologies: Topologies) -> str:
+def _turns(topologies: TopologySchedule) -> str:
     """Say when the links are there that there are at some time; nothing where that is always."""
     count, ticks = len(topologies.exchanges), topologies.repeat
     told = []

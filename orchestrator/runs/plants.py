@@ -60,7 +60,7 @@ class Group:
     def joints(self, parameters: Mapping[str, Any] = _NO_PARAMETERS) -> tuple[Joint, ...]:
         """Return the joints of a robot whose FMU has these parameters; `FmuError` names a plant."""
         sizes = sizes_of(assignments(self.archive, parameters))
-        with named(self.field):
+        with naming_field(self.field):
             q = find_quantity(self.archive, "q", self.names, sizes=sizes)
         return joints_of(self.archive, q)
 
@@ -97,7 +97,7 @@ def group_by_archive(
             members[alike].append(row_of[robot])
     groups = []
     for alike, (field, plant) in given.items():
-        with named(field):
+        with naming_field(field):
             archive = find(plant.fmu)
         groups.append(Group(field, plant, archive, members[alike], first[alike], uneven))
     return groups
@@ -139,7 +139,7 @@ def open_fleet(
     _expect_once(groups)
     opened = []
     for group, others in zip(groups, alike or [()] * len(groups), strict=True):
-        with named(group.field):
+        with naming_field(group.field):
             opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
     rows = [np.array(group.rows) for group in groups]
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
@@ -174,7 +174,7 @@ def _expect_once(groups: Sequence[Group]) -> None:
 
 
 @contextmanager
-def named(origin: str) -> Iterator[None]:
+def naming_field(origin: str) -> Iterator[None]:
     """Put the field or the file that gives a plant before what is wrong with it."""
     try:
         yield

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.hearing import Missing
@@ -72,7 +72,7 @@ class Experiment:
         return _clock_of(self.scenario.run)
 
     @cached_property
-    def topologies(self) -> Topologies:
+    def topologies(self) -> TopologySchedule:
         """Who hears whom, and when; its arrays cannot be written."""
         return topologies_of(self.scenario.network, self.seed)
 

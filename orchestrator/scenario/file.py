@@ -36,13 +36,13 @@ STDIN = Path("-")
 def read_scenario(path: Path, changes: "Sequence[Change]" = ()) -> Experiment:
     """Read a scenario file, or standard input, with changes; `ScenarioError` when it is wrong."""
     if path == STDIN:
-        text, name, folder = _decoded(sys.stdin.buffer.read(), name_of(path)), "stdin", Path()
+        text, name, folder = _decoded(sys.stdin.buffer.read(), scenario_name(path)), "stdin", Path()
     else:
         text, name, folder = read_text(path), storable(path.stem), path.parent
-    return resolve_scenario(_changed(text, changes), name, folder, name_of(path))
+    return resolve_scenario(_changed(text, changes), name, folder, scenario_name(path))
 
 
-def name_of(path: Path) -> str:
+def scenario_name(path: Path) -> str:
     """Return what a scenario's file is called in what is said of it."""
     return "standard input" if path == STDIN else str(path)
 

@@ -59,7 +59,7 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
     import tomlkit  # noqa: PLC0415, as in `inlining`
 
     from nrs_cosim.plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it loads FMPy
-    from nrs_cosim.plant_fmu.motion import motion_of  # noqa: PLC0415, as above
+    from nrs_cosim.plant_fmu.motion import fmu_motion  # noqa: PLC0415, as above
 
     names = names_of(target.variables)
     try:
@@ -72,7 +72,7 @@ def with_motion(text: str, folder: Path, origin: str) -> str:
         deadline = target.deadline if target.isolate and not archive.ours else None
 
         def sample(at: Sequence[float]) -> tuple[Array, Array]:
-            return motion_of(archive, target.parameters, names, at, deadline)
+            return fmu_motion(archive, target.parameters, names, at, deadline)
 
         moved = sample(times)
         again = sample if archive.takes_uneven_steps else None

@@ -7,21 +7,20 @@ one digraph, or two, `position` and `velocity`, or `switching`, a list of these 
 
 import numpy as np
 
-from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.generators import generated
-from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Network
-from nrs_cosim.orchestrator.scenario.tables.networks import Exchange as ExchangeTable
+from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, InteractionTable, Network
 
 
-def topologies_of(network: Network, seed: int) -> Topologies:
+def topologies_of(network: Network, seed: int) -> TopologySchedule:
     """Return who hears whom, and when; arrays of a topology cannot be written."""
     exchanges = []
     for where, given in turns_of(network):
         digraphs = [_topology(digraph, seed, here) for here, digraph in digraphs_of(where, given)]
-        exchanges.append(Exchange(digraphs[0], digraphs[-1]))
+        exchanges.append(InteractionGraphs(digraphs[0], digraphs[-1]))
     since = [turn.from_ for turn in network.switching or ()]
-    return Topologies.of(exchanges, since or (1,), network.repeat)
+    return TopologySchedule.of(exchanges, since or (1,), network.repeat)
 
 
 def _topology(digraph: Digraph, seed: int, where: str) -> Topology:
@@ -44,14 +43,14 @@ def _weight(edge: Edge) -> float:
     return edge[2] if len(edge) == 3 else 1.0
 
 
-def turns_of(network: Network) -> list[tuple[str, ExchangeTable]]:
+def turns_of(network: Network) -> list[tuple[str, InteractionTable]]:
     """Return what holds in turn, and where it stands in the scenario."""
     if network.switching is None:
         return [("network", network)]
     return [(f"network.switching[{i}]", turn) for i, turn in enumerate(network.switching)]
 
 
-def digraphs_of(where: str, given: ExchangeTable) -> list[tuple[str, Digraph]]:
+def digraphs_of(where: str, given: InteractionTable) -> list[tuple[str, Digraph]]:
     """Return the one digraph of an exchange, or its two, and where each stands."""
     if given.position is None or given.velocity is None:
         return [(where, given)]

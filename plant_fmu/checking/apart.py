@@ -46,7 +46,7 @@ Say = Callable[[CheckTask, Tell], Iterator[dict[str, Any]]]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ProcessOutcome:
     """What a process told before it ended, and how that was; nothing where it got to its end."""
 
     lines: list[dict[str, Any]]
@@ -104,7 +104,7 @@ def _say_p3(task: CheckTask, tell: Tell) -> Iterator[dict[str, Any]]:
         yield {"why": str(error)}
 
 
-def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> Outcome:
+def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> ProcessOutcome:
     """Run a function on a task in a process of its own.
 
     The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
@@ -139,7 +139,7 @@ def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard)
     return replace(told, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
 
 
-def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Outcome:
+def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> ProcessOutcome:
     """Return what a process says until its end, or until it is silent for too long."""
     assert process.stdout is not None
     lines: list[dict[str, Any]] = []
@@ -149,15 +149,15 @@ def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Ou
         while True:
             patience = deadline if stage not in OURS else max(deadline, DEADLINE)
             if not selector.select(patience):
-                return Outcome(lines, f"did not return within {patience:g} s", "", stage)
+                return ProcessOutcome(lines, f"did not return within {patience:g} s", "", stage)
             heard = os.read(said.fileno(), 1 << 16)
             if not heard:
                 process.wait()
-                return Outcome(lines, _ending(process.returncode), "", stage)
+                return ProcessOutcome(lines, _ending(process.returncode), "", stage)
             *whole, unfinished = (unfinished + heard).split(b"\n")
             for line in whole:
                 if line == END:
-                    return Outcome(lines, "", "", stage)
+                    return ProcessOutcome(lines, "", "", stage)
                 found = json.loads(line)
                 if "now" not in found:
                     lines.append(found)

@@ -5,7 +5,7 @@ import pytest
 
 from nrs_cosim.bus.links.links import BLOCK, LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.clock import Clock
 from tests.bus.test_topology import PAPER
@@ -19,7 +19,7 @@ CLOCK = Clock((10,), 1, TICKS)
 
 def links(faults, silences=None, robots=ALL, seed=3, m=2, clock=CLOCK):
     return Links(
-        Topologies.constant(TOPOLOGY),
+        TopologySchedule.constant(TOPOLOGY),
         np.asarray(robots),
         faults,
         silences or {},

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from nrs_cosim.bus.topologies import Exchange
+from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
 
 
@@ -28,14 +28,14 @@ def digraphs(draw: st.DrawFn, most: int = 7, least: int = 1) -> Topology:
 
 
 @st.composite
-def exchanges(draw: st.DrawFn, most: int = 5, turns: int = 3) -> list[Exchange]:
+def exchanges(draw: st.DrawFn, most: int = 5, turns: int = 3) -> list[InteractionGraphs]:
     """Draw some exchanges of the same robots, of one digraph or of two."""
     n = draw(st.integers(1, most))
     found = []
     for _ in range(draw(st.integers(1, turns))):
         position = draw(digraphs(n, n))
         apart = draw(st.booleans())
-        found.append(Exchange(position, draw(digraphs(n, n)) if apart else position))
+        found.append(InteractionGraphs(position, draw(digraphs(n, n)) if apart else position))
     return found
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm
@@ -50,7 +50,7 @@ def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
 )
 def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
     agents = Agents(
-        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), algorithm, initial(3)
+        np.arange(1, 7), TopologySchedule.constant(Topology.of(*PAPER)), algorithm, initial(3)
     )
     story = estimates(agents, h, TICKS)
     x1 = np.concatenate([story[0].position - target(h)[0], story[0].velocity - target(h)[1]])
@@ -64,7 +64,7 @@ def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
 
 def test_robots_apart_jump_to_the_same_bits_as_together():
     topology, algorithm, start = (
-        Topologies.constant(Topology.of(*PAPER)),
+        TopologySchedule.constant(Topology.of(*PAPER)),
         FirstOrder(0.9, 1.1),
         initial(5),
     )
@@ -87,7 +87,7 @@ def test_robots_apart_jump_to_the_same_bits_as_together():
 
 
 def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
-    topology, start = Topologies.constant(Topology.of(*PAPER)), initial(5)
+    topology, start = TopologySchedule.constant(Topology.of(*PAPER)), initial(5)
     left = start.after(0.1)
     heard_by = {}
     for loud in range(7):
@@ -115,7 +115,10 @@ def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
 
 def test_missing_names_the_silent_until_they_speak():
     agents = Agents(
-        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), FirstOrder(0.9, 1.1), initial(1)
+        np.arange(1, 7),
+        TopologySchedule.constant(Topology.of(*PAPER)),
+        FirstOrder(0.9, 1.1),
+        initial(1),
     )
     assert agents.missing(1) == [0, 1, 2, 3, 4]
     agents.hear(1, np.array([0, 2, 3]), np.zeros((3, 2)), np.zeros((3, 2)))
@@ -126,7 +129,10 @@ def test_missing_names_the_silent_until_they_speak():
 def test_second_order_positions_are_continuous():
     start = initial(2)
     agents = Agents(
-        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), SecondOrder(1.1, 0.9), start
+        np.arange(1, 7),
+        TopologySchedule.constant(Topology.of(*PAPER)),
+        SecondOrder(1.1, 0.9),
+        start,
     )
     left = start.after(0.1)
     agents.hear(1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
@@ -146,7 +152,10 @@ class Endless(FirstOrder):
 
 def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
     agents = Agents(
-        np.arange(1, 7), Topologies.constant(Topology.of(*PAPER)), Endless(0.9, 1.1), initial(1)
+        np.arange(1, 7),
+        TopologySchedule.constant(Topology.of(*PAPER)),
+        Endless(0.9, 1.1),
+        initial(1),
     )
     with pytest.raises(
         AlgorithmError, match=r"^algorithm Endless: jump returned inf for robot 2 at"
@@ -166,7 +175,7 @@ def test_algorithms_are_found_by_name():
 
 def lone() -> Agents:
     """Return the agents of two robots of the example, whose links have no faults."""
-    topologies = Topologies.constant(Topology.of(*PAPER))
+    topologies = TopologySchedule.constant(Topology.of(*PAPER))
     return Agents(np.array([2, 5]), topologies, FirstOrder(0.9, 1.1), Estimate(*np.ones((2, 2, 2))))
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -64,7 +64,7 @@ def test_jumps_of_agents_are_the_product_of_the_periods_matrices(topology, alpha
         Impulsive(alpha, beta),
     ):
         start = Estimate(*rng.normal(size=(2, n, 2)))
-        agents = Agents(np.arange(1, n + 1), Topologies.constant(topology), algorithm, start)
+        agents = Agents(np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start)
         x = error(start.after(times[1]), states[1])
         for k in range(1, 7):
             left = agents.estimate.after(times[k] - times[k - 1])
@@ -148,7 +148,7 @@ def test_a_period_above_the_bound_of_theorem_3_may_be_made_up_for():
 def size_of_a_run(algorithm, gaps, ticks):
     """Return |x| at the end of a run of one agent that looks for a target that rests at 0."""
     start = Estimate(np.ones((1, 1)), np.ones((1, 1)))
-    agents = Agents(np.array([1]), Topologies.constant(ALONE), algorithm, start)
+    agents = Agents(np.array([1]), TopologySchedule.constant(ALONE), algorithm, start)
     for k in range(1, ticks + 1):
         left = agents.estimate.after(gaps[k % len(gaps)])
         agents.hear(k, np.array([0]), np.zeros((1, 1)), np.zeros((1, 1)))

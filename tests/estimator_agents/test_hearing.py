@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import LinkFault, Links
-from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -95,14 +95,16 @@ def topologies_of(network):
         full = np.array(w)
         return Topology.of(full[:, 1:], full[:, 0])
 
-    exchanges, since = [Exchange.of(topology(network.w))], [1]
+    exchanges, since = [InteractionGraphs.of(topology(network.w))], [1]
     for tick, positions, velocities in network.turns:
         one = topology(positions)
-        exchanges.append(Exchange(one, one if velocities is positions else topology(velocities)))
+        exchanges.append(
+            InteractionGraphs(one, one if velocities is positions else topology(velocities))
+        )
         since.append(tick)
     if since[1:2] == [1]:
         exchanges, since = exchanges[1:], since[1:]
-    return Topologies.of(exchanges, since, network.repeat)
+    return TopologySchedule.of(exchanges, since, network.repeat)
 
 
 def start_of(network):

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -133,7 +133,7 @@ def test_jumps_of_agents_are_the_recursion(topology, alpha, beta, h, seed):
         recursion = recursion_of(algorithm, topology, h)
         A = recursion.matrix.toarray()
         start = Estimate(*rng.normal(size=(2, n, 2)))
-        agents = Agents(np.arange(1, n + 1), Topologies.constant(topology), algorithm, start)
+        agents = Agents(np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start)
         states = [HARMONIC.at(k * h) for k in range(8)]
         x = error(start.after(h), states[1])
         for k in range(1, 7):
@@ -252,7 +252,7 @@ def ends_of_a_run(algorithm, h, ticks):
     rng = np.random.default_rng(1)
     agents = Agents(
         np.arange(1, 7),
-        Topologies.constant(TOPOLOGY),
+        TopologySchedule.constant(TOPOLOGY),
         algorithm,
         Estimate(*rng.uniform(-25, 25, (2, 6, 2))),
     )

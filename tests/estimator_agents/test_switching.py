@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nrs_cosim.bus.topologies import Exchange, Topologies
+from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm, why_one_digraph
@@ -57,7 +57,7 @@ def in_turn(counts, given):
 def topologies_of(given, counts):
     """Return the topologies in which each exchange holds for so many ticks, over and over."""
     ends = np.cumsum([1, *(count for _, count in in_turn(counts, given))]).tolist()
-    return Topologies.of(given, ends[:-1], ends[-1] - 1)
+    return TopologySchedule.of(given, ends[:-1], ends[-1] - 1)
 
 
 def whole_period(algorithm, given, turns, h):
@@ -71,15 +71,15 @@ def whole_period(algorithm, given, turns, h):
 
 
 def test_turns_begin_where_they_say_and_come_again():
-    given = [Exchange.of(CHAIN), Exchange.of(OTHER_WAY)]
-    once = Topologies.of(given, [1, 4])
-    again = Topologies.of(given, [1, 4], 5)
+    given = [InteractionGraphs.of(CHAIN), InteractionGraphs.of(OTHER_WAY)]
+    once = TopologySchedule.of(given, [1, 4])
+    again = TopologySchedule.of(given, [1, 4], 5)
     assert [once.at(k) for k in range(1, 13)] == [0, 0, 0, *[1] * 9]
     assert [again.at(k) for k in range(1, 13)] == [0, 0, 0, 1, 1] * 2 + [0, 0]
     assert again.turns() == [(0, 3), (1, 2)]
     links = [*zip(again.links.source.tolist(), again.links.sink.tolist(), strict=True)]
     assert links == [(0, 1), (2, 1), (0, 2), (1, 2)]
-    assert Topologies.constant(CHAIN).links is CHAIN
+    assert TopologySchedule.constant(CHAIN).links is CHAIN
 
 
 @quick
@@ -89,7 +89,7 @@ def test_the_links_are_the_edges_of_all_with_their_largest_weights(given):
     full = np.zeros((both[0].n + 1, both[0].n + 1))
     for t in both:
         full[t.sink, t.source] = np.maximum(full[t.sink, t.source], t.weight)
-    links = Topologies.of(given, range(1, len(given) + 1)).links
+    links = TopologySchedule.of(given, range(1, len(given) + 1)).links
     sink, source = np.nonzero(full)
     assert links.sink.tolist() == sink.tolist()
     assert links.source.tolist() == source.tolist()
@@ -154,7 +154,7 @@ def test_a_factor_is_found_without_the_product_of_a_period_too(monkeypatch):
     given = []
     for _ in range(2):
         adjacency = (rng.random((n, n)) < 0.1) * (1 - np.eye(n)) + np.eye(n, k=-1)
-        given.append(Exchange.of(Topology.of(adjacency, np.eye(n)[0])))
+        given.append(InteractionGraphs.of(Topology.of(adjacency, np.eye(n)[0])))
     turns = [(0, 3), (1, 2)]
     recursions = [recursion_of(SecondOrder(0.5, 0.5), exchange, 0.1) for exchange in given]
     dense = period_factor(recursions, turns)
@@ -229,8 +229,8 @@ def test_of_other_algorithms_no_order_is_proven_by_the_gains():
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 0.8), SecondOrder(1.1, 0.9)])
 def test_what_a_period_settles_to_is_where_long_runs_end_and_within_the_sharp_bound(algorithm):
-    given = [Exchange.of(Topology.of([[0, 1, 0], [0.5, 0, 0], [1, 1, 0]], [1, 0, 0]))]
-    given += [Exchange.of(Topology.of([[0, 0, 2], [0.5, 0, 1], [0, 0, 0]], [0, 0, 1]))]
+    given = [InteractionGraphs.of(Topology.of([[0, 1, 0], [0.5, 0, 0], [1, 1, 0]], [1, 0, 0]))]
+    given += [InteractionGraphs.of(Topology.of([[0, 0, 2], [0.5, 0, 1], [0, 0, 0]], [0, 0, 1]))]
     h, turns, n = 0.1, [(0, 2), (1, 1)], 3
     recursions = [recursion_of(algorithm, exchange, h) for exchange in given]
     factor = period_factor(recursions, turns)
@@ -256,7 +256,7 @@ def test_the_sharp_bound_of_a_period_is_come_near_by_a_target_that_tries():
     recursions = [recursion_of(algorithm, t, h) for t in (CHAIN, OTHER_WAY)]
     whole = period(recursions, [(0, 1), (1, 1)])
     bound = sharp(whole, 1e6, 1.0, period_factor(recursions, [(0, 1), (1, 1)]))
-    A = [dense(algorithm, Exchange.of(t), h) for t in (CHAIN, OTHER_WAY)]
+    A = [dense(algorithm, InteractionGraphs.of(t), h) for t in (CHAIN, OTHER_WAY)]
     worst = np.zeros(2)
     for last in (0, 1):
         through, total = np.eye(4), np.zeros(4)
@@ -316,7 +316,7 @@ def test_the_joint_radius_is_tried_up_to_a_size(monkeypatch, topology, is_tried)
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 1.1), SecondOrder(1.1, 0.9)])
 def test_the_factor_of_a_period_is_that_of_the_dense_product(monkeypatch, algorithm, most):
     monkeypatch.setattr(switching, "DENSE", most)
-    given = [Exchange.of(ring(5, both)) for both in (True, False)]
+    given = [InteractionGraphs.of(ring(5, both)) for both in (True, False)]
     found = period_factor([recursion_of(algorithm, e, 0.2) for e in given], [(0, 3), (1, 2)])
     first, second = (dense(algorithm, exchange, 0.2) for exchange in given)
     product_ = np.linalg.matrix_power(second, 2) @ np.linalg.matrix_power(first, 3)

@@ -4,7 +4,7 @@ from math import inf, sqrt
 
 import pytest
 
-from nrs_cosim.orchestrator.promises.bounding import bounded
+from nrs_cosim.orchestrator.promises.bounding import plant_bounds
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_extremes import TEXT
@@ -31,4 +31,4 @@ def test_a_disturbance_of_sines_that_partly_cancel_is_bounded_by_what_it_reaches
     assert DISTURBANCE in text
     changed = text.replace(DISTURBANCE, f"axes = [{{ {first} }}, {{ {second} }}]")
     scenario = parse_scenario(changed, "waves", SCENARIOS, "waves.toml")
-    assert [part.lambda_d for part in bounded(scenario)] == [pytest.approx(most, rel=1e-11)]
+    assert [part.lambda_d for part in plant_bounds(scenario)] == [pytest.approx(most, rel=1e-11)]

@@ -8,7 +8,7 @@ import pytest
 import nrs_cosim
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.seal import Seal
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.runs.robots import agents_of, wire_of
 from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.clock import Clock
@@ -17,7 +17,7 @@ from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS
 
 LOSSY = SCENARIOS / "paper_lossy_links.toml"
-MADE = {"Clock": 1, "Topologies": 1, "Links": 1, "motion_of": 1, "load_algorithm": 1}
+MADE = {"Clock": 1, "TopologySchedule": 1, "Links": 1, "motion_of": 1, "load_algorithm": 1}
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
         monkeypatch.setattr(owner, name, counted)
 
-    for of in (Clock, Topologies, Links):
+    for of in (Clock, TopologySchedule, Links):
         count(of, "__init__", of.__name__)
     for name in ("motion_of", "load_algorithm"):
         count(experiment, name, name)

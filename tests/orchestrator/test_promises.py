@@ -13,7 +13,7 @@ from rich.console import Console
 from nrs_cosim.estimator_agents.theory.design import Gains
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.orchestrator.commands import showing
-from nrs_cosim.orchestrator.promises.bounding import bounded, tracking_conditions
+from nrs_cosim.orchestrator.promises.bounding import plant_bounds, tracking_conditions
 from nrs_cosim.orchestrator.promises.checking import check
 from nrs_cosim.orchestrator.promises.judging import Judged, Judgement, judge
 from nrs_cosim.orchestrator.promises.probing import Sampling
@@ -163,7 +163,7 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
 def test_robots_of_their_own_are_bounded_on_their_own():
     own = "[[robots]]\nid = 3\ncontroller = { kp = 25.0, kd = 300.0 }\n"
     scenario = changed(("# [[robots]] ", own + "# [[robots]] "))
-    parts = bounded(scenario)
+    parts = plant_bounds(scenario)
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
     kp = tracking_conditions(scenario)[0]
     assert (kp.name, kp.right, kp.holds) == ("kp (tracking)", 25.0, True)
@@ -180,7 +180,7 @@ def test_robots_of_their_own_are_bounded_on_their_own():
 )
 def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why):
     scenario = changed((old, new))
-    (part,) = bounded(scenario)
+    (part,) = plant_bounds(scenario)
     assert why in part.why
     assert part.constants is None
     assert tracking_conditions(scenario) == []
@@ -194,7 +194,7 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     find = Sampling(file)
     ours = read_scenario(PAPER)
     checked, promised = check(file, find), promises(file, find=find)
-    (part,), (exact,) = promised.robots, bounded(ours)
+    (part,), (exact,) = promised.robots, plant_bounds(ours)
     assert part.bounds.states > 1000
     assert json.loads(json.dumps(promised.as_json()))["plants"][0]["bounds"]["source"] == "sampled"
     for name in ("mu_1", "mu_2", "rho_1", "rho_2"):
@@ -215,7 +215,7 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
 def test_what_cannot_be_sampled_says_why(tmp_path):
     text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "none.fmu"')
     file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
-    (part,) = bounded(file, Sampling(file))
+    (part,) = plant_bounds(file, Sampling(file))
     assert "P3 cannot be sampled: " in part.why
     assert "none.fmu: no such FMU" in part.why
 
@@ -229,7 +229,7 @@ def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
 
 def test_a_design_is_found_and_keeps_6_1():
     found = designed(read_scenario(PAPER), EstimateBounds(0.5, 0.5), 0.5)
-    (part,) = bounded(read_scenario(PAPER))
+    (part,) = plant_bounds(read_scenario(PAPER))
     of = part.constants
     assert found.paper.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
     assert 0 < found.paper.period < 0.1
@@ -317,7 +317,7 @@ def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
         ("velocity = { uniform = [-25.0, 25.0] } ", "velocity = { uniform = [1.0, 1.2] } "),
     )
     run(file, tmp_path / "far.mcap")
-    (part,) = bounded(file)
+    (part,) = plant_bounds(file)
     of, drive = part.constants, part.drive
     with Reader(tmp_path / "far.mcap") as reader:
         table = np.concatenate(list(states(reader)))

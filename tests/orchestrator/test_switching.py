@@ -185,7 +185,12 @@ def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for
 
 def test_the_schema_knows_turns():
     schema = json_schema()["$defs"]
-    assert schema["Turn"]["properties"].keys() >= {"from", "edge_list", "position", "velocity"}
+    assert schema["PhaseTable"]["properties"].keys() >= {
+        "from",
+        "edge_list",
+        "position",
+        "velocity",
+    }
     assert schema["Network"]["properties"].keys() >= {
         "switching",
         "repeat",

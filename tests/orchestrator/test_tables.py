@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 from rich.table import Column
 
-from nrs_cosim.orchestrator.commands.tables import findings, table
+from nrs_cosim.orchestrator.commands.tables import findings_table, table
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -55,7 +55,7 @@ def test_in_a_pipe_there_is_room_for_all_columns():
 def test_the_text_of_a_finding_hangs_beside_its_name_or_below(width):
     screen = console(width)
     text = "a torque that is held, of order one in its step and in no other way " * 3
-    findings(screen, [("M symmetric", "[green]holds[/]", text)], (14, 8))
+    findings_table(screen, [("M symmetric", "[green]holds[/]", text)], (14, 8))
     first, *more = lines(screen)
     assert first.startswith("  M symmetric   holds")
     assert all(len(line.rstrip()) <= width for line in (first, *more))

@@ -35,7 +35,9 @@ def table(scenario):
     """Return the rows of the conditions by name."""
     written = io.StringIO()
     promised = promises(scenario)
-    showing.check(Console(file=written, width=100), check(scenario), promised, bounds(promised))
+    showing.theory_table(
+        Console(file=written, width=100), check(scenario), promised, bounds(promised)
+    )
     text = written.getvalue().replace(" (tracking)", "-tracking")
     rows = (line.split() for line in text.splitlines())
     return {row[0]: row[1:] for row in rows if len(row) > 2}
@@ -69,7 +71,7 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     assert "settle" not in " ".join(verdict(checked).values())
     written = io.StringIO()
     promised = promises(scenario)
-    showing.check(Console(file=written, width=200), checked, promised, bounds(promised))
+    showing.theory_table(Console(file=written, width=200), checked, promised, bounds(promised))
     assert "conditions are of links without faults" in written.getvalue()
 
 

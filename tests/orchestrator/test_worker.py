@@ -9,7 +9,7 @@ from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
 from nrs_cosim.bus.parts import joined
 from nrs_cosim.bus.seal import Seal
-from nrs_cosim.bus.topologies import Topologies
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.bus.transport import Message, Presence
 from nrs_cosim.bus.wire import Wire
@@ -94,7 +94,7 @@ class Case:
         self.bus, self.plants = Bus(self.wire), Springs()
         robots = ASSIGNMENT["here"]
         initial = Estimate(np.full((2, M), start), np.full((2, M), 0.5))
-        agents = Agents(robots, Topologies.constant(TOPOLOGY), FirstOrder(0.9, 1.1), initial)
+        agents = Agents(robots, TopologySchedule.constant(TOPOLOGY), FirstOrder(0.9, 1.1), initial)
         clock = Clock((H,), 2, TICKS)
         self.worker = Worker(
             "here", self.bus, self.bus, self.wire, clock, agents, self.plants, limit, every

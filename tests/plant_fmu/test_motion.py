@@ -13,7 +13,7 @@ from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
 from nrs_cosim.plant_fmu.archives.naming import NamePattern
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.plant_fmu.motion import motion_of
+from nrs_cosim.plant_fmu.motion import fmu_motion
 from tests.guard import LIMIT
 from tests.orchestrator.arms import target
 from tests.plant_fmu import hinge
@@ -50,7 +50,7 @@ def only(kind, text):
 
 
 def test_a_bundled_model_moves_in_this_process():
-    moved = motion_of(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
+    moved = fmu_motion(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
     np.testing.assert_allclose(moved, expected(), rtol=0, atol=1e-10)
 
 
@@ -72,13 +72,13 @@ def test_what_a_strangers_fmu_does_is_found_by_name(tmp_path, fmi, kind, error):
     archive = open_archive(path)
     assert archive.kinds == (kind,)
     assert not archive.ours
-    moved = motion_of(archive, given, {}, TIMES, DEADLINE)
+    moved = fmu_motion(archive, given, {}, TIMES, DEADLINE)
     np.testing.assert_allclose(moved, expected(), rtol=0, atol=error)
 
 
 def test_it_is_exactly_what_the_fmu_says(unpacked):
     """FMPy, stepped from time to time, to the last bit."""
-    moved = motion_of(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
+    moved = fmu_motion(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
     robot = Robot("planar_robot", 3, unpacked("planar_robot", 3), "Slave")
     robot.initialize(**PARAMETERS)
     for row, t in enumerate(TIMES):
@@ -96,13 +96,13 @@ def test_events_of_model_exchange_are_met(tmp_path, fmi):
     archive = open_archive(hinge.build(fmi, tmp_path))
     times = [0.05 * j for j in range(17)]
     parameters = {"tau": 3.0, "load": 1.0, "t_load": 0.4}
-    q, qd = motion_of(archive, parameters, NAMES, times, None)
+    q, qd = fmu_motion(archive, parameters, NAMES, times, None)
     t = np.array(times)
     late = np.maximum(t - 0.4, 0)
     np.testing.assert_allclose(qd[:, 0], 3 * t - 1.5 * late, rtol=0, atol=1e-9)
     np.testing.assert_allclose(q[:, 0], 1.5 * t**2 - 0.75 * late**2, rtol=0, atol=1e-9)
     with pytest.raises(StepError, match=r"target \(.*\) at t = .*the FMU ended the simulation"):
-        motion_of(archive, {"end": 1.0, "t_load": 0.2}, NAMES, times, None)
+        fmu_motion(archive, {"end": 1.0, "t_load": 0.2}, NAMES, times, None)
 
 
 def test_a_velocity_may_be_the_derivative_of_the_position(tmp_path):
@@ -111,8 +111,8 @@ def test_a_velocity_may_be_the_derivative_of_the_position(tmp_path):
         return text.replace("der(q[", "der(position[")
 
     path = rewritten(tmp_path / "lead.fmu", 2, edit)
-    moved = motion_of(open_archive(path), {"position": [0.3, 0.0]}, {}, [0.0, 0.1, 0.2], None)
-    other = motion_of(
+    moved = fmu_motion(open_archive(path), {"position": [0.3, 0.0]}, {}, [0.0, 0.1, 0.2], None)
+    other = fmu_motion(
         find_archive("two_link_arm", None), {"q": [0.3, 0.0]}, NAMES, [0.0, 0.1, 0.2], None
     )
     np.testing.assert_allclose(moved, other, rtol=0, atol=1e-8)
@@ -146,7 +146,7 @@ BAD = {
 def test_what_is_wrong_with_its_variables_is_said(case):
     names, message = BAD[case]
     with pytest.raises(FmuError) as error:
-        motion_of(find_archive("planar_robot", None), {}, names, TIMES, None)
+        fmu_motion(find_archive("planar_robot", None), {}, names, TIMES, None)
     assert message in str(error.value)
 
 
@@ -164,7 +164,7 @@ def test_what_fails_is_the_target(faulty, tmp_path, fault, cause):
     parameters = {"fault": FAULTS.index(fault), "fault_time": 0.55}
     times = [0.0, 0.25, 0.5, 0.75]
     with pytest.raises(StepError) as error:
-        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, times, LIMIT)
+        fmu_motion(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, times, LIMIT)
     assert "target (" in str(error.value)
     assert cause in str(error.value)
 
@@ -173,13 +173,13 @@ def test_before_its_first_step_it_is_bad_input(faulty, tmp_path):
     shutil.copy(faulty, tmp_path / "faulty.fmu")
     parameters = {"fault": FAULTS.index("segfault"), "fault_time": -1.0}
     with pytest.raises(CosimError, match=r"target: the FMU crashed with SIGSEGV"):
-        motion_of(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, [0.0, 1.0], LIMIT)
+        fmu_motion(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, [0.0, 1.0], LIMIT)
 
 
 def test_its_inputs_keep_their_start_values():
     """An arm that nobody drives falls from where it is held: q̈ = −M⁻¹ G at first."""
     archive = find_archive("two_link_arm", None)
-    moved = motion_of(archive, {"q": [0.3, 0.0]}, NAMES, [0.0, 1e-3], None)
+    moved = fmu_motion(archive, {"q": [0.3, 0.0]}, NAMES, [0.0, 1e-3], None)
     mass = np.array([[2 + 0.96 + 2.4 + 5, 0.96 + 1.2], [0.96 + 1.2, 0.96 + 5]])
     gravity = 9.8 * np.cos(0.3) * np.array([2 + 1.2, 1.2])
     np.testing.assert_allclose(moved[1][1], -np.linalg.solve(mass, gravity) * 1e-3, rtol=1e-5)

@@ -96,7 +96,7 @@ class Digraph(Table):
         return len(self.adjacency or ())
 
 
-class Exchange(Digraph):
+class InteractionTable(Digraph):
     """Who hears whom: one digraph, or one for positions and one for velocities."""
 
     position: Digraph | None = Field(None, description="over which positions travel")
@@ -114,16 +114,16 @@ class Exchange(Digraph):
         return self.position.n if self.position else super().n
 
 
-class Turn(Exchange):
+class PhaseTable(InteractionTable):
     """Who hears whom from a tick on."""
 
     from_: Tick = Field(alias="from", description="the first tick of it, k; 1 in the first entry")
 
 
-class Network(Exchange):
+class Network(InteractionTable):
     """Who hears whom, always the same or by turns."""
 
-    switching: tuple[Turn, ...] | None = Field(
+    switching: tuple[PhaseTable, ...] | None = Field(
         None, min_length=1, description="networks in turn, each from a tick to the next one's"
     )
     repeat: Tick | None = Field(
