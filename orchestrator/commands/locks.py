@@ -7,7 +7,7 @@ is left behind. A file system without locks is told of once, and goes without.
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from nrs_cosim.bus.errors import InputError
@@ -19,12 +19,18 @@ LOCKS = Path("/proc/locks")
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold the lock of a file, which is made if it is not there.
+    """Hold the lock of the file at a path, which is made if it is not there.
 
-    Raises `InputError` that names who has it.
+    Raises `InputError` that names who has it. A file that another one took the place of, between
+    when it was opened and when it was locked, is let go, and the other one is locked.
     """
-    with path.open("ab") as file:
-        _lock(file.fileno(), path)
+    with ExitStack() as stack:
+        while True:
+            file = stack.enter_context(path.open("ab"))
+            _lock(file.fileno(), path)
+            if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                break
+            stack.pop_all().close()
         yield
 
 

@@ -9,7 +9,7 @@ from itertools import chain, count
 from pathlib import Path
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.commands.locks import expect_unlocked, locked
+from nrs_cosim.orchestrator.commands.locks import locked
 from nrs_cosim.recordings.container import MAGIC
 
 DATA = Path("recordings/data")
@@ -52,16 +52,15 @@ def place_for(output: Path | None, name: str, *, force: bool = False) -> Iterato
         try:
             final = _new(name) if output is None else output
             was_there = output is not None and output.exists()
-            if was_there:
-                expect_replaceable(final, "recording", MAGIC)
-                expect_unlocked(final)
-            is_held = was_there and final.stat().st_size > 0
+            expect_replaceable(final, "recording", MAGIC)
+            whole = final.resolve()  # where a link leads to
+            stack.enter_context(locked(final))
+            expect_replaceable(final, "recording", MAGIC)  # what another has finished meanwhile
+            is_held = final.stat().st_size > 0
             if is_held and not force:
                 raise InputError(
                     f"{output}: is there already; give another name, or --force to replace it"
                 )
-            whole = final.resolve()  # where a link leads to
-            stack.enter_context(locked(final))
             written = stack.enter_context(_part_of(whole)) if is_held else final
         except OSError as error:
             raise InputError(f"{output or folder}: cannot be written: {error.strerror}") from None
@@ -139,6 +138,9 @@ def _part_of(whole: Path) -> Iterator[Path]:
 
 
 def _give_back(path: Path) -> None:
-    """Remove a file that was made for a recording, if nothing was written into it."""
+    """Remove a file that was made for a recording, if nothing was written into it.
+
+    Where the path is a link, the link is the user's, and the file that it leads to was made.
+    """
     if path.exists() and path.stat().st_size == 0:
-        path.unlink()
+        path.resolve().unlink()

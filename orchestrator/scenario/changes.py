@@ -61,6 +61,8 @@ class Change:
                     f"{option}: expected key=value, got {quoted(part)} in {quoted(text)}"
                 )
             if name.strip() == "robots":
+                if robots is not None:
+                    raise InputError(f"{option}: robots: is given twice in {quoted(text)}")
                 robots = parse_robots(given.strip(), f"{option} robots")
                 continue
             for key, value in _leaves(_table(option, name, given, part)):

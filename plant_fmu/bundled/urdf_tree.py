@@ -13,6 +13,10 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Link, UrdfJoint
 
+DEEPEST = 500
+"""Joints between a link and the base: adam goes down the tree by recursion, of which Python has an
+end at about twice as many."""
+
 
 def from_the_base(
     links: Mapping[str, Link], joints: Sequence[UrdfJoint], faults: Remarks
@@ -42,11 +46,22 @@ def from_the_base(
         for name in bases:
             faults.add("without a joint that leads there; expected one base link", "link", name)
     order, to_visit, unreached = [], list(bases), links.keys() - set(bases)
+    depth = dict.fromkeys(bases, 0)
     while to_visit:
-        for joint in below[to_visit.pop()]:
+        link = to_visit.pop()
+        for joint in below[link]:
             order.append(joint)
             to_visit.append(joint.child)
             unreached -= {joint.child}
+            depth[joint.child] = depth[link] + 1
+    if (deepest := max(depth.values(), default=0)) > DEEPEST:
+        last = next(joint for joint in order if depth[joint.child] == DEEPEST + 1)
+        faults.add(
+            f"is the first of {deepest - DEEPEST} that lie deeper than {DEEPEST} joints from the "
+            "base; expected a robot, or make one link of those that fixed joints hold together",
+            "joint",
+            last.name,
+        )
     for name in sorted(unreached):
         faults.add("in a closed loop of joints; expected an open chain or tree", "link", name)
     return None if looped or len(bases) != 1 or unreached else tuple(order)

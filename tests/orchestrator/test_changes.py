@@ -79,6 +79,7 @@ def test_robots_are_named_like_pages_wherever_they_stand():
         ("plant.parameters={}", "--plant: changes nothing"),
         ("plant.parameters={m1=2.0", "plant.parameters: expected a key and a value of TOML, got"),
         ("plant.parameters={m1=two,m2=1}", "plant.parameters: expected a key and a value of TOML"),
+        ("robots=2,robots=3,controller.kp=1", "robots: is given twice"),
         ("plant.parameters.q[0]=1", "plant.parameters.q[0]: expected a key and a value of TOML"),
         ("controller.kp=1,controller.kp=2", "controller.kp: is given twice in"),
         ("plant.parameters={m1=1},plant.parameters.m1=2", "plant.parameters.m1: is given twice"),

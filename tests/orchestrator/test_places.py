@@ -3,7 +3,10 @@
 import pytest
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.commands import locks, places
+from nrs_cosim.orchestrator.commands.locks import locked
 from nrs_cosim.orchestrator.commands.places import expect_another, expect_replaceable, place_for
+from nrs_cosim.recordings.container import MAGIC
 
 
 @pytest.mark.parametrize("held", [b"\x89MCAP0\r\n", b"[run]\n", b"\x89PNG\r\n", b"PK\x03\x04"])
@@ -48,3 +51,47 @@ def test_what_is_read_is_not_written(tmp_path):
         expect_another(tmp_path / "same.mcap", path)
     expect_another(tmp_path / "other.mcap", path)
     expect_another(None, path)
+
+
+def test_a_recording_that_another_finishes_just_before_the_lock_is_not_replaced(
+    tmp_path, monkeypatch
+):
+    """Between the first look and the lock, another process ends, with a whole recording."""
+    path = tmp_path / "run.mcap"
+    found = places.locked
+
+    def late(at):
+        path.write_bytes(MAGIC + b"whole")
+        return found(at)
+
+    monkeypatch.setattr(places, "locked", late)
+    with pytest.raises(InputError, match="is there already"), place_for(path, "run"):
+        pass
+    assert path.read_bytes() == MAGIC + b"whole"
+
+
+def test_the_lock_is_on_the_file_that_is_there_and_not_on_the_one_before(tmp_path, monkeypatch):
+    path, other = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
+    path.touch()
+    lock, renamed = locks._lock, []
+
+    def late(descriptor, at):
+        lock(descriptor, at)
+        if not renamed:
+            renamed.append(other.write_bytes(b"x"))
+            other.replace(path)
+
+    monkeypatch.setattr(locks, "_lock", late)
+    with locked(path):
+        monkeypatch.setattr(locks, "_lock", lock)
+        with pytest.raises(InputError, match="is being written by"):
+            locks.expect_unlocked(path)
+
+
+def test_a_link_to_a_file_that_is_not_there_stays_when_nothing_was_written(tmp_path):
+    link, target = tmp_path / "link.mcap", tmp_path / "target.mcap"
+    link.symlink_to(target)
+    with place_for(link, "run"):
+        assert target.exists()
+    assert link.is_symlink()
+    assert not target.exists()

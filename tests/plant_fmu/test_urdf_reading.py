@@ -433,3 +433,26 @@ def test_a_file_without_end_is_not_read_to_its_end(
     monkeypatch.setattr("nrs_cosim.plant_fmu.bundled.urdf_xml.MOST_BYTES", 1 << 20)
     with pytest.raises(FmuError, match=r"robot\.urdf: is larger than 1 MiB"):
         read(tmp_path, with_more(ONE, " " * (1 << 20)))
+
+
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+@pytest.mark.parametrize("joints", [500, 501, 3000])
+def test_a_tree_deeper_than_can_be_walked_down_is_refused_by_name(tmp_path, joints):
+    ones = " ".join(f'{axes}="{int(axes[1] == axes[2])}"' for axes in INERTIA)
+    inertial = f'<inertial><mass value="1"/><inertia {ones}/></inertial>'
+    links = "".join(f'<link name="l{i}">{inertial}</link>' for i in range(joints + 1))
+    kinds = ["fixed"] * (joints - 1) + ["revolute"]
+    chain = "".join(
+        f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for i, kind in enumerate(kinds)
+    )
+    path = tmp_path / "deep.urdf"
+    path.write_text(f'<robot name="deep">{links}{chain}</robot>', "utf-8")
+    if joints == 500:
+        assert len(read_urdf(path).joints) == 500
+        return
+    with pytest.raises(FmuError, match=rf"joint 'j500': is the first of {joints - 500} that lie"):
+        read_urdf(path)
