@@ -7,6 +7,7 @@ told to begin where the recording allows, while the rest of the run goes on as f
 it. Here is what is said on the bus: each event is read, and the state answers what may follow.
 """
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic
@@ -43,6 +44,8 @@ from nrs_cosim.orchestrator.runs.worker import Spent
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.numbers import named
 from nrs_cosim.recordings.recorder import Recorder
+
+_LOG = logging.getLogger(__name__)
 
 _LOOK = 0.25
 """s: how long nothing may come before it is looked whether the workers are well."""
@@ -228,6 +231,8 @@ class Coordinator:
 
     def _join(self, name: str, question: Question) -> None:
         slot = self._admission.answer(name, question, monotonic())
+        if slot:
+            _LOG.info("%s joined with %s", name, named(slot.robots))
         if slot and not slot.process:
             missing = self._slots.missing()
             self._policy.show(f"{name} has joined with {named(slot.robots)}{missing}")
@@ -255,6 +260,8 @@ class Coordinator:
             self.refused["form"] += 1
             return
         slot.report = report
+        ended = f"failed: {report.failed}" if report.failed else "is done"
+        _LOG.info("%s %s at tick %d", name, ended, report.tick)
         slot.life.on(Event.FAIL if report.failed else Event.FINISH)
         if report.tick < 0 and report.failed and not self._is_over:
             if slot.process:

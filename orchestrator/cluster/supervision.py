@@ -3,6 +3,7 @@
 What each state means is in `worker_state`; here is what is done about it, with the words for it.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
@@ -22,6 +23,8 @@ from nrs_cosim.orchestrator.cluster.worker_state import (
 from nrs_cosim.orchestrator.errors import WorkerError
 from nrs_cosim.orchestrator.scenario.numbers import named
 from nrs_cosim.recordings.recorder import Recorder
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -119,6 +122,7 @@ class Supervision:
         deaths = slot.life.deaths
         if slot.process and deaths > MOST_DEATHS:
             raise WorkerError(f"worker {told}, for the {deaths}th time in a row")
+        _LOG.warning("%s", told)
         if self.recorder is None:
             if not slot.reserved:
                 del self.slots[name]

@@ -5,6 +5,7 @@ or the orchestrator is gone, it forgets the run and asks to be let in again; wha
 far is in the recording.
 """
 
+import logging
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -44,6 +45,8 @@ from nrs_cosim.orchestrator.cluster.protocol import (
 from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.numbers import named
+
+_LOG = logging.getLogger(__name__)
 
 _AGAIN = 0.5
 """s: how long to wait before a run is asked again."""
@@ -169,6 +172,7 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
         put_report(seal.closed(report_key, note.written()))
 
     options.show(f"joined {welcome.name} with {named(welcome.robots)}")
+    _LOG.info("%s joined %s with %s", name, welcome.name, named(welcome.robots))
     inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(ORDERS, name))
     for kind in (SAMPLES, RECORDS):
         bus.publisher(wire_key(kind, name))  # before it asks to begin: see there

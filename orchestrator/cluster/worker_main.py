@@ -11,6 +11,7 @@ import numpy as np
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
+from nrs_cosim.orchestrator.logs import log_as_asked
 from nrs_cosim.orchestrator.scenario.numbers import parse_robots
 from nrs_cosim.plant_fmu.isolation.worker import follow
 
@@ -24,6 +25,7 @@ def main() -> None:
         parser.add_argument(f"--{name}", required=True, type=kind)
     told = parser.parse_args()
     follow(told.parent)
+    log_as_asked()
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(told.robots, "--robots")

@@ -33,6 +33,7 @@ from nrs_cosim.orchestrator.commands.options import (
     number,
 )
 from nrs_cosim.orchestrator.commands.report_cli import report
+from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
 FAILED, BAD_INPUT = 1, 2
@@ -63,9 +64,18 @@ def nrs(
             "--version", is_eager=True, callback=_print_version, help="Print the version."
         ),
     ] = False,
+    log_level: Annotated[
+        Level | None,
+        typer.Option(
+            help="Log workers, their coordinator and the live page to standard error, with times."
+        ),
+    ] = None,
 ) -> None:
     """Co-simulate networked robots under sampled interaction."""
     import numpy as np
+
+    if log_level:
+        log_to_standard_error(log_level)
 
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
 

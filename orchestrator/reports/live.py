@@ -19,6 +19,7 @@ from typing import Self
 import typer
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.logs import log_as_asked
 from nrs_cosim.orchestrator.reports.reporting import story_of
 from nrs_cosim.orchestrator.terminal import say
 from nrs_cosim.recordings.errors import UnreadableError
@@ -115,5 +116,6 @@ def serve(recording: Path, final: Path, listening: socket.socket, before: str) -
 
 
 if __name__ == "__main__":
+    log_as_asked()
     os.nice(10)  # the run goes first
     serve(Path(sys.argv[1]), Path(sys.argv[2]), socket.socket(fileno=int(sys.argv[3])), sys.argv[4])

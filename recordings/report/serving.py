@@ -8,6 +8,7 @@ at most. Only a browser that asks for this machine by its own name is answered, 
 page reads a run.
 """
 
+import logging
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from math import inf
@@ -18,6 +19,8 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from nrs_cosim.recordings.report.page import live_page
+
+_LOG = logging.getLogger(__name__)
 
 HOST = "127.0.0.1"
 Version = Callable[[], str]
@@ -128,4 +131,5 @@ class _Answer(BaseHTTPRequestHandler):
             self.wfile.write(content)
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002, the library's name
-        """Say nothing: the terminal is the run's."""
+        """Log it: the terminal is the run's."""
+        _LOG.info(format, *args)
