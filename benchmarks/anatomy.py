@@ -53,12 +53,15 @@ PARTS: Mapping[str, Sequence[str]] = {
     "recorder: batches taken": ["nrs_cosim.recordings.recorder:Recorder.take"],
     "recorder: tick closed": ["nrs_cosim.recordings.recorder:Recorder.close"],
     "writer: tick taken": ["nrs_cosim.recordings.writing:Writer.put"],
-    "writer: order": ["nrs_cosim.recordings.writing:joined", "nrs_cosim.recordings.writing:order"],
+    "writer: order": [
+        "nrs_cosim.recordings.writing:concatenated",
+        "nrs_cosim.recordings.writing:order",
+    ],
     "writer: digest": ["nrs_cosim.recordings.digest:Digest.update"],
     "writer: records": ["nrs_cosim.recordings.writing:packed"],
     "writer: compression": ["nrs_cosim.recordings.chunk:_COMPRESS[zstd]"],
     "writer: CRCs": ["nrs_cosim.recordings.chunk:zlib.crc32"],
-    "writer: message indexes": ["nrs_cosim.recordings.writing:closed"],
+    "writer: message indexes": ["nrs_cosim.recordings.writing:encoded_chunk"],
     "writer: file": ["nrs_cosim.recordings.writing:Writer._emit"],
     "writer: end of the file": ["nrs_cosim.recordings.writing:Writer.finish"],
 }

@@ -241,7 +241,8 @@ class Coordinator:
         kind, _, name = message.key.partition("/")
         if self._is_over and kind in (SAMPLES, RECORDS):  # of ticks that are not recorded any more
             return
-        slot = self._slots.get(name) if kind in (REPORT, ORDERS) else None
+        slot = self._slots.get(name) or self._supervision.departed.get(name)
+        slot = slot if kind in (REPORT, ORDERS) else None
         if slot is None:
             self.refused["key"] += 1
             return
@@ -259,6 +260,12 @@ class Coordinator:
         except BusError:
             self.refused["form"] += 1
             return
+        if name in self._slots:
+            self._take_report(name, slot, report)
+        elif report.failed:
+            self._policy.show(f"{name} could not open {named(slot.robots)}: {report.failed}")
+
+    def _take_report(self, name: str, slot: WorkerSlot, report: Report) -> None:
         slot.report = report
         ended = f"failed: {report.failed}" if report.failed else "is done"
         _LOG.info("%s %s at tick %d", name, ended, report.tick)

@@ -40,6 +40,9 @@ class Supervision:
     restarts: int = 0
     """How often a worker was lost, and the run went on."""
     began: float = field(default_factory=monotonic)
+    departed: dict[str, WorkerSlot] = field(default_factory=dict)
+    """Slots that were given up before the run: why may be said after the worker is gone, for its
+    last words and its presence travel side by side."""
 
     def start_all(self) -> bool:
         """Start the workers of this machine; return whether they are to be started here."""
@@ -125,6 +128,7 @@ class Supervision:
         _LOG.warning("%s", told)
         if self.recorder is None:
             if not slot.reserved:
+                self.departed[name] = slot
                 del self.slots[name]
         elif not self.policy.restart:
             raise WorkerError(f"worker {told}")

@@ -173,7 +173,8 @@ def _file(path: Path, label: str) -> Iterator[BufferedReader]:
     except FileNotFoundError:
         raise FmuError(f"{label}: no such FMU in {path.parent.absolute()}") from None
     except (OSError, ValueError) as error:
-        raise FmuError(f"{label}: cannot be read: {error}") from None
+        why = getattr(error, "strerror", None) or error  # a path with a null byte is a ValueError
+        raise FmuError(f"{label}: cannot be read: {why}") from None
     with file:
         size = file.seek(0, 2)
         if size > MOST_BYTES:

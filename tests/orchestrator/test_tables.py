@@ -8,6 +8,7 @@ import subprocess
 import sys
 from io import StringIO
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from rich.console import Console
@@ -73,14 +74,15 @@ def scenario(tmp_path_factory):
     return path
 
 
-def screen_of(folder, width, command):
+def screen_of(width, command):
     """Return what tmux shows of a command in a terminal of so many columns."""
     if not shutil.which("tmux"):
         pytest.skip("the system package tmux is not installed")
-    tmux = ["tmux", "-L", folder.name, "-f", "/dev/null"]
+    tmux = ["tmux", "-L", f"nrs-{uuid4().hex}", "-f", "/dev/null"]  # tests run side by side
     done = " ".join([*tmux, "wait-for", "-S", "done"])
     program = f"{shlex.join(command)}; echo status $?; {done}; exec cat"
-    env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    outside = {k: v for k, v in os.environ.items() if k not in {"COLUMNS", "LINES"}}
+    env = {**outside, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 
     def run(*words):
         told = subprocess.run(
@@ -103,7 +105,7 @@ def test_a_terminal_breaks_no_word(scenario, tmp_path, command, width):
     words = [*command.split(), *given]
     if command == "run":
         words += ["-o", str(tmp_path / "t.mcap"), "--profile"]
-    *shown, status = screen_of(tmp_path, width, ["nrs", *words])
+    *shown, status = screen_of(width, ["nrs", *words])
     assert status == "status 0"
     piped = nrs(*words, *(["--force"] if command == "run" else [])).stdout
     said = {word for word in piped.split() if len(word) < width - 11 and not timed(word)}

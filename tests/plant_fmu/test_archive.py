@@ -576,3 +576,8 @@ def test_any_description(tmp_path, temporary, fmi, edits, seed, encoding):
         archive.writestr(NAME, text.encode(encoding, "replace"))
         archive.writestr(f"binaries/{folder}/two_link_arm{fmpy.sharedLibraryExtension}", b"")
     outcome(path, temporary)
+
+
+def test_a_folder_is_no_fmu(tmp_path: Path) -> None:
+    with pytest.raises(FmuError, match=r"cannot be read: Is a directory$"):
+        open_archive(tmp_path)
