@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.commands.performing import perform
 from nrs_cosim.orchestrator.commands.places import expect_another
 from nrs_cosim.orchestrator.commands.progress import reading
 from nrs_cosim.orchestrator.replays.comparing import QUANTITIES, Comparison
-from nrs_cosim.orchestrator.replays.publishing import publish
+from nrs_cosim.orchestrator.replays.publishing import key_of, publish
 from nrs_cosim.orchestrator.replays.verifying import verify
 from nrs_cosim.orchestrator.replays.what_if import changed_run
 from nrs_cosim.orchestrator.runs.summary import experiment_of
@@ -84,13 +84,13 @@ def put_back(
             f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
             f"{last / NS_PER_S:g} s, lies there"
         )
-    topic = reader.channels[0].topic
+    key = key_of(reader.channels[0].topic)
 
     def ready(bus: ZenohBus) -> None:
         where = ", ".join(endpoints.listen or endpoints.connect)
         say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for somebody who listens")
-        if not bus.wait_for_listener(topic, wait):
-            raise InputError(f"--wait: nobody listened to nrs/{bus.run_id}/{topic} in {wait:g} s")
+        if not bus.wait_for_listener(key, wait):
+            raise InputError(f"--wait: nobody listened to nrs/{bus.run_id}/{key} in {wait:g} s")
 
     nothing: Queue[None] = Queue()
 

@@ -270,3 +270,41 @@ def test_a_scenario_whose_text_was_changed_is_read_as_any_other(paper):
     assert parse_scenario(file.text, "again", SCENARIOS, "again").scenario == file.scenario
     assert file.scenario.robots[0].plant.parameters == {"m2": 3.0}
     assert file.scenario.plant == paper().scenario.plant
+
+
+def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(paper, tmp_path):
+    file = tmp_path / "run.mcap"
+    run(paper(SHORT), file)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Reader(file) as reader:
+        wanted = [(m[1], m[3]) for batch in reader.batches() for m in batch]
+        digest = reader.digest
+    heard = []
+
+    def listen():
+        ear = ZenohBus(digest[:16], Endpoints(connect=(endpoint,), wait=GUARD, insecure_tcp=True))
+        inbox = ear.listen("**")
+        while len(heard) < len(wanted):
+            heard.extend(tuple(i) for i in inbox.take(GUARD) if isinstance(i, Message))
+        ear.close()
+
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    done = nrs(
+        "replay", file, "--publish", "--as-fast-as-possible", "--insecure-tcp",
+        "--listen", endpoint, "--wait", GUARD,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    thread.join(GUARD)
+    assert [(f"/{key}", data) for key, data in heard] == wanted
+    assert f"{len(wanted)} messages were put" in done.stdout
+
+
+def test_a_recording_that_nobody_listens_to_names_the_key(paper, tmp_path):
+    file = tmp_path / "run.mcap"
+    run(paper(SHORT), file)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    done = nrs("replay", file, "--publish", "--insecure-tcp", "--listen", endpoint, "--wait", 0.001)
+    assert done.returncode == 2
+    assert "nobody listened to nrs/" in done.stderr
+    assert "//" not in done.stderr
