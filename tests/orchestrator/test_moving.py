@@ -262,7 +262,7 @@ def test_errors_of_the_fmu_name_the_file_and_what_is_wrong(tmp_path, case):
 
 
 def test_what_is_wrong_elsewhere_is_told_without_running_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("nrs_cosim.plant_fmu.motion.motion_of", None)
+    monkeypatch.setattr("nrs_cosim.plant_fmu.motion.fmu_motion", None)
     with pytest.raises(ScenarioError, match=r"run\.seed"):
         read(tmp_path, MOVER, ("seed = 1", "seed = -1"))
 
