@@ -25,7 +25,7 @@ from typing import Any
 from benchmarks.floor import floor
 from benchmarks.table import keep, machine, told
 from benchmarks.work import scenario
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 
 PARTS: Mapping[str, Sequence[str]] = {
     "FMUs: references set": ["nrs_cosim.plant_fmu.fleet:Fleet.hold"],
@@ -35,38 +35,41 @@ PARTS: Mapping[str, Sequence[str]] = {
         "nrs_cosim.estimator_agents.agents:Agents.hear",
         "nrs_cosim.estimator_agents.agents:Agents.jump",
     ],
-    "worker: bounds looked at": ["nrs_cosim.orchestrator.runs.worker:Worker._expect_bounded"],
-    "worker: states as records": ["nrs_cosim.orchestrator.runs.worker:Worker._states"],
-    "worker: samples as records": ["nrs_cosim.orchestrator.runs.worker:Worker.publish_samples"],
-    "worker: what it needs": ["nrs_cosim.orchestrator.runs.worker:Worker.hear"],
+    "worker: bounds looked at": ["nrs_cosim.orchestrator.engine.worker:Worker._expect_bounded"],
+    "worker: states as records": ["nrs_cosim.orchestrator.engine.worker:Worker._states"],
+    "worker: samples as records": ["nrs_cosim.orchestrator.engine.worker:Worker.publish_samples"],
+    "worker: what it needs": ["nrs_cosim.orchestrator.engine.worker:Worker.hear"],
     "wire: batches packed": [
-        "nrs_cosim.bus.wire:Wire.pack_samples",
-        "nrs_cosim.bus.wire:Wire.pack_tick",
+        "nrs_cosim.bus.validation:Wire.pack_samples",
+        "nrs_cosim.bus.validation:Wire.pack_tick",
     ],
-    "wire: sealed and opened": ["nrs_cosim.bus.seal:Seal.closed", "nrs_cosim.bus.seal:Seal.opened"],
+    "wire: sealed and opened": [
+        "nrs_cosim.bus.signature:Seal.closed",
+        "nrs_cosim.bus.signature:Seal.opened",
+    ],
     "wire: batches vetted": [
-        "nrs_cosim.bus.wire:Wire.unpack_samples",
-        "nrs_cosim.bus.wire:Wire.unpack_tick",
+        "nrs_cosim.bus.validation:Wire.unpack_samples",
+        "nrs_cosim.bus.validation:Wire.unpack_tick",
     ],
     "Zenoh: put": ["nrs_cosim.bus.network.zenoh_bus:ZenohBus.publisher()"],
     "Zenoh: taken": ["nrs_cosim.bus.network.zenoh_bus:ZenohInbox.take"],
     "recorder: batches taken": ["nrs_cosim.recordings.recorder:Recorder.take"],
     "recorder: tick closed": ["nrs_cosim.recordings.recorder:Recorder.close"],
-    "writer: tick taken": ["nrs_cosim.recordings.writing:Writer.put"],
+    "writer: tick taken": ["nrs_cosim.recordings.mcap.writer:Writer.put"],
     "writer: order": [
-        "nrs_cosim.recordings.writing:concatenated",
-        "nrs_cosim.recordings.writing:order",
+        "nrs_cosim.recordings.mcap.writer:concatenated",
+        "nrs_cosim.recordings.mcap.writer:order",
     ],
-    "writer: digest": ["nrs_cosim.recordings.digest:Digest.update"],
-    "writer: records": ["nrs_cosim.recordings.writing:packed"],
-    "writer: compression": ["nrs_cosim.recordings.chunk:_COMPRESS[zstd]"],
-    "writer: CRCs": ["nrs_cosim.recordings.chunk:zlib.crc32"],
-    "writer: message indexes": ["nrs_cosim.recordings.writing:encoded_chunk"],
-    "writer: file": ["nrs_cosim.recordings.writing:Writer._emit"],
-    "writer: end of the file": ["nrs_cosim.recordings.writing:Writer.finish"],
+    "writer: digest": ["nrs_cosim.recordings.mcap.digest:Digest.update"],
+    "writer: records": ["nrs_cosim.recordings.mcap.writer:packed"],
+    "writer: compression": ["nrs_cosim.recordings.mcap.chunk:_COMPRESS[zstd]"],
+    "writer: CRCs": ["nrs_cosim.recordings.mcap.chunk:zlib.crc32"],
+    "writer: message indexes": ["nrs_cosim.recordings.mcap.writer:encoded_chunk"],
+    "writer: file": ["nrs_cosim.recordings.mcap.writer:Writer._emit"],
+    "writer: end of the file": ["nrs_cosim.recordings.mcap.writer:Writer.finish"],
 }
 """The functions of each part, as module:name; [key] is an item of a dict, () what it returns."""
-LAST = "nrs_cosim.recordings.writing:Writer.finish"
+LAST = "nrs_cosim.recordings.mcap.writer:Writer.finish"
 REST, BESIDE, ALL = "the rest", "of all, in the writer's thread", "all"
 
 Function = Callable[..., Any]

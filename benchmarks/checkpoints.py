@@ -16,7 +16,7 @@ from time import process_time
 
 from benchmarks.table import keep
 from benchmarks.work import scenario
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 
 EVERY = (500, 100, 50, 10)
 """Ticks between checkpoints; the first is what a scenario has by default."""

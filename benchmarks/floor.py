@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks.measured import recorded
 from benchmarks.work import H, Motion, keep_motion, scenario
-from nrs_cosim.orchestrator.runs.robots import Robots
-from nrs_cosim.recordings.chunk import _COMPRESS
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.engine.robots import Robots
+from nrs_cosim.recordings.mcap.chunk import _COMPRESS
+from nrs_cosim.recordings.mcap.reader import Reader
 
 ROUNDS = 5
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.table import keep
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.plants import Body, Disturbance, Plants

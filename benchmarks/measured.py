@@ -23,10 +23,10 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.runs.pace import AtOnce
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.pace import AtOnce
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 
 Found = dict[str, float]
 POLICY = WorkerPolicy(restart=False, wait=60.0, show=lambda _text: None)

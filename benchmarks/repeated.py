@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.memory import now
 from benchmarks.work import scenario
-from nrs_cosim.orchestrator.runs.in_process import in_process
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.run import run
 
 MOST = 2.0
 """KiB a run. One publisher that is left on its session is 13."""

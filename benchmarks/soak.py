@@ -33,12 +33,12 @@ from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.runs.in_process import in_process
-from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
-from nrs_cosim.orchestrator.runs.running import Outcome, run
-from nrs_cosim.orchestrator.runs.worker import Watch
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
+from nrs_cosim.orchestrator.engine.run import Outcome, run
+from nrs_cosim.orchestrator.engine.worker import Watch
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 
 PAGE = Path(__file__).parents[1] / "docs" / "soak.md"
 KILLS, STOP, SEED = 4, 15.0, 1

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.estimate import Estimate
-from nrs_cosim.orchestrator.runs.robots import agents_of
+from nrs_cosim.orchestrator.engine.robots import agents_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.recordings.export.tables import SAMPLES
 from nrs_cosim.recordings.recording import Recording
-from nrs_cosim.recordings.tables import SAMPLES
 
 H = 0.1
 KP, KD = 200.0, 300.0

@@ -10,12 +10,12 @@ from mcap.writer import Writer as McapWriter
 
 from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
-from nrs_cosim.recordings.columns import Columns
-from nrs_cosim.recordings.container import Message
-from nrs_cosim.recordings.gathering import columns_of
+from nrs_cosim.recordings.export.tables import RUN
+from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.container import Message
+from nrs_cosim.recordings.mcap.ordering import columns_of
+from nrs_cosim.recordings.mcap.writer import CHUNK_BYTES, Writer
 from nrs_cosim.recordings.recorder import channels, schemas
-from nrs_cosim.recordings.tables import RUN
-from nrs_cosim.recordings.writing import CHUNK_BYTES, Writer
 
 H = 100_000_000
 """ns"""

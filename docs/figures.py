@@ -8,10 +8,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.report.subject import story_of
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.figures import figures, groups
-from nrs_cosim.recordings.report.printing import write_picture
+from nrs_cosim.recordings.report.print import write_picture
 
 
 def draw(recording: Path, figure: Path, until: float = 8.0) -> None:

@@ -12,15 +12,15 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from nrs_cosim.orchestrator.promises.checking import Check, check
-from nrs_cosim.orchestrator.promises.judging import Judgement, judge
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import measure
+from nrs_cosim.orchestrator.analysis.comparison import Judgement, judge
+from nrs_cosim.orchestrator.analysis.conditions import Check, check
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.recordings.measuring import SteadyState
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.report.printing import STYLE
-from nrs_cosim.recordings.tables import states
+from nrs_cosim.recordings.export.tables import states
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import SteadyState
+from nrs_cosim.recordings.report.print import STYLE
 
 mpl.use("agg")
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -15,7 +15,7 @@ from typing import Any, get_args
 from typer.core import TyperArgument, TyperGroup
 from typer.main import get_command
 
-from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
 _UNITS = ("rad, rad/s", "rad/s", "rad", "N m/rad", "N m s/rad", "s of wall time", "s", "ticks")

@@ -25,7 +25,7 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
-from nrs_cosim.estimator_agents.hearing import Hearing, Missing
+from nrs_cosim.estimator_agents.receive_buffer import Hearing, Missing
 
 Array = NDArray[np.float64]
 Shares = tuple[Array, Array | None]

@@ -19,8 +19,8 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
-from nrs_cosim.estimator_agents.foreign import Foreign, loaded
-from nrs_cosim.estimator_agents.hearing import POLICIES, Missing
+from nrs_cosim.estimator_agents.plugins import Foreign, loaded
+from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 
 GROUP = "nrs.algorithms"
 

@@ -13,7 +13,7 @@ import numpy as np
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
-from nrs_cosim.estimator_agents.hearing import POLICIES, Missing
+from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta
 
 

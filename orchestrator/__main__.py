@@ -25,7 +25,7 @@ def main() -> None:
     _print_anything()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        from nrs_cosim.orchestrator.commands.cli import main as run  # noqa: PLC0415
+        from nrs_cosim.orchestrator.cli.main import main as run  # noqa: PLC0415
 
         run()
     except KeyboardInterrupt:

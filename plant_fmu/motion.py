@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
-from nrs_cosim.plant_fmu.drives.driving import Undriven
+from nrs_cosim.plant_fmu.drives.choice import Undriven
 from nrs_cosim.plant_fmu.drives.opening import open_plants
-from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 

@@ -3,7 +3,7 @@
 `Recording` is the way in for users of Python; its `chunks` wants some of the three tables.
 """
 
+from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES
 from nrs_cosim.recordings.recording import Recording
-from nrs_cosim.recordings.tables import LINK_EVENTS, SAMPLES, STATES
 
 __all__ = ["LINK_EVENTS", "SAMPLES", "STATES", "Recording"]

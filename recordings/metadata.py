@@ -23,8 +23,8 @@ from nrs_cosim.bus.errors import Cause
 from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.recordings.container import Closing
 from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.mcap.container import Closing
 
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""

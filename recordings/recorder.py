@@ -30,12 +30,12 @@ from nrs_cosim.bus.keys import (
 )
 from nrs_cosim.bus.messages import CHECKPOINT, HEADER, LINK_EVENT, SAMPLE, STATE, MessageType
 from nrs_cosim.bus.transport import Message
-from nrs_cosim.bus.wire import Records, RefusedError, Tick, Wire
-from nrs_cosim.recordings.columns import Columns
-from nrs_cosim.recordings.container import Channel, Schema
-from nrs_cosim.recordings.container import Message as Recorded
-from nrs_cosim.recordings.gathering import columns_of
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.bus.validation import Records, RefusedError, Tick, Wire
+from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.container import Channel, Schema
+from nrs_cosim.recordings.mcap.container import Message as Recorded
+from nrs_cosim.recordings.mcap.ordering import columns_of
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.units import vector_unit
 
 
@@ -100,7 +100,7 @@ class _Open:
 
 
 class TickWriter(Protocol):
-    """What ticks are written to; see `recordings.writing.Writer`."""
+    """What ticks are written to; see `recordings.mcap.writer.Writer`."""
 
     path: str | PathLike[str]
 

@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.container import Status
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import (
+from nrs_cosim.recordings.export.tables import (
     LINK_EVENTS,
     SAMPLES,
     STATES,
@@ -29,6 +27,8 @@ from nrs_cosim.recordings.tables import (
     robots,
     rows,
 )
+from nrs_cosim.recordings.mcap.container import Status
+from nrs_cosim.recordings.mcap.reader import Reader
 
 if TYPE_CHECKING:
     import xarray
@@ -149,7 +149,7 @@ class Recording:
         Dimensions are `time` (the output grid, s), `sampling_time` (t_k, s), `robot` and `joint`,
         from 1. What was not recorded is NaN.
         """
-        from nrs_cosim.recordings.dataset import dataset  # noqa: PLC0415 (an extra)
+        from nrs_cosim.recordings.export.dataset import dataset  # noqa: PLC0415 (an extra)
 
         return dataset(self._reader)
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Message
-from nrs_cosim.bus.wire import Tick, Wire
-from nrs_cosim.orchestrator.scenario.clock import Clock
+from nrs_cosim.bus.validation import Tick, Wire
 from nrs_cosim.recordings.recorder import Recorder, channels
 
 M, H = 2, 100_000_000

@@ -32,12 +32,12 @@ def test_tools_have_no_complaint(command):
 @pytest.mark.parametrize(
     ("module", "unneeded"),
     [
-        ("nrs_cosim.orchestrator.commands.cli", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
+        ("nrs_cosim.orchestrator.cli.main", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
         (
-            "nrs_cosim.orchestrator.promises.judging",
+            "nrs_cosim.orchestrator.analysis.comparison",
             {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"},
         ),
-        ("nrs_cosim.orchestrator.runs.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
+        ("nrs_cosim.orchestrator.engine.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
         (
             "nrs_cosim.orchestrator.cluster.worker_main",
             {"mcap", "rich", "scipy", "tomlkit", "typer"},
@@ -156,7 +156,7 @@ def test_constraints_pin_every_dependency_and_name_no_place():
         assert re.split("[<>=]", requirement)[0].lower() in pinned
 
 
-DOORS = ("nrs_cosim/api/", "orchestrator/commands/")
+DOORS = ("nrs_cosim/api/", "orchestrator/cli/")
 """What a user calls has the name of what it calls."""
 SHARED = {"main", "serve", "check", "Disturbance", "Recording", "Scenario", "Fmu", "turns_of"}
 """Each process has its main; a seam has one word on both sides; the rest is to be told apart."""

@@ -32,7 +32,7 @@ from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Wor
 from benchmarks.table import compared, keep, machine, told
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.recordings.recording import Recording
 
 PEERS: Mapping[str, Sequence[str]] = {

@@ -63,7 +63,7 @@ class LinkOutcome:
 
 
 class Ticks(Protocol):
-    """When the sampling times are, ns; see `orchestrator.scenario.clock.Clock`."""
+    """When the sampling times are, ns; see `bus.clock.Clock`."""
 
     def t(self, k: int) -> int:
         """Return t_k."""

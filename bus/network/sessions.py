@@ -7,7 +7,7 @@ import zenoh
 
 from nrs_cosim.bus.errors import BusError, InputError
 from nrs_cosim.bus.network.endpoints import Address, Endpoints, zenoh_settings
-from nrs_cosim.bus.network.reaching import BRIEFLY, LONG, Obstacle, probe
+from nrs_cosim.bus.network.reachability import BRIEFLY, LONG, Obstacle, probe
 from nrs_cosim.bus.network.room import expect_room
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.api.scenario import Scenario
-from nrs_cosim.orchestrator.promises.results import Result
-from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
+from nrs_cosim.orchestrator.analysis.results import Result
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
+from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings import Recording as Tables
 

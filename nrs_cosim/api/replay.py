@@ -11,12 +11,13 @@ from nrs_cosim.api.run import Progress, execute
 from nrs_cosim.api.scenario import plain
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.orchestrator.commands.places import expect_another
-from nrs_cosim.orchestrator.replays import comparing, verifying
-from nrs_cosim.orchestrator.replays.comparing import Comparison
-from nrs_cosim.orchestrator.replays.verifying import Verification
-from nrs_cosim.orchestrator.replays.what_if import changed_run
-from nrs_cosim.orchestrator.runs.in_process import in_process
+from nrs_cosim.orchestrator.cli.output_paths import expect_another
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.replay import diff
+from nrs_cosim.orchestrator.replay import verify as verify_module
+from nrs_cosim.orchestrator.replay.diff import Comparison
+from nrs_cosim.orchestrator.replay.verify import Verification
+from nrs_cosim.orchestrator.replay.what_if import changed_run
 from nrs_cosim.orchestrator.scenario.changes import Change
 
 __all__ = ["Comparison", "Verification", "compare", "verify", "what_if"]
@@ -47,7 +48,7 @@ def verify(recording: Source, *, agents_only: bool = False) -> Verification:
         'identical'
     """
     with _opened(recording) as opened:
-        return verifying.verify(opened._reader, opened._experiment, plants=not agents_only)
+        return verify_module.verify(opened._reader, opened._experiment, plants=not agents_only)
 
 
 def what_if(
@@ -140,7 +141,7 @@ def compare(a: Source, b: Source) -> Comparison:
         {'run.seed': (1, 2)}
     """
     with _opened(a) as one, _opened(b) as other:
-        return comparing.compare(one._reader, other._reader)
+        return diff.compare(one._reader, other._reader)
 
 
 @contextmanager

@@ -13,20 +13,20 @@ from typing import Literal
 
 from nrs_cosim.api.recording import Recording
 from nrs_cosim.api.scenario import Scenario
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cli.output_paths import Place, place_for
+from nrs_cosim.orchestrator.cli.terminal_run import resumable
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.commands.performing import resumable
-from nrs_cosim.orchestrator.commands.places import Place, place_for
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.lockstep import Launcher
+from nrs_cosim.orchestrator.engine.run import past_of
+from nrs_cosim.orchestrator.engine.run import run as run_experiment
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.runs.in_process import in_process
-from nrs_cosim.orchestrator.runs.lockstep import Launcher
-from nrs_cosim.orchestrator.runs.running import past_of
-from nrs_cosim.orchestrator.runs.running import run as run_experiment
-from nrs_cosim.orchestrator.scenario.clock import seconds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.recordings.container import Message
+from nrs_cosim.recordings.mcap.container import Message
 
 Progress = Callable[[float, float], None]
 """Is called with the simulated time that is reached, and the run's duration, s."""

@@ -4,9 +4,9 @@ from typing import Any
 
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.orchestrator.promises.checking import check as check_experiment
-from nrs_cosim.orchestrator.promises.probing import Sampling
-from nrs_cosim.orchestrator.promises.promising import Bound, bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, promises
+from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
+from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
 
 
 class Theory:

@@ -8,15 +8,15 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.parts import joined
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.framing import joined
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Question
 from nrs_cosim.orchestrator.cluster.admission import Admission
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, WorkerSlot
 from nrs_cosim.orchestrator.cluster.protocol import TICK, Go, NotExpectedError, Ready
 from nrs_cosim.orchestrator.cluster.supervision import Supervision
 from nrs_cosim.orchestrator.cluster.worker_state import Event
-from nrs_cosim.orchestrator.runs.restart import AT_ONCE, point_of
+from nrs_cosim.orchestrator.engine.restart import AT_ONCE, point_of
 
 
 @dataclass(slots=True)

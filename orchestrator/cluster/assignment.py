@@ -15,7 +15,7 @@ from nrs_cosim.orchestrator.cluster.worker_state import (
     State,
     WorkerState,
 )
-from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.robot_ids import named
 
 
 def _nobody(_data: bytes) -> None:

@@ -28,9 +28,9 @@ from nrs_cosim.bus.keys import (
     wire_key,
 )
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Cut, Item, Message, Presence, Question, Rejected
-from nrs_cosim.bus.wire import Wire
+from nrs_cosim.bus.validation import Wire
 from nrs_cosim.orchestrator.cluster.admission import Admission, Fmu
 from nrs_cosim.orchestrator.cluster.answers import Answers
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, WorkerSlot
@@ -39,10 +39,10 @@ from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.protocol import END, NotExpectedError, Refusal, Report
 from nrs_cosim.orchestrator.cluster.supervision import Supervision
 from nrs_cosim.orchestrator.cluster.worker_state import WELL, Event, State, WorkerState
-from nrs_cosim.orchestrator.runs.robots import wire_of
-from nrs_cosim.orchestrator.runs.worker import Spent
+from nrs_cosim.orchestrator.engine.robots import wire_of
+from nrs_cosim.orchestrator.engine.worker import Spent
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.robot_ids import named
 from nrs_cosim.recordings.recorder import Recorder
 
 _LOG = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ _GRACE = 2.0
 
 
 class Coordinator:
-    """The workers of a run; see `orchestrator.runs.lockstep.Workers`."""
+    """The workers of a run; see `orchestrator.engine.lockstep.Workers`."""
 
     def __init__(
         self,
@@ -182,7 +182,7 @@ class Coordinator:
         """Look whether the workers are well; return whether all are, and none is catching up.
 
         Raises what a worker failed with at tick k or before, and `RunError` when a robot has been
-        without a worker for too long; see `orchestrator.runs.lockstep.Workers`.
+        without a worker for too long; see `orchestrator.engine.lockstep.Workers`.
         """
         are_well = self._supervision.look_after(k, at_last)
         progress, self._answers.progress = self._answers.progress, False

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nrs_cosim.bus.keys import FMU, wire_key
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Answer
 from nrs_cosim.orchestrator.cluster.missed_samples import SILENCE, AbandonedError
 from nrs_cosim.orchestrator.cluster.protocol import Welcome

@@ -12,18 +12,18 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import RECORDS, REPORT, SAMPLES, wire_key
 from nrs_cosim.bus.network.endpoints import Address, Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.cluster.admission import Fmu
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.screen import screen_of
-from nrs_cosim.orchestrator.runs.lockstep import Launcher, Workers
-from nrs_cosim.orchestrator.runs.plants import group_by_archive
-from nrs_cosim.orchestrator.runs.worker import Watch
+from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
+from nrs_cosim.orchestrator.engine.plants import group_by_archive
+from nrs_cosim.orchestrator.engine.worker import Watch
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import load_native
 from nrs_cosim.plant_fmu.folders import own_folder
 
 _ROBOTS_A_WORKER = 50

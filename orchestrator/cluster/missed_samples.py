@@ -5,15 +5,15 @@ from contextlib import suppress
 from time import monotonic
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.framing import parted
 from nrs_cosim.bus.keys import ALIVE, HEARD, ORCHESTRATOR, ORDERS, REPORT, START, wire_key
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
-from nrs_cosim.bus.parts import parted
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Answer, Cut, Item, Message, Presence
-from nrs_cosim.bus.wire import RefusedError, Wire
+from nrs_cosim.bus.validation import RefusedError, Wire
 from nrs_cosim.orchestrator.cluster.protocol import END, TICK, Ready
-from nrs_cosim.orchestrator.runs.restart import AT_ONCE
-from nrs_cosim.orchestrator.runs.worker import Heard
+from nrs_cosim.orchestrator.engine.restart import AT_ONCE
+from nrs_cosim.orchestrator.engine.worker import Heard
 
 SILENCE = 1.0
 """s: after that long without a sample the orchestrator is asked for it."""

@@ -15,7 +15,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from nrs_cosim.bus.errors import BusError, Cause
-from nrs_cosim.bus.parts import joined, parted
+from nrs_cosim.bus.framing import joined, parted
 
 END = b"end"
 """What ends a worker."""
@@ -67,7 +67,7 @@ class Welcome(Note):
 
     run: str
     secret: Annotated[bytes, Field(min_length=32, max_length=32)]
-    """See `bus.seal`."""
+    """See `bus.signature`."""
     name: str
     """The scenario's."""
     scenario: str
@@ -90,7 +90,7 @@ class Refusal(Note):
 
 
 class Told(Note):
-    """What the user is told of some robots' plants; see `orchestrator.runs.robots.Robots`."""
+    """What the user is told of some robots' plants; see `orchestrator.engine.robots.Robots`."""
 
     fmu: str
     name: str
@@ -136,7 +136,7 @@ class Report(Note):
     failed: str | None = None
     cause: Cause | None = None
     place: tuple[int, int, int] = (0, 0, 0)
-    """Where in the tick; see `orchestrator.runs.worker.Worker`."""
+    """Where in the tick; see `orchestrator.engine.worker.Worker`."""
     plants: float = 0.0
     bus: float = 0.0
     waiting: float = 0.0

@@ -1,7 +1,7 @@
 """Of all that comes, the orchestrator takes in what is sealed, and short requests to join."""
 
 from nrs_cosim.bus.keys import FMU, HEARD, JOIN, ORDERS, RECORDS, REPORT, SAMPLES, START
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Screen
 
 _LONGEST_HELLO = 2**20

@@ -21,7 +21,7 @@ from nrs_cosim.orchestrator.cluster.worker_state import (
     State,
 )
 from nrs_cosim.orchestrator.errors import WorkerError
-from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.robot_ids import named
 from nrs_cosim.recordings.recorder import Recorder
 
 _LOG = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class Supervision:
     def look_after(self, k: int, at_last: bool) -> bool:
         """Look whether the workers are well; return whether all of them are.
 
-        See `orchestrator.runs.lockstep.Workers` for what it raises.
+        See `orchestrator.engine.lockstep.Workers` for what it raises.
         """
         now = monotonic()
         for name, slot in list(self.slots.items()):

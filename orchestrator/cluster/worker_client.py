@@ -29,7 +29,7 @@ from nrs_cosim.bus.keys import (
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Answer, Item, Presence
 from nrs_cosim.orchestrator.cluster.fmu_finder import FmuFinder
 from nrs_cosim.orchestrator.cluster.missed_samples import AbandonedError, EndedError, MissedSamples
@@ -42,9 +42,9 @@ from nrs_cosim.orchestrator.cluster.protocol import (
     Told,
     Welcome,
 )
-from nrs_cosim.orchestrator.runs.robots import Robots, wire_of
+from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.orchestrator.scenario.numbers import named
+from nrs_cosim.orchestrator.scenario.robot_ids import named
 
 _LOG = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.logs import log_as_asked
-from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.plant_fmu.isolation.worker import follow
 
 

@@ -22,7 +22,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
-from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
 _NEXT = re.compile(rf",(?=\s*{_WORD}(?:\s*\.\s*{_WORD})*\s*=)")

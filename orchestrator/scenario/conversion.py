@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.scenario.tables.targets import (
     SampledTarget,
     TargetMotion,
 )
-from nrs_cosim.plant_fmu.archives import naming
+from nrs_cosim.plant_fmu.archives import families
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,10 @@ def motion_of(target: TargetMotion) -> Target:
     return Harmonic(*terms(target.axes))
 
 
-def names_of(variables: Mapping[str, Name]) -> dict[str, naming.Spec]:
+def names_of(variables: Mapping[str, Name]) -> dict[str, families.Spec]:
     """Return what a scenario gives for quantities of ours, as FMUs are searched for it."""
     return {
-        ours: naming.NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
+        ours: families.NamePattern(name.pattern, name.base) if isinstance(name, Pattern) else name
         for ours, name in variables.items()
     }
 

@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import Clock, Jitter, nanoseconds
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
 from nrs_cosim.estimator_agents.estimate import Estimate
-from nrs_cosim.estimator_agents.hearing import Missing
+from nrs_cosim.estimator_agents.receive_buffer import Missing
 from nrs_cosim.estimator_agents.target import Target
-from nrs_cosim.orchestrator.scenario.clock import Clock, Jitter, nanoseconds
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import Quantity, initial_rows

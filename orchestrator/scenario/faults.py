@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import nanoseconds
 from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.bus.links.outages import Spans
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.orchestrator.scenario.clock import nanoseconds
 from nrs_cosim.orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 

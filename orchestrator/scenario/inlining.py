@@ -73,7 +73,7 @@ def written(rows: list[Any]) -> str:
 
 def _samples(path: Path) -> tuple[Array, Array]:
     """Return times (s,) and positions (s, m) of a file, whose velocities agree with them."""
-    from nrs_cosim.recordings.foreign import read_columns  # noqa: PLC0415, as above
+    from nrs_cosim.recordings.input_tables import read_columns  # noqa: PLC0415, as above
 
     found = read_columns(path)
     for name in ("t", "position_1"):

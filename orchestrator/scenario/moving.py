@@ -11,9 +11,9 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
+from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.orchestrator.scenario.conversion import names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.inlining import Array, written

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.target import Sampled
-from nrs_cosim.orchestrator.scenario.clock import seconds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
 from nrs_cosim.orchestrator.scenario.times import wrong_times

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from decimal import Decimal
 from itertools import pairwise
 
-from nrs_cosim.orchestrator.scenario.clock import NS_PER_S, nanoseconds, seconds
+from nrs_cosim.bus.clock import NS_PER_S, nanoseconds, seconds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 LONGEST_NS, MOST_TICKS = 2**63, 2**32

@@ -10,7 +10,7 @@ from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, w
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
-from nrs_cosim.orchestrator.scenario.numbers import parse_robots
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant

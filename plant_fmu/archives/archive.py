@@ -12,9 +12,9 @@ from fmpy.model_description import ModelDescription
 
 from nrs_cosim.plant_fmu.archives.entries import GIB, MOST_BYTES, opened_archive, unpack
 from nrs_cosim.plant_fmu.archives.libraries import obstacle
-from nrs_cosim.plant_fmu.archives.reading import read_description
+from nrs_cosim.plant_fmu.archives.model_description import read_description
 from nrs_cosim.plant_fmu.archives.units import unit_of
-from nrs_cosim.plant_fmu.bundled.building import build, built_here
+from nrs_cosim.plant_fmu.bundled.builder import build, built_here
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.folders import own_folder

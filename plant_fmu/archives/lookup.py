@@ -8,7 +8,7 @@ from fmpy.model_description import ModelVariable
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Family, families
+from nrs_cosim.plant_fmu.archives.families import Family, families
 from nrs_cosim.plant_fmu.errors import FmuError
 
 Identity = tuple[str, int]

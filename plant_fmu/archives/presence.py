@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, NumberLayout
 from nrs_cosim.plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
 from nrs_cosim.plant_fmu.errors import FmuError

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nrs_cosim.plant_fmu.bundled.building import build_model
+from nrs_cosim.plant_fmu.bundled.builder import build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Three, UrdfRobot
 from nrs_cosim.plant_fmu.errors import FmuError

@@ -7,9 +7,9 @@ its equations. The check has a deadline, and what it did not find by then is unk
 from collections.abc import Iterator
 from typing import Any
 
-from nrs_cosim.plant_fmu.checking.apart import say_findings, told_apart
 from nrs_cosim.plant_fmu.checking.budget import Tell
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
+from nrs_cosim.plant_fmu.checking.subprocess_check import say_findings, told_apart
 
 DEADLINE, LIMIT = 30.0, 10.0
 """s: of a call; of processor time, for each stage. A humanoid of 30 joints takes 3 in all."""

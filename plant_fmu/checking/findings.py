@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.archives.families import Spec
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.plants import Body
 
 Verdict = Literal["holds", "fails", "unknown", "note"]

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.spans import agreeing, staircase
-from nrs_cosim.plant_fmu.drives.driving import STEP, Offer
+from nrs_cosim.plant_fmu.drives.choice import STEP, Offer
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
-from nrs_cosim.plant_fmu.drives.probing import Probe
+from nrs_cosim.plant_fmu.drives.probe import Probe
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
 from nrs_cosim.plant_fmu.errors import FmuError

@@ -12,7 +12,7 @@ from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.checking.budget import OverBudgetError
 from nrs_cosim.plant_fmu.checking.findings import Finding
 from nrs_cosim.plant_fmu.checking.mechanics import HOLDING, MechanicsProbe
-from nrs_cosim.plant_fmu.drives.probing import SEED
+from nrs_cosim.plant_fmu.drives.probe import SEED
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Array
 

@@ -17,10 +17,10 @@ from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.checking.physics import physics
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.validity import validity
-from nrs_cosim.plant_fmu.drives.driving import choose, offers
+from nrs_cosim.plant_fmu.drives.choice import choose, offers
 from nrs_cosim.plant_fmu.drives.reference_driven import REFERENCE
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
 
 QUANTITIES = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")

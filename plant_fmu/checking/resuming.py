@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.checking.budget import Budget
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.plants import Array, Body, Plants

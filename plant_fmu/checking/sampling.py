@@ -20,10 +20,10 @@ from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
-from nrs_cosim.plant_fmu.drives.driving import choose, offers
-from nrs_cosim.plant_fmu.drives.probing import SEED
+from nrs_cosim.plant_fmu.drives.choice import choose, offers
+from nrs_cosim.plant_fmu.drives.probe import SEED
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Array
 
 DRAWN, CLIMBING = 600, 350

@@ -13,7 +13,7 @@ from zipfile import ZipFile
 from fmpy.validation import validate_fmu
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.reading import NAME
+from nrs_cosim.plant_fmu.archives.model_description import NAME
 from nrs_cosim.plant_fmu.checking.budget import OutOfTime, limited
 from nrs_cosim.plant_fmu.checking.findings import Finding
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from fmpy.sundials import libraries as sundials
 
-from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.fmi.calls import DISCARD, WARNING, bind
 from nrs_cosim.plant_fmu.plants import Array
 

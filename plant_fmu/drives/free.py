@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.fmi.library import Library

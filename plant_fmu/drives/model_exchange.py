@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
-from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
-from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
+from nrs_cosim.plant_fmu.drives.pd_law import Law
 from nrs_cosim.plant_fmu.drives.solvers import Solver
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library

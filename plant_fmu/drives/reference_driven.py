@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.presence import has
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.plants import Array, Body
 
@@ -26,7 +26,7 @@ DISTURBANCE = tuple(f"disturbance_{part}" for part in ("offset", "rate", *WAVES)
 class ReferenceDrivenPlants:
     """Plants driven by `position_ref` and `velocity_ref`; see `plant_fmu.plants.DrivenPlants`.
 
-    An FMU that does not tell its `tau_applied` is taken to apply the law of `plant_fmu.drives.law`.
+    An FMU that does not tell its `tau_applied` is taken to apply `plant_fmu.drives.pd_law`.
     """
 
     kind = "CoSimulation"

@@ -7,7 +7,7 @@ lies within a width of a few roundings.
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.fmi.calls import WARNING
 from nrs_cosim.plant_fmu.plants import Array

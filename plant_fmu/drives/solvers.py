@@ -4,7 +4,7 @@ from typing import Protocol
 
 
 class Solver(Protocol):
-    """A solver of one robot's dx/dt = f(t, x); see `plant_fmu.drives.exchanged.Exchanged`."""
+    """A solver of one robot's dx/dt = f(t, x), see `drives.exchange_instance.Exchanged`."""
 
     def restart(self) -> None:
         """Forget the past: the robot's states, inputs or equations may have jumped."""

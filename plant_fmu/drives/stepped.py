@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
-from nrs_cosim.plant_fmu.drives.law import Law
+from nrs_cosim.plant_fmu.drives.pd_law import Law
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.states import States

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.fmi.library import Library

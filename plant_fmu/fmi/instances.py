@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Quantity, View
 from nrs_cosim.plant_fmu.archives.starts import start_parameters
 from nrs_cosim.plant_fmu.archives.variables import bare_or_quoted, find_quantity
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.plant_fmu.fmi.assigning import StartValues, assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import StartValues, assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.batch_calls import CalledRounds, EarlyEnd, Rounds, arguments
 from nrs_cosim.plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
 from nrs_cosim.plant_fmu.fmi.library import Library
-from nrs_cosim.plant_fmu.fmi.native.rounds import native_rounds
-from nrs_cosim.plant_fmu.fmi.rounds import CalledRounds, EarlyEnd, Rounds, arguments
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import native_rounds
 from nrs_cosim.plant_fmu.plants import Array, Body, called
 
 Transfer = Callable[[float], None]

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.batch_calls import place
 from nrs_cosim.plant_fmu.fmi.calls import WARNING
 from nrs_cosim.plant_fmu.fmi.instances import Instances
-from nrs_cosim.plant_fmu.fmi.rounds import place
 from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives.checkpoint import time_of
-from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven
-from nrs_cosim.plant_fmu.fmi.native.rounds import load_native
+from nrs_cosim.plant_fmu.drives.choice import Driving, Undriven
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import load_native
 from nrs_cosim.plant_fmu.folders import own_folder
 from nrs_cosim.plant_fmu.isolation.sharing import (
     ADVANCE,

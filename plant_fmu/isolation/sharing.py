@@ -13,8 +13,8 @@ from typing import IO
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.archives.naming import Spec
-from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven
+from nrs_cosim.plant_fmu.archives.families import Spec
+from nrs_cosim.plant_fmu.drives.choice import Driving, Undriven
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.plants import Array, Body
 

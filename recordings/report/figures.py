@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.report.decimating import kept
-from nrs_cosim.recordings.report.story import KINDS, LinkEvents, Story
+from nrs_cosim.recordings.report.data import KINDS, LinkEvents, Story
+from nrs_cosim.recordings.report.decimation import kept
 
 Array = NDArray[np.float64]
 Group = tuple[str, int | None]

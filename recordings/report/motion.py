@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.recordings.report.arrays import Arrays
-from nrs_cosim.recordings.report.story import Story
+from nrs_cosim.recordings.report.data import Story
 
 MOST_FRAMES = 900
 

@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.report.story import KINDS, Story
+from nrs_cosim.recordings.report.data import KINDS, Story
 
 Array = NDArray[np.float64]
 SIZE, RADIUS = 460.0, 180.0

@@ -19,11 +19,11 @@ from importlib.util import find_spec
 from typing import Any
 
 from nrs_cosim.recordings.errors import MissingExtraError
-from nrs_cosim.recordings.report import network, words
+from nrs_cosim.recordings.report import network, text
 from nrs_cosim.recordings.report.arrays import Arrays
+from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, run_names
 from nrs_cosim.recordings.report.motion import motion
-from nrs_cosim.recordings.report.story import Story
 
 
 def page(stories: Sequence[Story]) -> str:
@@ -46,12 +46,12 @@ def page_data(stories: Sequence[Story]) -> dict[str, Any]:
                 "name": name,
                 "status": story.status,
                 "damage": list(story.damage),
-                "lead": words.lead(story),
-                "measured": list(words.measured(story)),
-                "verdicts": words.verdicts(story),
+                "lead": text.lead(story),
+                "measured": list(text.measured(story)),
+                "verdicts": text.verdicts(story),
                 "factor": story.subject.factor,
-                "counted": words.counted(story),
-                "particulars": words.particulars(story),
+                "counted": text.counted(story),
+                "particulars": text.particulars(story),
                 "network": network.drawn(story),
                 "robots": story.drawn.tolist(),
                 "unit": story.subject.unit,

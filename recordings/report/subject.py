@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.bus.wire import Times
-from nrs_cosim.recordings.measuring import TargetAt
+from nrs_cosim.bus.validation import Times
+from nrs_cosim.recordings.measurement import TargetAt
 
 MIXED, UNKNOWN = "mixed units", "unit not known"
 """Stand where a number or an axis is over joints in unlike units, or in none that an FMU gives."""

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.anatomy import ALL, BESIDE, PARTS, REST, parts_of, replaced
-from nrs_cosim.bus.wire import Wire
+from nrs_cosim.bus.validation import Wire
 
 
 def test_every_part_has_its_time_and_little_is_left():
@@ -17,5 +17,5 @@ def test_every_part_has_its_time_and_little_is_left():
 
 
 def test_a_function_that_is_gone_is_named():
-    with pytest.raises(LookupError, match=r"bus\.wire:Wire\.gone is not there any more"):
-        replaced("nrs_cosim.bus.wire:Wire.gone", lambda was: was)
+    with pytest.raises(LookupError, match=r"bus\.validation:Wire\.gone is not there any more"):
+        replaced("nrs_cosim.bus.validation:Wire.gone", lambda was: was)

@@ -11,7 +11,7 @@ from benchmarks.peers.beside import judged, ours
 from benchmarks.peers.fmpy_loop import run as looped
 from benchmarks.peers.work import Work
 from benchmarks.work import Motion, keep_motion, scenario
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 
 N, TICKS = 4, 7
 

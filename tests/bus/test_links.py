@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.links.links import BLOCK, LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from tests.bus.test_topology import PAPER
 
 TOPOLOGY = Topology.of(*PAPER)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -24,10 +24,10 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.orchestrator.cluster.launcher import remote_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.file import Experiment, read_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
 
 ROOT = Path(__file__).parents[2]

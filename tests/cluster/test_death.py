@@ -10,9 +10,9 @@ import pytest
 
 from nrs_cosim.orchestrator.cluster import launcher
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.local_runs import Spread, digest, lossy, scenario, story, workers_of
 from tests.guard import LIMIT
 from tests.plant_fmu.archives import rewritten

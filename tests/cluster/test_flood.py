@@ -12,11 +12,11 @@ from benchmarks.memory import peak
 from nrs_cosim.bus.network.endpoints import Endpoints, zenoh_settings
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.transport import Message, Rejected
 from nrs_cosim.orchestrator.cluster.screen import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.remote_runs import PROCESS, Worker, alone, scenario
 from tests.guard import GUARD
 from tests.network.ports import free_port

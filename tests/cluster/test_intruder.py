@@ -12,10 +12,10 @@ from nrs_cosim.bus.encryption import encrypt
 from nrs_cosim.bus.errors import BusError, InputError, RunError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
-from nrs_cosim.bus.seal import Seal
-from nrs_cosim.bus.wire import Tick
+from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.validation import Tick
 from nrs_cosim.orchestrator.cluster.protocol import Go, Hello, Ready, Refusal, Report, Welcome
-from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.remote_runs import Run, Worker, alone, scenario
 from tests.guard import GUARD, VAIN

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN
-from nrs_cosim.recordings.reading import Reader
 from tests.cluster.local_runs import Spread, digest, lossy, mixed, scenario, story, turning
 from tests.cluster.remote_runs import Run, Worker, alone
 from tests.orchestrator.conftest import SCENARIOS

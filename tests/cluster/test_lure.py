@@ -16,7 +16,7 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.cluster.protocol import Hello, Welcome
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from tests.cluster.remote_runs import scenario

@@ -9,9 +9,9 @@ from math import inf
 import pytest
 
 from nrs_cosim.bus.errors import BusError, InputError, RunError
+from nrs_cosim.orchestrator.cli.main import main
 from nrs_cosim.orchestrator.cluster import coordinator, worker_client
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
-from nrs_cosim.orchestrator.commands.cli import main
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.remote_runs import PROCESS, SCENARIO, Run, Worker, alone, digest_of, scenario
 from tests.guard import GUARD, LIMIT, VAIN
@@ -80,7 +80,7 @@ def test_early_and_late_workers_with_robots_and_without_share_them_all(short, me
 
 OLDER = """
 import nrs_cosim.orchestrator.cluster.worker_client as worker_client
-from nrs_cosim.orchestrator.commands.cli import main
+from nrs_cosim.orchestrator.cli.main import main
 worker_client.version = lambda _: "0.0.1"
 main()
 """

@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
+from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.local_runs import Spread, digest, lossy, mixed, story, workers_of
 from tests.command import nrs
 from tests.guard import GUARD
@@ -32,8 +32,8 @@ from pathlib import Path
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.in_process import in_process
+from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.local_runs import workers_of
 

@@ -7,11 +7,11 @@ import pytest
 import zenoh
 
 from nrs_cosim.bus.encryption import KeyPair
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.orchestrator.cluster import launcher
 from nrs_cosim.orchestrator.cluster.protocol import Hello, Refusal, Welcome
-from nrs_cosim.orchestrator.runs.lockstep import MOST_WINDOW
-from nrs_cosim.orchestrator.runs.robots import wire_of
+from nrs_cosim.orchestrator.engine.lockstep import MOST_WINDOW
+from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.remote_runs import Run, Worker, alone, scenario
 from tests.cluster.test_intruder import ASSIGNMENT, Intruder

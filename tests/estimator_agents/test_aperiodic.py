@@ -24,7 +24,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.digraphs import digraphs, ring
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order
-from tests.estimator_agents.test_promises import error, radius_of
+from tests.estimator_agents.test_bounds import error, radius_of
 
 TOPOLOGY = Topology.of(*PAPER)
 ALONE = Topology.of(np.zeros((1, 1)), np.ones(1))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm, policies_of
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 
 ROOT = Path(__file__).parents[2]

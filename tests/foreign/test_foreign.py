@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.plant_fmu.bundled.building import write
+from nrs_cosim.plant_fmu.bundled.builder import write
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import states
+from nrs_cosim.recordings.export.tables import states
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.arms import simulate
 from tests.orchestrator.conftest import SCENARIOS
 

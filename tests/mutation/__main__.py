@@ -1,7 +1,7 @@
 """How many of the mutations of the core are found by the tests that are meant to find them.
 
     make mutants                        a sample, the same for the same seed
-    make mutants ARGS="--all bus/wire.py"
+    make mutants ARGS="--all bus/validation.py"
 
 Each is tried in a copy of the tree, by the test files that `modules.toml` gives its module, after
 those have passed without one. It is killed when a test fails, or when it takes far longer than

@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from nrs_cosim.bus.errors import Cause, RunError
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import Interrupted
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.conftest import built
 from tests.plant_fmu.test_isolation import scenario

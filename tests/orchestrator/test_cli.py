@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from nrs_cosim.bus.keys import kind_of, node_of
-from nrs_cosim.orchestrator.commands import performing
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.cli import terminal_run
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
@@ -247,12 +247,12 @@ def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
 
 @pytest.mark.parametrize("restarts", [0, 1])
 def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkeypatch, restarts):
-    real = performing.run_scenario
+    real = terminal_run.run_scenario
 
     def run(*given, **options):
         return replace(real(*given, **options), restarts=restarts)
 
-    monkeypatch.setattr(performing, "run_scenario", run)
+    monkeypatch.setattr(terminal_run, "run_scenario", run)
     (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap", "--profile")
     told = "profile: what a worker did before it was gone is under other\n"

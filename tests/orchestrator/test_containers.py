@@ -16,9 +16,9 @@ from nrs_cosim.bus.network import room
 from nrs_cosim.orchestrator.cluster import launcher, worker_state
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.plant_fmu.fmi import library
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 

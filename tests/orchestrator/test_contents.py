@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.recordings.container import DamageError
-from nrs_cosim.recordings.contents import Contents
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.gathering import columns_of
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.container import DamageError
+from nrs_cosim.recordings.mcap.contents import Contents
+from nrs_cosim.recordings.mcap.ordering import columns_of
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_replay import rewritten

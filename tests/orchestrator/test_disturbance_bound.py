@@ -4,7 +4,7 @@ from math import inf, sqrt
 
 import pytest
 
-from nrs_cosim.orchestrator.promises.bounding import plant_bounds
+from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_extremes import TEXT

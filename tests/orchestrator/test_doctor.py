@@ -10,9 +10,9 @@ import pytest
 from cryptography.hazmat.primitives.serialization import PrivateFormat
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.network.vetting import vet
-from nrs_cosim.orchestrator.commands.doctor import diagnose
-from nrs_cosim.orchestrator.commands.tls import tls_of
+from nrs_cosim.bus.network.certificate_check import vet
+from nrs_cosim.orchestrator.cli.doctor import diagnose
+from nrs_cosim.orchestrator.cli.tls import tls_of
 from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
 from tests.command import nrs
 from tests.network.authority import LONG_AGO, Authority

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nrs_cosim.orchestrator.commands.cli import command as command_line
+from nrs_cosim.orchestrator.cli.main import command as command_line
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT

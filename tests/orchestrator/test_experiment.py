@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 
 import nrs_cosim
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.orchestrator.runs.robots import agents_of, wire_of
+from nrs_cosim.orchestrator.engine.robots import agents_of, wire_of
 from nrs_cosim.orchestrator.scenario import experiment
-from nrs_cosim.orchestrator.scenario.clock import Clock
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS

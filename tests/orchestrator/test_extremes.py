@@ -11,8 +11,8 @@ import tomlkit
 
 import nrs_cosim as nrs
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.promises.checking import check
-from nrs_cosim.orchestrator.promises.promising import bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.command import nrs as nrs_command
 from tests.orchestrator.conftest import SCENARIOS

@@ -8,18 +8,18 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import LinkFault
-from nrs_cosim.bus.seal import Seal
-from nrs_cosim.bus.wire import RefusedError
+from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.validation import RefusedError
 from nrs_cosim.estimator_agents import algorithm
+from nrs_cosim.orchestrator.engine.robots import wire_of
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.runs.robots import wire_of
-from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario.faults import link_faults
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.recordings.export import export
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import samples, states
+from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.export.tables import samples, states
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.estimator_agents.faulty import Network, simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
 

@@ -6,7 +6,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 from tests.command import nrs
 from tests.plant_fmu.archives import rewritten, with_variables
 

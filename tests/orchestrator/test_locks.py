@@ -9,17 +9,17 @@ from contextlib import closing, contextmanager
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.commands import locks
-from nrs_cosim.orchestrator.commands.locks import expect_unlocked, locked
-from nrs_cosim.orchestrator.commands.places import place_for
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.cli import locks
+from nrs_cosim.orchestrator.cli.locks import expect_unlocked, locked
+from nrs_cosim.orchestrator.cli.output_paths import place_for
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 HOLD = (
     "import sys; from pathlib import Path\n"
-    "from nrs_cosim.orchestrator.commands.locks import locked\n"
+    "from nrs_cosim.orchestrator.cli.locks import locked\n"
     "with locked(Path(sys.argv[1])):\n"
     "    print('held', flush=True); sys.stdin.read()\n"
 )

@@ -5,13 +5,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import TARGET, wire_key
 from nrs_cosim.bus.transport import Message, Presence
 from nrs_cosim.estimator_agents.target import Harmonic
-from nrs_cosim.orchestrator.runs import lockstep
-from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode, window
-from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
+from nrs_cosim.orchestrator.engine import lockstep
+from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode, window
 from tests.batches import ASSIGNMENT, H, recorder_of, samples, told, whole, wire_of
 
 DEADLINE = 2.0

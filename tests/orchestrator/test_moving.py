@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from nrs_cosim.estimator_agents.target import Sampled
+from nrs_cosim.orchestrator.analysis.bounds import promises
+from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.promises.promising import promises
-from nrs_cosim.orchestrator.replays.verifying import verify
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
+from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recording import Recording
 from tests.cluster.local_runs import Spread
 from tests.orchestrator.arms import target

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.runs.running import run
 from nrs_cosim.orchestrator.scenario import graphs
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 
 TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT)

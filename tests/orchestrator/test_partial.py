@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from nrs_cosim.recordings.container import RECORD
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.writing import Writer
+from nrs_cosim.recordings.mcap.container import RECORD
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS, SHORT
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from nrs_cosim.orchestrator.commands.progress import reading, stages
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.cli.progress import reading, stages
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 
 
@@ -93,7 +93,7 @@ def test_check_tells_each_of_its_stages(monkeypatch):
     def listening(_screen):
         yield told.append
 
-    monkeypatch.setattr("nrs_cosim.orchestrator.commands.progress.stages", listening)
+    monkeypatch.setattr("nrs_cosim.orchestrator.cli.progress.stages", listening)
     paper = Path(__file__).parents[2] / "scenarios" / "paper_first_order.toml"
     assert nrs("check", paper, "--accuracy", "0.5", "0.5").returncode == 0
     assert told == [

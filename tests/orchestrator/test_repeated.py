@@ -10,8 +10,8 @@ import pytest
 from benchmarks.repeated import Holdings
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.conftest import SHORT
 
 RUNS = 60

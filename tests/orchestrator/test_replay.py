@@ -12,16 +12,16 @@ from nrs_cosim.bus.keys import node_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.transport import Message
-from nrs_cosim.orchestrator.replays.comparing import compare
-from nrs_cosim.orchestrator.replays.publishing import publish
-from nrs_cosim.orchestrator.replays.verifying import verify
-from nrs_cosim.orchestrator.replays.what_if import parent, run_again
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import experiment_of
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.replay.diff import compare
+from nrs_cosim.orchestrator.replay.publish import publish
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.replay.what_if import parent, run_again
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.writing import Writer
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.network.ports import free_port

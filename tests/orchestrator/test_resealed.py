@@ -12,10 +12,10 @@ from unittest.mock import patch
 
 import pytest
 
-from nrs_cosim.recordings import writing
-from nrs_cosim.recordings.container import BEGIN, END, tail
+from nrs_cosim.recordings.mcap import writer as writer_module
+from nrs_cosim.recordings.mcap.container import BEGIN, END, tail
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import PARENT, RUN, SCENARIO, VERSIONS
-from nrs_cosim.recordings.reading import Reader
 from tests.command import nrs
 from tests.recordings import runs
 
@@ -70,8 +70,8 @@ class Sealed:
                 return tail(fields=changed(dict(fields)), **rest)
 
             with (
-                patch.object(writing, "tail", other),
-                writing.Writer(path, **writer_of) as writer,
+                patch.object(writer_module, "tail", other),
+                writer_module.Writer(path, **writer_of) as writer,
             ):
                 for batch in reader.batches():
                     writer.write(batch)

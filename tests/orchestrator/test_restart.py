@@ -2,7 +2,7 @@
 
 import pytest
 
-from nrs_cosim.orchestrator.runs.restart import Point, point_of
+from nrs_cosim.orchestrator.engine.restart import Point, point_of
 
 AT_6 = {robot: (6, b"robot %d" % robot) for robot in (1, 2, 3)}
 

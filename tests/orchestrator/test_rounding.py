@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 import nrs_cosim as nrs
-from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.conftest import SCENARIOS
 
 

@@ -12,17 +12,17 @@ from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.engine.in_process import InProcess
+from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode
+from nrs_cosim.orchestrator.engine.robots import Robots
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.runs.in_process import InProcess
-from nrs_cosim.orchestrator.runs.lockstep import Lockstep, TargetNode
-from nrs_cosim.orchestrator.runs.robots import Robots
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.plant_fmu.errors import StepError
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.export.tables import samples, states
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
-from nrs_cosim.recordings.tables import samples, states
 from tests.orchestrator.arms import simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
 

@@ -6,7 +6,7 @@ The oracle is written from the paper with sparse matrices, and shares no code wi
 import numpy as np
 from scipy.sparse import csr_array
 
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from tests.orchestrator.arms import target

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.clock import Clock, nanoseconds
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.scenario.clock import Clock, nanoseconds
 from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.initial import draw

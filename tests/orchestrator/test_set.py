@@ -10,7 +10,7 @@ import nrs_cosim
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nrs_cosim.orchestrator.commands.cli import app
+from nrs_cosim.orchestrator.analysis.bounds import designed, promises
+from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.cli.main import app
+from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
-from nrs_cosim.orchestrator.promises.checking import check
-from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.promises.promising import designed, promises
-from nrs_cosim.orchestrator.replays.verifying import verify
-from nrs_cosim.orchestrator.reports.reporting import subject_of
-from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.report.subject import subject_of
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import samples
+from nrs_cosim.recordings.export.tables import samples
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.local_runs import digest, turning
 from tests.estimator_agents.paper import second_order
 from tests.orchestrator.conftest import SCENARIOS

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 from rich.table import Column
 
-from nrs_cosim.orchestrator.commands.tables import findings_table, table
+from nrs_cosim.orchestrator.cli.tables import findings_table, table
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.orchestrator.conftest import SCENARIOS, SHORT

@@ -11,19 +11,19 @@ import pyarrow.parquet
 import pytest
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.promises.checking import check
-from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.promises.promising import bounds, promises
-from nrs_cosim.orchestrator.replays.verifying import verify
-from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.recordings.foreign import read_columns
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.input_tables import read_columns
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
 

@@ -10,22 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nrs_cosim.bus.clock import BLOCK, Clock, Jitter
+from nrs_cosim.orchestrator.analysis.bounds import promises
+from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.promises.checking import check
-from nrs_cosim.orchestrator.promises.judging import judge
-from nrs_cosim.orchestrator.promises.promising import promises
-from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.orchestrator.runs.plants import group_by_archive, open_fleet
-from nrs_cosim.orchestrator.runs.running import past_of, run
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
-from nrs_cosim.orchestrator.scenario.clock import BLOCK, Clock, Jitter
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.orchestrator.report.subject import story_of
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.recordings.measuring import SteadyState
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.export.tables import samples, states
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.page import page_data
-from nrs_cosim.recordings.report.words import lead
-from nrs_cosim.recordings.tables import samples, states
+from nrs_cosim.recordings.report.text import lead
 from tests.orchestrator.arms import along
 from tests.orchestrator.conftest import SECOND_ORDER
 from tests.orchestrator.test_run import rows_of

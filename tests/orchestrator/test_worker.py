@@ -5,20 +5,20 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
-from nrs_cosim.bus.parts import joined
-from nrs_cosim.bus.seal import Seal
+from nrs_cosim.bus.signature import Seal
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.bus.transport import Message, Presence
-from nrs_cosim.bus.wire import Wire
+from nrs_cosim.bus.validation import Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.engine.worker import Worker, needed
 from nrs_cosim.orchestrator.errors import DivergedError
-from nrs_cosim.orchestrator.runs.worker import Worker, needed
-from nrs_cosim.orchestrator.scenario.clock import Clock, seconds
 from nrs_cosim.plant_fmu.errors import FmuError
 
 H, TICKS, M, EVERY = 100_000_000, 6, 2, 2

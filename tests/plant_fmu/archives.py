@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
 
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 
 NAME = "modelDescription.xml"
 

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 import fmpy
 import pytest
 
-from nrs_cosim.plant_fmu.bundled import building, declaration
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled import builder, declaration
+from nrs_cosim.plant_fmu.bundled.builder import build
 from tests.plant_fmu.robots import Open, Robot
 
 FAULTY = Path(__file__).with_name("faulty")
@@ -31,7 +31,7 @@ def built(folder: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NRS_CACHE", str(folder))
         patch.setattr(declaration, "MODELS", models)
-        patch.setattr(building, "MODELS", models)
+        patch.setattr(builder, "MODELS", models)
         return build("faulty")
 
 

@@ -17,12 +17,12 @@ from fmpy.fmi3 import FMU3Slave
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from nrs_cosim.plant_fmu.archives import entries, reading
+from nrs_cosim.plant_fmu.archives import entries, model_description
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive, unpacked
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
+from nrs_cosim.plant_fmu.checking.subprocess_check import check
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.plant_fmu.fmi.library import Library
@@ -254,7 +254,7 @@ def test_too_much_of_anything(tmp_path, monkeypatch):
 
 
 def test_a_description_too_large(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "MOST_BYTES", 1 << 10)
+    monkeypatch.setattr(model_description, "MOST_BYTES", 1 << 10)
     assert refused(rewritten(tmp_path / "arm.fmu", 3, str)).startswith(
         "its modelDescription.xml is "
     )

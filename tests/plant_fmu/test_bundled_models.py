@@ -17,7 +17,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from tests.plant_fmu.robots import Array, Open, Robot
 

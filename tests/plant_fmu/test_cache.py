@@ -10,11 +10,11 @@ import pytest
 
 from nrs_cosim.plant_fmu import cache as caching
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from nrs_cosim.plant_fmu.bundled import building
-from nrs_cosim.plant_fmu.bundled.building import build, build_library
+from nrs_cosim.plant_fmu.bundled import builder
+from nrs_cosim.plant_fmu.bundled.builder import build, build_library
 from nrs_cosim.plant_fmu.cache import cache_folder
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.native.rounds import SOURCE, load_native
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import SOURCE, load_native
 
 ROOT = Path(__file__).parents[2]
 NOBODY = 65534
@@ -25,7 +25,7 @@ __attribute__((constructor)) static void planted(void) { fputs("planted code ran
 SCENARIO = """
 import sys
 from pathlib import Path
-from nrs_cosim.orchestrator.commands.cli import main
+from nrs_cosim.orchestrator.cli.main import main
 text = Path(sys.argv[1]).read_text("utf-8").replace("duration = 30.0", "duration = 1.0")
 Path("s.toml").write_text(text, "utf-8")
 sys.argv = ["nrs", "run", "s.toml", "-o", "out.mcap"]
@@ -46,13 +46,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What is compiled from now on, by name."""
     made: list[str] = []
-    compiling = building._compile
+    compiling = builder._compile
 
     def compile_(name: str, sources: dict[str, bytes]) -> bytes:
         made.append(name)
         return compiling(name, sources)
 
-    monkeypatch.setattr(building, "_compile", compile_)
+    monkeypatch.setattr(builder, "_compile", compile_)
     return made
 
 

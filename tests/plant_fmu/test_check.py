@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import open_archive
-from nrs_cosim.plant_fmu.bundled.building import build, build_model
+from nrs_cosim.plant_fmu.bundled.builder import build, build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, declaration
-from nrs_cosim.plant_fmu.checking.apart import check
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, FmuCheck
 from nrs_cosim.plant_fmu.checking.procedure import findings
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.checking.subprocess_check import check
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
 from tests.guard import LIMIT
@@ -160,7 +160,7 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NRS_CACHE", str(tmp_path))
         patch.setattr("nrs_cosim.plant_fmu.bundled.declaration.MODELS", models)
-        patch.setattr("nrs_cosim.plant_fmu.bundled.building.MODELS", models)
+        patch.setattr("nrs_cosim.plant_fmu.bundled.builder.MODELS", models)
         path = build("two_link_arm")
     checked = check(CheckTask(open_archive(path)))
     resumed = found(checked, "resumed")

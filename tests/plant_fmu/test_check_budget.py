@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import open_archive
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.plant_fmu.checking.apart import check
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.checking.budget import Budget, OutOfTime, limited
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.procedure import findings
+from nrs_cosim.plant_fmu.checking.subprocess_check import check
 from tests.plant_fmu.archives import description, rewritten
 from tests.plant_fmu.stepping import INERTIA, build_stepping
 from tests.plant_fmu.test_check import found, verdicts

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.plant_fmu.drives.driving import Driving, Undriven, choose, offers
+from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.plant_fmu.drives.choice import Driving, Undriven, choose, offers
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.fleet import Fleet

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
 from nrs_cosim.plant_fmu.drives import cvode
-from nrs_cosim.plant_fmu.drives.driving import Driving, choose
-from nrs_cosim.plant_fmu.drives.exchanged import Exchanged
+from nrs_cosim.plant_fmu.drives.choice import Driving, choose
+from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance, DrivenPlants

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import open_archive
-from nrs_cosim.plant_fmu.checking.apart import check, p3_of
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
-from nrs_cosim.plant_fmu.drives.driving import Driving, choose, offers
+from nrs_cosim.plant_fmu.checking.subprocess_check import check, p3_of
+from nrs_cosim.plant_fmu.drives.choice import Driving, choose, offers
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import UnstableStepError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance

@@ -19,27 +19,27 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from nrs_cosim.orchestrator.runs.plants import Group, open_fleet
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.plants import Group, open_fleet
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
-from nrs_cosim.plant_fmu.bundled import building
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.bundled import builder
+from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD, LIMIT
 from tests.plant_fmu.conftest import FAULTS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
-NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.commands.cli import main; main()"]
+NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.cli.main import main; main()"]
 LATE = f"the FMU did not return within {LIMIT:g} s (plant.deadline)"
 BEFORE_THE_RUN = -1.0
 
@@ -300,7 +300,7 @@ def test_isolation_changes_no_bit(tmp_path, fmi):
 def test_only_what_was_built_here_is_ours(faulty, tmp_path):
     assert find_archive("two_link_arm", Path()).ours
     for fmi in (2, 3):
-        building.write("planar_robot", fmi, tmp_path / "copy.fmu")
+        builder.write("planar_robot", fmi, tmp_path / "copy.fmu")
         assert find_archive("copy.fmu", tmp_path).ours
     assert not open_archive(faulty).ours
 

@@ -11,7 +11,7 @@ import pytest
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
-from nrs_cosim.plant_fmu.archives.naming import NamePattern
+from nrs_cosim.plant_fmu.archives.families import NamePattern
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.motion import fmu_motion
 from tests.guard import LIMIT

@@ -7,12 +7,12 @@ import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
-from nrs_cosim.plant_fmu.bundled.building import build
-from nrs_cosim.plant_fmu.checking.apart import p3_of
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.sampling import sampled
-from nrs_cosim.plant_fmu.drives.driving import Driving
+from nrs_cosim.plant_fmu.checking.subprocess_check import p3_of
+from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.archives import rewritten

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nrs_cosim.plant_fmu.drives.probing import expect_stable
+from nrs_cosim.plant_fmu.drives.probe import expect_stable
 from nrs_cosim.plant_fmu.drives.stability import held, heun, runge_kutta, step_limit
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance

@@ -20,8 +20,8 @@ from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import experiment_of, measure
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
@@ -32,7 +32,7 @@ from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.test_rigid_body import TURNING_SLIDER

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
-from nrs_cosim.plant_fmu.archives.naming import NamePattern, Spec, families
+from nrs_cosim.plant_fmu.archives.families import NamePattern, Spec, families
 from nrs_cosim.plant_fmu.archives.quantities import NumberLayout
 from nrs_cosim.plant_fmu.archives.units import read, si_factor
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
-from nrs_cosim.plant_fmu.bundled.building import build
+from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.assigning import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 from tests.plant_fmu.archives import description, reals, renamed, rewritten, with_variables
 

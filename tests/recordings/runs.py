@@ -9,10 +9,10 @@ import numpy as np
 
 from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
-from nrs_cosim.recordings.container import Channel, Message
+from nrs_cosim.recordings.mcap.container import Channel, Message
+from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
-from nrs_cosim.recordings.writing import Writer
 
 H = 100_000_000  # ns
 

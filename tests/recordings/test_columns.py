@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from nrs_cosim.recordings.columns import Columns, columns, put_rows
-from nrs_cosim.recordings.container import DamageError
+from nrs_cosim.recordings.mcap.columns import Columns, columns, put_rows
+from nrs_cosim.recordings.mcap.container import DamageError
 
 CHANNELS = (1, 7)
 

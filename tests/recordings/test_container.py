@@ -23,13 +23,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
-from nrs_cosim.recordings import chunk, digest, writing
-from nrs_cosim.recordings.container import Channel, Compression, Message, Schema
-from nrs_cosim.recordings.digest import Digest
 from nrs_cosim.recordings.errors import UncreatableError, UnreadableError, UnwritableError
-from nrs_cosim.recordings.gathering import columns_of
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.writing import Writer
+from nrs_cosim.recordings.mcap import chunk, digest
+from nrs_cosim.recordings.mcap import writer as writer_module
+from nrs_cosim.recordings.mcap.container import Channel, Compression, Message, Schema
+from nrs_cosim.recordings.mcap.digest import Digest
+from nrs_cosim.recordings.mcap.ordering import columns_of
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
 
 ROOT = Path(__file__).parents[2]
 H = 10_000_000  # ns
@@ -269,7 +270,7 @@ def test_leaving_the_block_closes_the_file(
 def test_an_interruption_at_any_line_of_write_tears_nothing(tmp_path: Path) -> None:
     """Ctrl-C is raised at the first, second, ... line that `write` executes, until none is left."""
     made, path, lines = ticks(3), tmp_path / "a.mcap", 0
-    watched = {module.__file__ for module in (chunk, digest, writing)}
+    watched = {module.__file__ for module in (chunk, digest, writer_module)}
     before = sys.gettrace()
     complete = set()
     while True:

@@ -21,13 +21,13 @@ from mcap.opcode import Opcode
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
 from nrs_cosim.recordings import Recording
-from nrs_cosim.recordings.container import Message
-from nrs_cosim.recordings.export import export
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.recovering import recover
-from nrs_cosim.recordings.tables import SAMPLES, STATES
+from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.export.tables import SAMPLES, STATES
+from nrs_cosim.recordings.mcap.container import Message
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.recovery import recover
 from tests.recordings.runs import recorded
 
 CASES = 1200

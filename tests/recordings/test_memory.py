@@ -12,10 +12,10 @@ ROOT = Path(__file__).parents[2]
 READ = """
 import sys
 from pathlib import Path
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
-from nrs_cosim.recordings.export import export
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.recovering import recover
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
+from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.recovery import recover
 path = Path(sys.argv[1])
 with Reader(path, verify=True) as reader:
     describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))

@@ -21,21 +21,21 @@ from mcap.stream_reader import StreamReader
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.messages import HEADER
-from nrs_cosim.recordings import writing
-from nrs_cosim.recordings.chunk import decoded_chunk
-from nrs_cosim.recordings.columns import HEAD, columns
-from nrs_cosim.recordings.container import (
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.input_tables import read_columns
+from nrs_cosim.recordings.mcap import writer as writer_module
+from nrs_cosim.recordings.mcap.chunk import decoded_chunk
+from nrs_cosim.recordings.mcap.columns import HEAD, columns
+from nrs_cosim.recordings.mcap.container import (
     DamageError,
     encoded,
     in_proportion,
     tail,
 )
-from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.foreign import read_columns
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
-from nrs_cosim.recordings.reading import Reader
 from nrs_cosim.recordings.recorder import channels, schemas
-from nrs_cosim.recordings.writing import Writer
 from tests.recordings.runs import about, create, recorded, scenario, tick
 
 ROOT = Path(__file__).parents[2]
@@ -46,10 +46,11 @@ READ = """
 import sys
 from pathlib import Path
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of, measure
-from nrs_cosim.recordings import Recording, dataset
-from nrs_cosim.recordings.export import export
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
+from nrs_cosim.recordings import Recording
+from nrs_cosim.recordings.export import dataset
+from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.mcap.reader import Reader
 path = Path(sys.argv[1])
 
 def told():
@@ -185,7 +186,7 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
         return tail(fields=fields, chunk_indexes=[*chunk_indexes] * spans, **rest)
 
     with (
-        patch.object(writing, "tail", other),
+        patch.object(writer_module, "tail", other),
         Writer(
             path,
             version="1.2",

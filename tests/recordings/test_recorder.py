@@ -168,7 +168,7 @@ def test_channels_are_those_of_each_robot_and_what_is_beside_the_digest_is_not_c
 
 
 class Read:
-    """A reader of a made-up recording: see `recordings.reading.Reader`."""
+    """A reader of a made-up recording: see `recordings.mcap.reader.Reader`."""
 
     def __init__(self, wire, opened):
         self.wire, self.opened, self.is_open = wire, opened, True

@@ -12,13 +12,13 @@ import pytest
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings import Recording
-from nrs_cosim.recordings.columns import columns
-from nrs_cosim.recordings.container import DamageError, Message
 from nrs_cosim.recordings.errors import InputError, UnreadableError
-from nrs_cosim.recordings.export import export
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.tables import LINK_EVENTS, SAMPLES, STATES
-from nrs_cosim.recordings.writing import Writer
+from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES
+from nrs_cosim.recordings.mcap.columns import columns
+from nrs_cosim.recordings.mcap.container import DamageError, Message
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
 from tests.recordings.runs import about, create, recorded, scenario, tick
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
@@ -208,7 +208,7 @@ def test_parquet_without_its_extra_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded(tmp_path / "a.mcap", ticks=1)
-    monkeypatch.delitem(sys.modules, "nrs_cosim.recordings.parquet", raising=False)
+    monkeypatch.delitem(sys.modules, "nrs_cosim.recordings.export.parquet", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with (
         Reader(tmp_path / "a.mcap") as reader,

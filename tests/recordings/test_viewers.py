@@ -9,15 +9,15 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from nrs_cosim.orchestrator.reports.shapes import shapes_of
-from nrs_cosim.orchestrator.runs.in_process import in_process
-from nrs_cosim.orchestrator.runs.running import run
-from nrs_cosim.orchestrator.runs.summary import describe, experiment_of
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import describe, experiment_of
+from nrs_cosim.orchestrator.report.shapes import shapes_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UncreatableError
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.scene import Shape, write_scene
+from nrs_cosim.recordings.export.scene import Shape, write_scene
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.recordings.runs import recorded
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

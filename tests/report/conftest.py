@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from nrs_cosim.orchestrator.reports.reporting import story_of
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.mcap.reader import Reader
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

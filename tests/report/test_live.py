@@ -14,13 +14,13 @@ from threading import Thread
 import pytest
 from typer.testing import CliRunner
 
-from nrs_cosim.orchestrator.commands.cli import app
-from nrs_cosim.orchestrator.runs.pace import RealTime
-from nrs_cosim.orchestrator.runs.running import run
+from nrs_cosim.orchestrator.cli.main import app
+from nrs_cosim.orchestrator.engine.pace import RealTime
+from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.recordings.reading import Reader
-from nrs_cosim.recordings.report import serving
-from nrs_cosim.recordings.report.serving import LiveServer
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.report import server as server_module
+from nrs_cosim.recordings.report.server import LiveServer
 from tests.guard import GUARD
 from tests.report.conftest import SCENARIOS
 
@@ -152,7 +152,7 @@ def silent(address):
 def test_a_connection_beyond_the_bound_is_closed_and_the_others_are_served(served):
     address, *_ = served
     with ExitStack() as stack:
-        held = [stack.enter_context(silent(address)) for _ in range(serving.MOST)]
+        held = [stack.enter_context(silent(address)) for _ in range(server_module.MOST)]
         assert stack.enter_context(silent(address)).recv(1) == b""
         held[0].sendall(b"x\r\n\r\n")
         assert b"Error response" in held[0].recv(200)
@@ -160,7 +160,7 @@ def test_a_connection_beyond_the_bound_is_closed_and_the_others_are_served(serve
 
 def test_a_silent_connection_is_closed(served, monkeypatch):
     address, *_ = served
-    monkeypatch.setattr(serving._Answer, "timeout", 0.05)
+    monkeypatch.setattr(server_module._Answer, "timeout", 0.05)
     with silent(address) as quiet:
         assert quiet.recv(1) == b""
 

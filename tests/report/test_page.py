@@ -11,16 +11,16 @@ import pytest
 from typer.testing import CliRunner
 
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
-from nrs_cosim.orchestrator.commands.cli import app
-from nrs_cosim.orchestrator.reports.reporting import arm_of
+from nrs_cosim.orchestrator.cli.main import app
+from nrs_cosim.orchestrator.report.subject import arm_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.recordings.reading import Reader
+from nrs_cosim.recordings.export.tables import samples, states
+from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report import page as pages
-from nrs_cosim.recordings.report.decimating import BUCKETS, kept
+from nrs_cosim.recordings.report.decimation import BUCKETS, kept
 from nrs_cosim.recordings.report.figures import figures
 from nrs_cosim.recordings.report.page import page
 from nrs_cosim.recordings.report.subject import unit_over
-from nrs_cosim.recordings.tables import samples, states
 from tests.report.conftest import story
 
 nrs = CliRunner()
@@ -253,7 +253,7 @@ def test_a_missing_extra_is_named(paper, tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "find_spec", lambda _name: None)
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
     monkeypatch.delitem(
-        __import__("sys").modules, "nrs_cosim.recordings.report.printing", raising=False
+        __import__("sys").modules, "nrs_cosim.recordings.report.print", raising=False
     )
     for form in ("html", "png"):
         out = tmp_path / f"page.{form}"

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from nrs_cosim.estimator_agents.hearing import Missing
+from nrs_cosim.estimator_agents.receive_buffer import Missing
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import OwnPlant, Plant
 from nrs_cosim.orchestrator.scenario.tables.networks import Network

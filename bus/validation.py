@@ -1,0 +1,195 @@
+"""What workers put on the wire, and what of it is believed.
+
+A worker puts two batches a tick: `samples/<worker>`, the samples of its robots at t_k, for the
+other workers and the recorder; and `records/<worker>`, all else that is recorded of the tick: its
+states of (t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages
+as they will stand in the recording, under a seal. A batch is believed when it is sealed for its
+key, comes from a worker that the run has, and holds exactly what that worker owes: its robots, its
+times, finite numbers. Any other is refused with the reason, and never mixed in.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from struct import Struct
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.messages import HEADER, LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.signature import Seal
+
+Records = NDArray[np.void]
+Nodes = NDArray[np.integer]
+
+_K = Struct("<I")
+_WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
+
+
+class RefusedError(BusError):
+    """A batch that is not believed; the text says why, in few words and without its numbers."""
+
+
+class Times(Protocol):
+    """The sampling times and the output grid, ns; see `bus.clock.Clock`."""
+
+    @property
+    def ticks(self) -> int:
+        """K."""
+
+    def t(self, k: int) -> int:
+        """Return t_k."""
+
+    def outputs(self, k: int) -> Sequence[int]:
+        """Return the output times in (t_{k−1}, t_k]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """What a worker tells the recorder of one tick, beside its samples."""
+
+    states: Records
+    link_events: Records
+    checkpoints: Sequence[bytes]
+    """Messages, one a robot; none at most ticks."""
+
+
+def _none_silent(_k: int) -> Nodes:
+    return np.empty(0, np.int64)
+
+
+class Wire:
+    """Packs and unpacks the batches of one run; vectors have m numbers."""
+
+    def __init__(
+        self,
+        m: int,
+        times: Times,
+        assignment: Mapping[str, Nodes],
+        seal: Seal,
+        silent: Callable[[int], Nodes] = _none_silent,
+    ) -> None:
+        """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
+        self.samples, self.states, self.link_events = (
+            Codec(k, m) for k in (SAMPLE, STATE, LINK_EVENT)
+        )
+        self.assignment = dict(assignment)
+        self.times = times
+        self._seal, self._silent = seal, silent
+        self.none = self.link_events.blank(np.empty(0, np.int64))
+        """No link events."""
+        self._believed_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
+        """Of each worker the last samples, as they came and as what they are."""
+        most = max(len(times.outputs(0)), len(times.outputs(1)))
+        self._owed_samples = {
+            worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
+        }
+        self._owed_states = {
+            worker: self.states.blank(np.tile(nodes, most)) for worker, nodes in assignment.items()
+        }
+
+    def pack_samples(self, worker: str, k: int, records: Records) -> bytes:
+        """Return the batch of a worker's samples of t_k."""
+        return self._seal.closed(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
+
+    def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
+        """Return k and the samples that a worker put; `RefusedError` when they are not believed.
+
+        Bytes that two hear on one wire are judged once.
+        """
+        known, believed = self._believed_last.get(worker, (b"", None))
+        if believed and payload == known:
+            return believed
+        data, nodes = self._open(SAMPLES, worker, payload)
+        k = self._tick(data, 1)
+        silent = self._silent(k)
+        owed = self._owed_samples[worker]
+        if silent.size:
+            owed = owed[~np.isin(nodes, silent)]
+        owed["k"], owed["time_ns"] = k, self.times.t(k)
+        believed = k, self._believed(self.samples, data[_K.size :], owed)
+        self._believed_last[worker] = payload, believed
+        return believed
+
+    def pack_tick(self, worker: str, k: int, tick: Tick) -> bytes:
+        """Return the batch of all else that is recorded of a worker's tick."""
+        parts = [tick.states.tobytes(), tick.link_events.tobytes(), *tick.checkpoints]
+        return self._seal.closed(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
+
+    def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
+        """Return k and what a worker told of it; `RefusedError` when it is not believed."""
+        data, robots = self._open(RECORDS, worker, payload)
+        k = self._tick(data, 0)
+        parts = parted(data[_K.size :])
+        if parts is None or len(parts) < 2:
+            raise RefusedError("size")
+        told, met, *checkpoints = parts
+        owed, outputs = self._owed_states[worker], self.times.outputs(k)
+        owed = owed[: len(robots) * len(outputs)]
+        owed["k"] = k
+        owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
+        states = self._believed(self.states, told, owed)
+        events = self._decoded(self.link_events, met) if met else self.none
+        if (events["k"] != k).any():
+            raise RefusedError("tick")
+        if len(events) and not np.isin(events["robot"], robots).all():
+            raise RefusedError("robot")
+        headers = [_header(checkpoint) for checkpoint in checkpoints]
+        if checkpoints and [robot for robot, _, _ in headers] != robots.tolist():
+            raise RefusedError("robot")
+        if any(header[1:] != (k, self.times.t(k)) for header in headers):
+            raise RefusedError("tick")
+        return k, Tick(states, events, checkpoints)
+
+    def _open(self, kind: str, worker: str, payload: bytes) -> tuple[bytes, Nodes]:
+        nodes = self.assignment.get(worker)
+        if nodes is None:
+            raise RefusedError("worker")
+        data = self._seal.opened(wire_key(kind, worker), payload)
+        if data is None:
+            raise RefusedError("seal")
+        return data, nodes
+
+    def _tick(self, data: bytes, first: int) -> int:
+        if len(data) < _K.size:
+            raise RefusedError("size")
+        k: int = _K.unpack_from(data)[0]
+        if not first <= k <= self.times.ticks:
+            raise RefusedError("tick")
+        return k
+
+    def _decoded(self, codec: Codec, data: bytes) -> Records:
+        if len(data) % codec.size:
+            raise RefusedError("size")
+        try:
+            return codec.parsed(data)
+        except BusError:
+            raise RefusedError("value") from None
+
+    def _believed(self, codec: Codec, data: bytes, owed: Records) -> Records:
+        """Return messages as records if they are those owed, whatever finite numbers they hold.
+
+        With the numbers that came, the messages that are owed must be the very bytes that came.
+        """
+        if len(data) != owed.nbytes:
+            raise RefusedError("size")
+        records = np.frombuffer(data, codec.dtype)
+        for name in codec.kind.vectors:
+            owed[name] = records[name]
+            if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
+                raise RefusedError("value")
+        if owed.tobytes() != data:
+            wrong = (why for name, why in _WRONG.items() if (records[name] != owed[name]).any())
+            raise RefusedError(next(wrong, "form"))
+        return records
+
+
+def _header(message: bytes) -> tuple[int, int, int]:
+    if len(message) < HEADER.size:
+        raise RefusedError("size")
+    robot, k, time_ns = HEADER.unpack_from(message)
+    return robot, k, time_ns

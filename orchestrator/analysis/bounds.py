@@ -1,0 +1,342 @@
+"""Before a run: how near its estimates and its robots come to the target, as the theory has it."""
+
+from dataclasses import asdict, dataclass
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.estimator_agents.algorithm import modes
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
+from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
+from nrs_cosim.estimator_agents.theory.design import Design, design
+from nrs_cosim.estimator_agents.theory.estimates import (
+    EstimateBounds,
+    Promise,
+    SteadyMotion,
+    promise,
+    sharp,
+    sharp_always,
+    steady_motion,
+)
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
+from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
+from nrs_cosim.orchestrator.analysis.conditions import finite
+from nrs_cosim.orchestrator.analysis.convergence import (
+    growth_of,
+    lasting,
+    periods_of,
+    recursions_of,
+    spectra_of,
+    why_unknown,
+)
+from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget, TargetMotion
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Bounds on lim ‖e_i‖₂ and lim ‖ė_i‖₂ over all robots; None where there is none."""
+
+    paper: EstimateBounds | None
+    """δ3 and δ4, or δ5 and δ6, of the paper's bounds on the estimates."""
+    sharp: EstimateBounds | None
+    """The same of sharp bounds on the estimates."""
+    proven: EstimateBounds | None
+    """What the proof holds of sharp bounds, where the paper's own step from V̇ does not follow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Promises:
+    """What is promised of a run."""
+
+    gamma_1: float
+    """sup ‖υ_0‖∞ (A1)"""
+    gamma_2: float
+    """sup ‖a_0‖∞ (A1)"""
+    source: str
+    """What γ1 and γ2 are of, where that is no formula."""
+    why_not: str
+    """Why nothing is promised of the estimates; empty where something is."""
+    aperiodic: bool
+    turning: bool
+    """Whether digraphs take turns for ever."""
+    recursions: list[Recursion]
+    """Of each exchange, and the period in the middle between the longest and the shortest."""
+    since: int
+    """The tick from which all is as in the long run: 1, or that of the turn that stays."""
+    radius: float
+    """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
+    motion: SteadyMotion | None
+    """What the errors settle to; None of a target that goes on neither in sines nor straight."""
+    sharp: EstimateBounds | None
+    paper: Promise | None
+    robots: list[Bounded]
+    tracking: Tracking
+
+    @property
+    def exact(self) -> EstimateBounds | None:
+        """The largest that the estimates' errors come to, for this target."""
+        return self.motion.bound if self.motion else None
+
+    @property
+    def sampled(self) -> bool:
+        """Whether what is said of tracking rests on P3 of some robots as it was sampled."""
+        return any(part.sampled for part in self.robots)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the promises for JSON."""
+        return {
+            "gamma_1": finite(self.gamma_1),
+            "gamma_2": finite(self.gamma_2),
+            "source": self.source,
+            "why_not": self.why_not,
+            "norms": _norms(self.paper) if self.paper else [],
+            "estimates": {
+                "exact": pair_json(self.exact),
+                "sharp": pair_json(self.sharp),
+                "paper": pair_json(self.paper.bound if self.paper else None),
+            },
+            "plants": [_plant(part) for part in self.robots],
+            "tracking": {
+                **{name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
+                "unproven": ["paper", "sharp"],
+            },
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """What is promised of one quantity in the long run; None where nothing is."""
+
+    name: str
+    exact: float | None
+    """For the scenario's target."""
+    sharp: float | None
+    """For any target within γ1 and γ2; of tracking, what is proven of sharp estimates."""
+    paper: float | None
+    sampled: bool = False
+    """Whether it rests on P3 of some robots as it was sampled, and is no proven bound."""
+    unproven: bool = False
+    """Whether `paper` does not follow from the paper's proof, as its balls of tracking do not."""
+
+
+def bounds(promised: Promises) -> list[Bound]:
+    """Return the promises by quantity: errors of estimates, then of tracking."""
+    estimates, tracking = (
+        ("|eps - eps_0|inf", "|ups - ups_0|inf"),
+        ("|q - eps_0|2", "|qd - ups_0|2"),
+    )
+    paper, told = promised.paper.bound if promised.paper else None, promised.tracking
+    return [
+        *_rows(estimates, promised.exact, promised.sharp, paper),
+        *_rows(tracking, None, told.proven, told.paper, sampled=promised.sampled, unproven=True),
+    ]
+
+
+def _rows(
+    names: tuple[str, str],
+    exact: EstimateBounds | None,
+    sharpest: EstimateBounds | None,
+    paper: EstimateBounds | None,
+    *,
+    sampled: bool = False,
+    unproven: bool = False,
+) -> list[Bound]:
+    """Return bounds of a pair of quantities, of positions and of velocities."""
+    return [
+        Bound(name, _of(exact, part), _of(sharpest, part), _of(paper, part), sampled, unproven)
+        for name, part in zip(names, ("position", "velocity"), strict=True)
+    ]
+
+
+def _of(pair: EstimateBounds | None, part: str) -> float | None:
+    return getattr(pair, part) if pair else None
+
+
+TRACKED = ("paper", "sharp", "proven")
+
+
+@np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
+def promises(
+    experiment: Experiment, growth: Growth | None = None, find: Find | None = None
+) -> Promises:
+    """Return what is promised of a run of an experiment; its growth is found unless it is given.
+
+    `find` is as `plant_bounds` has it.
+    """
+    topologies, periods = experiment.topologies, periods_of(experiment)
+    target, algorithm = experiment.target, experiment.algorithm
+    middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
+    recursions = recursions_of(algorithm, topologies, periods.alike or middle)
+    recursion = lasting(recursions, topologies)
+    if growth is None:
+        growth = growth_of(algorithm, topologies, spectra_of(topologies), periods)
+    robots = plant_bounds(experiment, find)
+    whole = target.bounds()
+    why_not = _why_not(experiment, recursions, recursion, growth)
+    motion, sharpest, always, paper = None, None, None, None
+    if recursion is not None and not why_not and periods.alike is None:
+        both = None
+        if not periods.early:
+            both = sharp_of_list(recursion, periods.gaps, *whole, growth.factor)
+        if both is None:
+            radius = spectral_radius(modes(algorithm, spectra_of(topologies)[-1], middle))
+            both = sharp_aperiodic(recursion, r, *whole, radius)
+        sharpest, always = both or (None, None)
+    elif recursion is not None and not why_not:
+        radius = growth.factor
+        if isinstance(target, Harmonic):
+            motion = steady_motion(recursion, target, radius)
+        sharpest = sharp(recursion, *whole, radius)
+        always = sharp_always(recursion, *whole, radius, sharpest)
+        paper = None if topologies.turning else promise(recursion, *whole)
+    tracking = Tracking(
+        *(
+            worst_tracking([_ball(way, part, estimates) for part in robots])
+            for way, estimates in (
+                (balls, paper.bound if paper else None),
+                (balls, always),
+                (proven, always),
+            )
+        )
+    )
+    source = _source(experiment.scenario.target)
+    return Promises(
+        *whole,
+        source,
+        why_not,
+        periods.alike is None,
+        topologies.turning,
+        recursions,
+        1 if topologies.repeat else topologies.since[-1],
+        growth.factor,
+        motion,
+        sharpest,
+        paper,
+        robots,
+        tracking,
+    )
+
+
+@np.errstate(all="ignore")
+def designed(
+    experiment: Experiment, wanted: EstimateBounds, epsilon: float, find: Find | None = None
+) -> Design | None:
+    """Return gains and a period for a wanted accuracy; None without P3."""
+    topologies, whole = experiment.topologies, experiment.target.bounds()
+    algorithm = experiment.algorithm
+    spectra = spectra_of(topologies)
+    parts = plant_bounds(experiment, find)
+    known = [part.constants for part in parts if part.constants]
+    if len(known) < len(parts):
+        return None
+
+    def recursion_at(h: float) -> Recursion | None:
+        return lasting(recursions_of(algorithm, topologies, h), topologies)
+
+    def paper_of(h: float) -> EstimateBounds | None:
+        recursion = None if topologies.turning else recursion_at(h)
+        found = promise(recursion, *whole) if recursion else None
+        return found.bound if found else None
+
+    def always(h: float) -> EstimateBounds | None:
+        recursion = recursion_at(h)
+        radius = growth_of(algorithm, topologies, spectra, Periods((h,))).factor
+        if recursion is None or not radius < 1:
+            return None
+        return sharp_always(recursion, *whole, radius, sharp(recursion, *whole, radius))
+
+    return design(known, wanted, epsilon, paper_of, always)
+
+
+def _source(target: TargetMotion) -> str:
+    if isinstance(target, SampledTarget):
+        return f"of the spline through its {len(target.times)} samples"
+    if isinstance(target, FmuTarget):
+        return f"of the cubics through {len(target.times)} samples of {target.fmu}"
+    return ""
+
+
+def _why_not(
+    experiment: Experiment,
+    recursions: list[Recursion],
+    lasting: Recursion | None,
+    growth: Growth,
+) -> str:
+    topologies, periods = experiment.topologies, periods_of(experiment)
+    pulled = any(one.drag[:, 0].any() for one in recursions)
+    reasons = {
+        "links have faults, and the theory is of links without": experiment.links is not None,
+        why_unknown(experiment.algorithm, topologies, periods): isnan(growth.upper),
+        "the algorithm pulls the estimates to the origin": pulled,
+        _not_converging(growth): growth.verdict != "proven",
+        "the algorithm does not jump linearly": not recursions,
+        "a period of turns is too long for bounds on so many robots": lasting is None,
+        "of digraphs in turn there are bounds at periodic sampling times alone": (
+            topologies.turning and periods.alike is None
+        ),
+    }
+    return next((why for why, so in reasons.items() if so), "")
+
+
+def _not_converging(growth: Growth) -> str:
+    """Return why it is not proven that the estimates converge."""
+    if growth.verdict == "not decided":
+        return "it is not decided whether the estimates converge under every jitter"
+    if growth.lower < growth.upper:
+        return "under some jitter the estimates diverge"
+    return "the estimates diverge"
+
+
+def _ball(way: Any, part: Bounded, estimates: EstimateBounds | None) -> EstimateBounds | None:
+    if part.constants is None or estimates is None:
+        return None
+    found: EstimateBounds | None = way(part.constants, part.drive, estimates)
+    return found
+
+
+def pair_json(pair: EstimateBounds | None) -> dict[str, float | None] | None:
+    """Return a pair of bounds for JSON."""
+    if pair is None:
+        return None
+    return {"position": finite(pair.position), "velocity": finite(pair.velocity)}
+
+
+def _norms(paper: Promise) -> list[dict[str, Any]]:
+    found = [("A", paper.norm, paper.kappa), ("P", paper.velocity_norm, paper.velocity_kappa)]
+    return [
+        {
+            "matrix": name,
+            "family": norm.family,
+            "value": finite(norm.value),
+            "b": finite(norm.b),
+            "c": finite(norm.c),
+            "kappa": finite(kappa),
+        }
+        for name, norm, kappa in found
+        if norm is not None
+    ]
+
+
+def _finite(numbers: Any) -> dict[str, Any] | None:
+    """Return the fields of a dataclass for JSON, which has no infinity."""
+    if numbers is None:
+        return None
+    told = asdict(numbers)
+    return {k: finite(v) if isinstance(v, float) else v for k, v in told.items()}
+
+
+def _plant(part: Bounded) -> dict[str, Any]:
+    return {
+        "robots": list(part.robots),
+        "fmu": part.plant,
+        "lambda_d": finite(part.lambda_d),
+        "bounds": _finite(part.bounds),
+        "constants": _finite(part.constants),
+        "gains": _finite(part.drive),
+        "why_not": part.why,
+    }

@@ -1,0 +1,292 @@
+"""Before a run: whether the theory lets its estimates converge (paper, Theorems 1 and 3)."""
+
+from dataclasses import asdict, dataclass
+from math import inf, isfinite, isnan, log
+from typing import Any, Literal
+
+import numpy as np
+
+from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands
+from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
+from nrs_cosim.estimator_agents.theory.network import NetworkSummary
+from nrs_cosim.estimator_agents.theory.recursion import Recursion, expect_modes
+from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
+from nrs_cosim.estimator_agents.theory.tracking import TRACKING
+from nrs_cosim.estimator_agents.theory.transient import ticks_until
+from nrs_cosim.orchestrator.analysis.convergence import (
+    growth_of,
+    merged,
+    periods_of,
+    recursions_of,
+    spectra_of,
+    why_unknown,
+)
+from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
+from nrs_cosim.orchestrator.analysis.switching import AnyOrder, Heard, Phase, any_order_of, turns_of
+from nrs_cosim.orchestrator.scenario.conversion import gain
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+
+OF_PERIOD = "sampling_period"
+"""The conditions of this name are on a period that is always the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """The theory's verdict on a scenario."""
+
+    algorithm: str
+    spectrum: list[tuple[float, float]]
+    """Eigenvalues of D, (real, imaginary), by real then imaginary part; of all digraphs."""
+    growth: Growth
+    """Of the estimation error."""
+    why: str
+    """Why that is not known, where it is not a number."""
+    alpha_beta_bound: float
+    """min θ_i, in s⁰: what Theorem 1 bounds α and β by, and Theorem 3 β."""
+    h_bound: float | None
+    """What Theorem 3 bounds a constant period by, s; None for an algorithm that has no such."""
+    conditions: tuple[Condition, ...]
+    """For all digraphs: where there are turns, of the one that is nearest to its bound."""
+    turns: tuple[Phase, ...]
+    repeat: int | None
+    """After how many ticks the turns come again."""
+    any_order: AnyOrder | None
+    periods: Periods
+    recursion: Recursion | None
+    """Of all ticks; None where it is not one, or the jump is not linear."""
+    faulty: bool
+    """Whether links have faults, which the growth knows nothing of."""
+
+    @property
+    def network(self) -> NetworkSummary | None:
+        """The only digraph; None where there are several."""
+        heard = [digraph for turn in self.turns for digraph in turn.digraphs]
+        return heard[0].network if len(heard) == 1 else None
+
+    @property
+    def spanning_tree(self) -> bool:
+        """Assumption A2: directed paths lead from the target to every robot, at each tick."""
+        return all(heard.network.spanning_tree for turn in self.turns for heard in turn.digraphs)
+
+    @property
+    def spectral_radius(self) -> float:
+        """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+        return self.growth.factor
+
+    @property
+    def whole_spectrum(self) -> bool:
+        """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
+        return all(_is_whole(heard) for turn in self.turns for heard in turn.digraphs)
+
+    @property
+    def rate(self) -> float:
+        """−ln ρ / h, per s: in the long run an error falls as e^(−rate t)."""
+        radius = self.spectral_radius
+        return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
+
+    @property
+    def settling_time(self) -> float:
+        """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
+        return log(1e6) / self.rate if self.rate > 0 else inf
+
+    @property
+    def millionth(self) -> float | None:
+        """s, from the beginning, until any error is a millionth of it; None where not known."""
+        if self.recursion is None or not self.growth.upper < 1:
+            return None
+        ticks = ticks_until(self.recursion, 1e-6)
+        return None if ticks is None else ticks * self.recursion.h
+
+    @np.errstate(all="ignore")
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict for JSON, with each condition's margin and whether it holds."""
+        told: dict[str, Any] = {
+            "algorithm": self.algorithm,
+            "convergence": self.convergence,
+            "of": "links without faults" if self.faulty else "the links as they are",
+            "spectrum": self.spectrum,
+            "spectral_radius": finite(self.spectral_radius),
+            "alpha_beta_bound": finite(self.alpha_beta_bound),
+            "h_bound": finite(self.h_bound),
+            "spanning_tree": self.spanning_tree,
+            "conditions": [_told(condition) for condition in self.conditions],
+            "network": asdict(self.network) if self.network else None,
+            "period": self.periods.mean,
+            "whole_spectrum": self.whole_spectrum,
+            "rate": finite(self.rate),
+            "settling_time": None if self.faulty else finite(self.settling_time),
+            "millionth": None if self.faulty else self.millionth,
+        }
+        if self.periods.alike is None:
+            told["aperiodic"] = {
+                "shortest": self.periods.shortest,
+                "longest": self.periods.longest,
+                **_bounds(self.growth),
+                "verdict": self.growth.verdict,
+            }
+        if self.network is None:
+            told["topologies"] = [_turn(turn) for turn in self.turns]
+        if self.any_order:
+            order = {**asdict(self.any_order), "order": list(self.any_order.order)}
+            told["switching"] = {"repeat": self.repeat, "any_order": order}
+        return told
+
+    @property
+    def convergence(self) -> Literal["converges", "diverges", "unknown"]:
+        """Whether the estimates converge over the links that the scenario has.
+
+        Of links with faults it is not known: the growth and the conditions are of links without.
+        """
+        if self.faulty or isnan(self.growth.upper):
+            return "unknown"
+        if self.growth.upper < 1:
+            return "converges"
+        return "diverges" if self.spectral_radius >= 1 else "unknown"
+
+    def warnings(self) -> list[str]:
+        """Return one line for each condition that does not hold, and one if the error grows.
+
+        Where links have faults, each says that it is of links without.
+        """
+        found = self._warnings()
+        return [f"of links without faults: {one}" for one in found] if self.faulty else found
+
+    def _warnings(self) -> list[str]:
+        unmet = [
+            _warning(condition)
+            for condition in self.conditions
+            if not condition.holds and condition.source != TRACKING
+        ]
+        if self.spectral_radius >= 1:
+            unmet.append(
+                f"the estimates diverge: their error grows by a factor of "
+                f"{multiple(self.spectral_radius)} at each sampling time"
+            )
+        elif self.growth.lower >= 1:
+            unmet.append(
+                f"some jitter lets the estimates diverge: their error grows by a factor of "
+                f"{multiple(self.growth.lower)} at each sampling time"
+            )
+        elif self.growth.upper >= 1:
+            unmet.append(
+                f"it is not decided whether the estimates converge under every jitter: at worst "
+                f"their error is multiplied by {multiple(self.growth.lower)} to "
+                f"{multiple(self.growth.upper)} at each sampling time"
+            )
+        return unmet
+
+
+@np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
+def check(experiment: Experiment, find: Find | None = None) -> Check:
+    """Return what the theory says of an experiment; `find` as `bounded` has it."""
+    topologies, algorithm = experiment.topologies, experiment.algorithm
+    periods = periods_of(experiment)
+    expect_modes(algorithm, periods.mean)
+    spectra = spectra_of(topologies)
+    everywhere = merged(spectra)
+    own = conditions(algorithm, everywhere, periods.longest)
+    bounds = [c.right for c in own if c.name == OF_PERIOD]
+    spectrum = np.concatenate(everywhere)
+    recursions = recursions_of(algorithm, topologies, periods.mean)
+    return Check(
+        algorithm=experiment.scenario.algorithm.name,
+        spectrum=_pairs(spectrum),
+        growth=growth_of(algorithm, topologies, spectra, periods),
+        why=why_unknown(algorithm, topologies, periods),
+        alpha_beta_bound=smallest_theta(spectrum),
+        h_bound=min(bounds, default=None),
+        conditions=(
+            *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
+            *demands(algorithm, periods.longest, *experiment.target.bounds()),
+            *_gain_conditions(experiment),
+            *tracking_conditions(experiment, find),
+        ),
+        turns=turns_of(algorithm, topologies, spectra, periods),
+        repeat=topologies.repeat,
+        any_order=any_order_of(algorithm, topologies, periods),
+        periods=periods,
+        recursion=recursions[0] if len(recursions) == 1 and periods.alike is not None else None,
+        faulty=experiment.links is not None,
+    )
+
+
+def finite(number: float | None) -> float | None:
+    """JSON has no infinity: a bound that no number reaches is null."""
+    return number if number is not None and isfinite(number) else None
+
+
+def _pairs(spectrum: Spectrum) -> list[tuple[float, float]]:
+    return [(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)]
+
+
+def _is_whole(heard: Heard) -> bool:
+    return len(heard.spectrum) == sum(map(len, heard.network.components))
+
+
+def _bounds(growth: Growth) -> dict[str, float | None]:
+    return {"lower": finite(growth.lower), "upper": finite(growth.upper)}
+
+
+def _told(condition: Condition) -> dict[str, Any]:
+    return {
+        "name": condition.name,
+        "source": condition.source,
+        "value": finite(condition.value),
+        "relation": ">" if condition.at_least else "<",
+        "bound": finite(condition.bound),
+        "margin": finite(condition.margin),
+        "status": "holds" if condition.holds else "violated",
+        "sampled": condition.sampled,
+    }
+
+
+def _turn(turn: Phase) -> dict[str, Any]:
+    """Return what is said of a turn by itself, for JSON."""
+    return {
+        "from": turn.since,
+        "spectral_radius": finite(turn.growth.factor),
+        **_bounds(turn.growth),
+        "conditions": [_told(condition) for condition in turn.conditions],
+        "digraphs": [
+            {
+                "of": heard.of,
+                "spectrum": _pairs(heard.spectrum),
+                "whole_spectrum": _is_whole(heard),
+                "alpha_beta_bound": finite(smallest_theta(heard.spectrum)),
+                "spanning_tree": heard.network.spanning_tree,
+                "network": asdict(heard.network),
+            }
+            for heard in turn.digraphs
+        ],
+    }
+
+
+def _gain_conditions(experiment: Experiment) -> list[Condition]:
+    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
+    scenario = experiment.scenario
+    controllers = [
+        scenario.controller,
+        *(experiment.of_robot(robot.id).controller for robot in scenario.robots),
+    ]
+    conditions = []
+    for name in ("kp", "kd"):
+        gains = [gain(getattr(controller, name), experiment.m) for controller in controllers]
+        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
+        conditions.append(Condition(name, "positive definite", 0.0, smallest, at_least=True))
+    return conditions
+
+
+def _warning(condition: Condition) -> str:
+    if condition.source == "positive definite":
+        return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
+    if not condition.right > 0:
+        return (
+            f"no {condition.name} above 0 is within the bound of {condition.source}, "
+            f"{condition.right:.6g}; got {condition.left:g}"
+        )
+    return (
+        f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "
+        f"the bound of {condition.source}"
+    )

@@ -1,0 +1,94 @@
+"""Whether a scenario's estimates converge: the factor on their error per sampling time.
+
+Of one digraph, or two, and periodic sampling it is ρ of the recursion (paper, Theorems 1 and 3); of
+other sampling times it lies between two bounds. Of digraphs in turn it is that of a period, where
+the turns come again, and else that of the last turn, which stays.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nrs_cosim.bus.clock import seconds
+from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, modes
+from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, growth
+from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
+from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.switching import period, period_factor
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+UNKNOWN = Growth(float("nan"), float("nan"))
+
+
+def periods_of(experiment: Experiment) -> Periods:
+    """Return what periods the sampling times of an experiment may have."""
+    clock = experiment.clock
+    early = seconds(clock.jitter.most) if clock.jitter else 0.0
+    return Periods(tuple(map(seconds, clock.gaps)), early)
+
+
+def spectra_of(topologies: TopologySchedule) -> list[Spectra]:
+    """Return the eigenvalues of D, and of the velocities' D where that is another, by exchange."""
+    found = {digraph: spectrum_of(digraph) for digraph in topologies.digraphs}
+    return [
+        tuple(found[digraph] for digraph in dict.fromkeys((one.position, one.velocity)))
+        for one in topologies.exchanges
+    ]
+
+
+def recursions_of(algorithm: Algorithm, topologies: TopologySchedule, h: float) -> list[Recursion]:
+    """Return the recursion of each exchange; none where the jump is not linear."""
+    found = (recursion_of(algorithm, exchange, h) for exchange in topologies.exchanges)
+    return [one for one in found if one is not None]
+
+
+def lasting(recursions: Sequence[Recursion], topologies: TopologySchedule) -> Recursion | None:
+    """Return the recursion of the long run: of a period of turns, or of the last; None for none."""
+    if topologies.turning and recursions:
+        return period(recursions, topologies.turns())
+    return recursions[-1] if recursions else None
+
+
+def for_any_periods(algorithm: Algorithm) -> bool:
+    """Return whether velocities do not depend on positions, so that no period changes a factor."""
+    found = linear_jump(algorithm)
+    return found is not None and not any(part[1, 0] for part in found)
+
+
+def growth_of(
+    algorithm: Algorithm, topologies: TopologySchedule, spectra: Sequence[Spectra], periods: Periods
+) -> Growth:
+    """Return bounds on the factor, from the eigenvalues of each D."""
+    if not topologies.turning:
+        return growth_alone(algorithm, spectra[-1], periods)
+    if linear_jump(algorithm) is None or (periods.alike is None and not for_any_periods(algorithm)):
+        return UNKNOWN
+    recursions = recursions_of(algorithm, topologies, periods.mean)
+    factor = period_factor(recursions, topologies.turns())
+    return Growth(factor, factor)
+
+
+def growth_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> Growth:
+    """Return bounds on the factor of one digraph, or of two, which then no period matters to."""
+    if periods.alike is None and len(spectra) == 1:
+        return growth(algorithm, spectra[0], periods)
+    radius = spectral_radius(modes(algorithm, spectra, periods.mean))
+    return Growth(radius, radius)
+
+
+def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Periods) -> str:
+    """Return why there is no factor, where there is none."""
+    if linear_jump(algorithm) is None:
+        return "the algorithm does not jump linearly"
+    if topologies.turning and periods.alike is None and not for_any_periods(algorithm):
+        return "of digraphs in turn at times that are not periodic it is not computed"
+    return "it is not found: of so large digraphs in turn, or numbers out of all proportion"
+
+
+def merged(spectra: Sequence[Spectra]) -> Spectra:
+    """Return the eigenvalues of all digraphs together, which conditions are to hold for."""
+    positions = np.concatenate([one[0] for one in spectra])
+    if all(len(one) == 1 for one in spectra):
+        return (positions,)
+    return positions, np.concatenate([one[-1] for one in spectra])

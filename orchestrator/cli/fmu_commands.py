@@ -1,0 +1,162 @@
+"""`nrs fmu`: the robots' dynamics as FMUs, listed, looked into, checked and written."""
+
+from math import isfinite, nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.numerals import decimal
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
+
+if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.scenario.experiment import Experiment
+    from nrs_cosim.plant_fmu.archives.archive import Archive
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
+
+_STIFF_TOO = {"alone", "resumed"}
+"""What a robot fails as well that is only costly to step: with links of grams, and damping."""
+
+fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
+
+
+@fmu.command("list")
+def fmu_list() -> None:
+    """List the bundled models."""
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
+
+    grid(out, {name: declaration(name).description for name in bundled_models()}, 15)
+
+
+@fmu.command("info")
+def fmu_info(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Say what an FMU offers."""
+    from nrs_cosim.orchestrator.cli import fmu_description
+    from nrs_cosim.plant_fmu.archives.archive import look_up
+
+    told = look_up(name, Path()).told()
+    if as_json:
+        print_json(told)
+    else:
+        fmu_description.show_description(out, told)
+
+
+@fmu.command("check")
+def fmu_check(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
+    scenario: Annotated[
+        Path | None,
+        typer.Option(metavar="SCENARIO", help="Whose robot 1 has the FMU, as the scenario says."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.plant_fmu.archives.archive import find_archive
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
+    from nrs_cosim.plant_fmu.checking.subprocess_check import check
+
+    archive = find_archive(name, Path())
+    task = CheckTask(archive) if scenario is None else _task(archive, read_scenario(scenario))
+    with stages(err) as begin:
+        checked = check(task, tell=begin)
+    if as_json:
+        print_json(checked.as_json())
+    else:
+        summary_text.fmu_findings(out, checked)
+    raise typer.Exit(0 if checked.passes else 1)
+
+
+@fmu.command("build")
+def fmu_build(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+) -> None:
+    """Write a bundled model as an FMU."""
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+    from nrs_cosim.plant_fmu.bundled.builder import write
+
+    expect_replaceable(output, "FMU", b"PK")
+    write(name, fmi, output)
+    out.print(str(output), markup=False)
+
+
+@fmu.command("from-urdf")
+def fmu_from_urdf(
+    urdf: Annotated[Path, typer.Argument(metavar="URDF", help="A robot with a fixed base.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    ],
+    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="In m/s2, in the frame of the base link; 0,0,-9.80665 unless given.",
+        ),
+    ] = None,
+) -> None:
+    """Write the rigid-body dynamics of a URDF's joints as an FMU, once it is checked."""
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.plant_fmu.archives.archive import open_archive
+    from nrs_cosim.plant_fmu.bundled.builder import copy_out
+    from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+    from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+    from nrs_cosim.plant_fmu.checking.built import check_built
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
+
+    pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
+    expect_replaceable(output, "FMU", b"PK")
+    with stages(err) as begin:
+        begin("reading")
+        robot = read_urdf(urdf)
+        for warning in robot.warnings:
+            say("yellow", "warning", f"{urdf}: {warning}")
+        built = build_urdf(robot, fmi, pull, begin)
+        begin("checking")
+        checked = check_built(CheckTask(open_archive(built, str(output))))
+    wrong = False
+    for finding in checked.findings:
+        if finding.verdict == "fails" and finding.name not in _STIFF_TOO:
+            wrong = True
+            said = f"its FMU is not written, for {finding.name!r} does not hold: {finding.text}"
+            say("red", "error", f"{urdf}: {said}")
+        elif finding.verdict in {"fails", "unknown"}:
+            held = "was not checked for" if finding.verdict == "unknown" else "does not pass"
+            said = f"its FMU {held} {finding.name!r}: {finding.text}"
+            say("yellow", "warning", f"{urdf}: {said}")
+    if wrong:
+        raise typer.Exit(1)
+    copy_out(built, output)
+    out.print(str(output), markup=False)
+
+
+def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(decimal, text.split(","))
+    except ValueError:
+        x = y = z = nan
+    if not isfinite(x + y + z):
+        raise InputError(f"{option}: expected three numbers like 0,0,-9.8, got {quoted(text)}")
+    return x, y, z
+
+
+def _task(archive: "Archive", experiment: "Experiment") -> "CheckTask":
+    """Return the check of an FMU in the place of robot 1's."""
+    from nrs_cosim.orchestrator.engine.plants import Group
+    from nrs_cosim.plant_fmu.checking.findings import CheckTask
+
+    group = Group("plant", experiment.of_robot(1).plant, archive, [0])
+    return CheckTask(archive, experiment.bodies([1])[0], group.names, group.driving)

@@ -1,0 +1,324 @@
+"""The command `nrs`: every error is shown here once, and decides the exit status.
+
+0 done; 1 the run failed, with who and when; 2 the input is bad, with the field and the value;
+130 interrupted, with the recording closed and valid.
+
+The modules `main` and `*_commands` declare commands and their options; what one does is loaded when it is
+called, for a user waits for all that is loaded.
+"""
+
+import logging
+from contextlib import ExitStack
+from errno import ENAMETOOLONG
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from nrs_cosim.bus.errors import CosimError, InputError
+from nrs_cosim.orchestrator.cli import replay_commands, run_commands
+from nrs_cosim.orchestrator.cli.fmu_commands import fmu
+from nrs_cosim.orchestrator.cli.group import Commands
+from nrs_cosim.orchestrator.cli.options import (
+    Listen,
+    NewRecording,
+    RecordingPath,
+    ScenarioPath,
+    Set,
+    TlsCa,
+    TlsCertificate,
+    TlsKey,
+    number,
+)
+from nrs_cosim.orchestrator.cli.report_commands import report
+from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
+from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
+
+FAILED, BAD_INPUT = 1, 2
+
+app = typer.Typer(
+    name="nrs",
+    cls=Commands,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},  # of every command below as well
+    pretty_exceptions_enable=False,
+)
+app.add_typer(fmu, name="fmu")
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version as installed
+
+        out.print(f"nrs-cosim {installed('nrs-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def nrs(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version."
+        ),
+    ] = False,
+    log_level: Annotated[
+        Level | None,
+        typer.Option(
+            help="Log workers, their coordinator and the live page to standard error, with times."
+        ),
+    ] = None,
+) -> None:
+    """Co-simulate networked robots under sampled interaction."""
+    import numpy as np
+
+    if log_level:
+        log_to_standard_error(log_level)
+
+    np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
+
+
+app.command()(run_commands.run)
+app.command()(run_commands.resume)
+app.command()(run_commands.worker)
+app.command()(replay_commands.replay)
+app.command()(replay_commands.diff)
+app.command()(report)
+
+
+@app.command()
+def info(recording: RecordingPath, as_json: AsJson = False) -> None:
+    """Say what a recording holds; also of one that was cut or never closed."""
+    from nrs_cosim.orchestrator.analysis.results import Result
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        result = Result.of(reader, experiment_of(reader))
+    if as_json:
+        print_json(result.as_json())
+        return
+    grid(out, result.lines())
+    summary_text.judgement(out, result.judged)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
+
+
+@app.command()
+def export(
+    recording: RecordingPath,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
+    ],
+    form: Annotated[
+        Literal["csv", "parquet"],
+        typer.Option("--format", help="Parquet needs the extra `analysis`."),
+    ] = "csv",
+) -> None:
+    """Write a recording's samples, states and faults as tables."""
+    from nrs_cosim.orchestrator.cli.formats import expect_folder_name
+    from nrs_cosim.orchestrator.cli.output_paths import expect_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.recordings.export.formats import export as tables
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    expect_folder_name("-o", output)
+    expect_folder(output)
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        written = tables(reader, output, form)
+    for path in written:
+        out.print(str(path), markup=False)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
+
+
+@app.command()
+def recover(
+    recording: RecordingPath,
+    output: NewRecording,
+) -> None:
+    """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    from nrs_cosim.orchestrator.cli.output_paths import make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
+    from nrs_cosim.recordings.mcap.reader import Reader
+    from nrs_cosim.recordings.mcap.recovery import recover as whole
+
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=True, watch=follow(recording)) as reader,
+    ):
+        experiment = experiment_of(reader)  # or nothing could be done with what is recovered
+        make_folder(output)
+        whole(reader, output)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
+        told = lines(describe(reader, experiment), measure(reader, experiment))
+    grid(out, told)
+
+
+@app.command()
+def scene(
+    recording: RecordingPath,
+    output: NewRecording,
+) -> None:
+    """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    from nrs_cosim.orchestrator.cli.output_paths import make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    try:
+        from nrs_cosim.orchestrator.report.shapes import shapes_of, write_scene
+    except ImportError as error:
+        raise InputError(
+            "scene: foxglove-schemas-protobuf is missing; "
+            "pip install '.[scene]' in nrs-cosim's sources"
+        ) from error
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        reader.expect_ticks("show")
+        shapes = shapes_of(experiment_of(reader))
+        if not shapes:
+            raise InputError(
+                f"{recording}: no robot is a bundled model, so their looks are unknown"
+            )
+        make_folder(output)
+        write_scene(reader, output, shapes)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+
+
+@app.command()
+def check(
+    scenario: ScenarioPath,
+    as_json: AsJson = False,
+    changes: Set = None,
+    accuracy: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="POSITION VELOCITY",
+            help="Find gains and a period that promise tracking errors of so many rad and rad/s.",
+        ),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(
+            metavar="PART",
+            parser=number("--share"),
+            help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
+        ),
+    ] = 0.5,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Exit with status 1 when a condition or convergence is violated or unknown.",
+        ),
+    ] = False,
+) -> None:
+    """Say what the theory promises for a scenario, and whether its plants can be opened."""
+    if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
+        raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
+    if not 0 < share < 1:
+        raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
+    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+    from nrs_cosim.orchestrator.analysis.bounds import bounds, designed, promises
+    from nrs_cosim.orchestrator.analysis.conditions import check as theory_of
+    from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.orchestrator.cli.theory_text import unmet as unmet_of
+    from nrs_cosim.orchestrator.engine.plants import group_by_archive, naming_field, open_fleet
+    from nrs_cosim.orchestrator.engine.units import mixed_units
+    from nrs_cosim.orchestrator.scenario.changes import Change
+    from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
+
+    experiment = read_scenario(scenario, [Change.of("--set", text) for text in changes or ()])
+    wanted = EstimateBounds(*accuracy) if accuracy else None
+    with stages(err) as begin:
+        begin("opening the plants")
+        with naming_field(scenario_name(scenario)), ExitStack() as stack:
+            groups = group_by_archive(experiment)
+            open_fleet(stack, groups, experiment.bodies())
+            if mixed := mixed_units(experiment):
+                say("yellow", "warning", mixed)
+        find = Sampling(experiment)
+        begin("whether the estimates converge")
+        checked = theory_of(experiment, find)
+        begin("bounds of the long run")
+        promised = promises(experiment, checked.growth, find)
+        if wanted:
+            begin("gains and a period for the accuracy")
+        found = designed(experiment, wanted, share, find) if wanted else None
+    if as_json:
+        design = {"design": found.as_json() if found else None} if wanted else {}
+        print_json({**checked.as_json(), **promised.as_json(), **design})
+    else:
+        summary_text.theory_table(out, checked, promised, bounds(promised))
+        if wanted:
+            summary_text.gains_table(out, found, wanted, sampled=promised.sampled)
+    unmet = unmet_of(checked, promised) if strict else []
+    for line in unmet:
+        say("red", "strict", line)
+    raise typer.Exit(FAILED if unmet else 0)
+
+
+@app.command()
+def doctor(
+    listen: Listen = None,
+    tls_ca: TlsCa = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    as_json: AsJson = False,
+) -> None:
+    """Try all that a run needs of this machine, and say what to do where something fails."""
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.doctor import diagnose
+    from nrs_cosim.orchestrator.cli.tls import tls_of
+
+    made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
+    if as_json:
+        print_json(made.as_json())
+    else:
+        summary_text.diagnosis(out, made)
+    raise typer.Exit(0 if made.fit else FAILED)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+
+    print_json(json_schema())
+
+
+@cache  # a command line in this process is followed by others
+def command() -> Any:
+    """Return all commands, with their options."""
+    return typer.main.get_command(app)
+
+
+def main() -> None:
+    """Run the command line and exit with its status."""
+    logging.getLogger("nrs").handlers = [Warnings(logging.WARNING)]
+    try:
+        command()()
+    except OSError as error:
+        say("red", "error", str(error))
+        raise SystemExit(BAD_INPUT if error.errno == ENAMETOOLONG else FAILED) from None
+    except (RuntimeError, MemoryError) as error:
+        if isinstance(error, RuntimeError) and str(error) != "can't start new thread":
+            raise
+        said = str(error) or "out of memory"
+        say("red", "error", f"{said}: raise the limit: `ulimit -u`, `ulimit -v`, or a container's")
+        raise SystemExit(FAILED) from None
+    except CosimError as error:
+        say("red", "error", str(error))
+        raise SystemExit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None

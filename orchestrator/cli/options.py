@@ -1,0 +1,234 @@
+"""Arguments and options that several commands share."""
+
+from collections.abc import Callable, Mapping
+from math import inf, isfinite
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.numerals import decimal, whole
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cli.formats import expect_ending
+
+LONGEST = 2**63 / 1e9
+"""s; what the clock can count in ns."""
+
+ScenarioPath = Annotated[
+    Path,
+    typer.Argument(metavar="SCENARIO", help="A scenario file (TOML); - for standard input."),
+]
+RecordingPath = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (MCAP).")]
+
+
+def number(option: str) -> Callable[[str | float], float]:
+    """Return what reads an option's text as a finite number."""
+
+    def read(text: str | float) -> float:
+        try:
+            found = decimal(str(text))
+        except ValueError:
+            found = inf
+        if not isfinite(found):
+            raise InputError(f"{option}: expected a number, got {quoted(text)}")
+        return found
+
+    return read
+
+
+def moment(option: str) -> Callable[[str | float], float]:
+    """Return what reads an option's text as a simulated time, s."""
+
+    def read(text: str | float) -> float:
+        found = number(option)(text)
+        if not 0 <= found < LONGEST:
+            raise InputError(f"{option}: expected 0 to {LONGEST:g} s, got {quoted(text)}")
+        return found
+
+    return read
+
+
+def whole_number(option: str, least: int, most: float = inf) -> Callable[[str | int], int]:
+    """Return what reads an option's text as a whole number from one to another."""
+
+    def read(text: str | int) -> int:
+        try:
+            found = whole(str(text))
+        except ValueError:
+            found = least - 1
+        if not least <= found <= most:
+            upto = f" to {most:g}" if most < inf else " or more"
+            raise InputError(
+                f"{option}: expected a whole number, {least}{upto}, got {quoted(text)}"
+            )
+        return found
+
+    return read
+
+
+def _expect_recording(output: Path | None) -> Path | None:
+    if output is not None:
+        expect_ending("-o", output, ".mcap")
+    return output
+
+
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE.mcap",
+        help="Where the recording goes.",
+        callback=_expect_recording,
+    ),
+]
+NewRecording = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="NEW.mcap",
+        help="The new recording.",
+        callback=_expect_recording,
+    ),
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace a recording that is there, once this is complete.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="algorithm.alpha=0.8,run.seed=2",
+        help="Change keys of the scenario; values are TOML. May be given again.",
+    ),
+]
+Compressed = Annotated[
+    Literal["zstd", "lz4", "none"],
+    typer.Option("--compression", help="Of the recording's chunks."),
+]
+
+_PANEL = "Beyond this machine"
+
+Listen = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        rich_help_panel=_PANEL,
+        help="Where workers meet, such as tls/0.0.0.0:7447; may be given again.",
+    ),
+]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        rich_help_panel=_PANEL,
+        help="Where to meet, such as tls/lab.example:7447; may be given again.",
+    ),
+]
+InsecureTcp = Annotated[
+    bool,
+    typer.Option(
+        "--insecure-tcp",
+        rich_help_panel=_PANEL,
+        help="Allow plain TCP, where anyone who reaches it may listen and speak.",
+    ),
+]
+TlsCa = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-ca",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Certificate of the authority that all workers of a run share.",
+    ),
+]
+TlsCertificate = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-certificate",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Own certificate; its common name is the worker's name.",
+    ),
+]
+TlsKey = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-key",
+        metavar="FILE.pem",
+        rich_help_panel=_PANEL,
+        help="Private key of the certificate, without a passphrase.",
+    ),
+]
+Workers = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N|auto",
+        help="Spread the robots over N processes of this machine; auto: as many as are worth it.",
+    ),
+]
+Expect = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        parser=whole_number("--expect", 1),
+        rich_help_panel=_PANEL,
+        help="How many workers share the robots, when they do not say which they want.",
+    ),
+]
+WAIT = 300.0
+"""s"""
+Wait = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        parser=number("--wait"),
+        rich_help_panel=_PANEL,
+        show_default=f"{WAIT:g}",
+        help="How long to wait for one another, at the start or after a link was lost.",
+    ),
+]
+Deadline = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        parser=number("--deadline"),
+        help="End the run after so long a silence; bus.deadline of the scenario unless given.",
+    ),
+]
+NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a worker is gone.")]
+ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
+Realtime = Annotated[
+    float | None,
+    typer.Option(
+        metavar="X",
+        parser=number("--realtime"),
+        help="Let simulated time pass at most X times as fast as wall time.",
+    ),
+]
+ShowLive = Annotated[
+    bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
+]
+Port = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        parser=whole_number("--port", 0, 65535),
+        help="With --live: the port to serve at; any free one unless given.",
+    ),
+]
+Stay = Annotated[
+    bool, typer.Option("--stay", help="With --live: serve the page until Ctrl-C after the run.")
+]
+
+
+def expect_of(owners: Mapping[str, object | None], options: Mapping[str, object | None]) -> None:
+    """Refuse the first option that was given without any that it requires; None: not given."""
+    if all(value is None for value in owners.values()):
+        for option, value in options.items():
+            if value is not None:
+                *most, last = owners
+                others = f"{', '.join(most)} or {last}" if most else last
+                raise InputError(f"{option} requires {others}")

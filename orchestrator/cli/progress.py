@@ -1,0 +1,137 @@
+"""Long work is seen to go on: on a terminal alone, on its error output, and gone when it is done.
+
+A run goes by simulated time. What reads recordings goes by the part of the file that was read, pass
+by pass, and what builds an FMU by stages; neither shows anything unless it takes longer than two
+seconds.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from os import PathLike
+from pathlib import Path
+from time import monotonic
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.recordings.mcap.reader import Reader
+
+PATIENCE = 2.0
+"""s"""
+
+Watch = Callable[[float], None]
+"""Is told how far the work is."""
+
+
+class _SimulatedTime(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        speed = f"{task.speed:.3g} x real time" if task.speed else ""
+        return Text(f"t = {task.completed:g} of {task.total:g} s  {speed}")
+
+
+def _left() -> tuple[ProgressColumn, ...]:
+    return TimeRemainingColumn(compact=True), TextColumn("left")
+
+
+@contextmanager
+def running(console: Console, clock: Clock) -> Iterator[Watch]:
+    """Show simulated time, speed and time left while a run goes on."""
+    columns = (BarColumn(), _SimulatedTime(), *_left())
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("run", total=seconds(clock.t(clock.ticks)))
+        yield lambda t: bar.update(task, completed=t)
+
+
+@contextmanager
+def reading(
+    console: Console, now: Callable[[], float] = monotonic
+) -> Iterator[Callable[[str | PathLike[str]], Watch]]:
+    """Yield what begins a bar for a recording, and returns who is told what part of it was read."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *_left())
+    bar = Progress(
+        *columns,
+        console=console,
+        transient=True,
+        redirect_stdout=False,
+        disable=not console.is_terminal,
+    )
+    begun, over = now(), False
+
+    def follow(path: str | PathLike[str]) -> Watch:
+        task = bar.add_task(f"reading {escape(Path(path).name)}", total=1.0)
+        before = 0.0
+
+        def watch(part: float) -> None:
+            nonlocal before
+            if part < before:
+                bar.reset(task)
+            before = part
+            bar.update(task, completed=part)
+            if not over and now() - begun > PATIENCE:
+                bar.start()
+
+        return watch
+
+    try:
+        yield follow
+    finally:
+        over = True
+        bar.stop()
+
+
+@contextmanager
+def opened(console: Console, path: Path) -> Iterator[Reader]:
+    """Open a recording, which takes long where its chunks have to be judged one by one."""
+    with ExitStack() as stack:
+        with reading(console) as follow:
+            reader = stack.enter_context(Reader(path, watch=follow(path)))
+        yield reader
+
+
+class _Stage:
+    """What is being done, and for how long."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._name = now, ""
+        self._start = self._begun = now()
+
+    def begin(self, name: str) -> None:
+        self._name, self._begun = name, self._now()
+
+    def __rich__(self) -> RenderableType:
+        now = self._now()
+        if now - self._start <= PATIENCE:
+            return Group()
+        return f"{escape(self._name)} … {now - self._begun:.0f} s"
+
+
+@contextmanager
+def stages(
+    console: Console, now: Callable[[], float] = monotonic
+) -> Iterator[Callable[[str], None]]:
+    """Yield what is told of each stage as it begins."""
+    stage = _Stage(now)
+    if not console.is_terminal:
+        yield stage.begin
+        return
+    with Live(stage, console=console, transient=True, redirect_stdout=False) as live:
+
+        def begin(name: str) -> None:
+            stage.begin(name)
+            live.refresh()
+
+        yield begin

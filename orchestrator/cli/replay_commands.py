@@ -1,0 +1,159 @@
+"""`nrs replay` and `nrs diff`: what a recording says when it is run again, or beside another."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.cli.options import (
+    Connect,
+    Force,
+    InsecureTcp,
+    Listen,
+    Output,
+    RecordingPath,
+    moment,
+    number,
+)
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
+
+FAILED = 1
+SLOWEST = 1e-6
+LISTENER = "tcp/127.0.0.1:7447"
+
+
+def replay(
+    recording: RecordingPath,
+    verifying: Annotated[
+        bool, typer.Option("--verify", help="Run it again, and compare bit by bit.")
+    ] = False,
+    agents_only: Annotated[
+        bool, typer.Option("--agents-only", help="With --verify: without the FMUs.")
+    ] = False,
+    publishing: Annotated[
+        bool, typer.Option("--publish", help="Put its messages back on the bus, for live tools.")
+    ] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="X",
+            parser=number("--speed"),
+            help="With --publish: simulated time over wall time; 1 unless given.",
+        ),
+    ] = None,
+    unpaced: Annotated[
+        bool, typer.Option("--as-fast-as-possible", help="With --publish: do not pace it.")
+    ] = False,
+    since: Annotated[
+        float | None,
+        typer.Option(
+            "--from",
+            metavar="T",
+            parser=moment("--from"),
+            help="With --publish: begin with messages of this simulated time, s.",
+        ),
+    ] = None,
+    until: Annotated[
+        float | None,
+        typer.Option(
+            "--to",
+            metavar="T",
+            parser=moment("--to"),
+            help="With --publish: end before messages of this simulated time, s.",
+        ),
+    ] = None,
+    listen: Listen = None,
+    connect: Connect = None,
+    insecure_tcp: InsecureTcp = False,
+    wait: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            parser=number("--wait"),
+            help="With --publish: how long to wait for somebody who listens.",
+        ),
+    ] = 60.0,
+    plant: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="robots=3,plant.fmu=other.fmu",
+            help="What if plants had been others: run them again; may be given again.",
+        ),
+    ] = None,
+    algorithm: Annotated[
+        list[str] | None,
+        typer.Option(metavar="beta=0.9", help="What if the algorithm had been another."),
+    ] = None,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Run a recording again: to verify it, to hear it, or to ask what if."""
+    from nrs_cosim.bus.network.endpoints import Endpoints
+    from nrs_cosim.orchestrator.cli import terminal_replay
+    from nrs_cosim.orchestrator.cli.progress import opened
+
+    asked = [verifying, publishing, bool(plant or algorithm)]
+    if sum(asked) != 1:
+        raise InputError(
+            "nrs replay: give one of --verify, --publish, or changes by --plant and --algorithm"
+        )
+    if speed is not None and speed < SLOWEST:
+        raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
+    if verifying:
+        terminal_replay.verify_again(recording, plants=not agents_only)
+        return
+    with opened(err, recording) as reader:
+        if publishing:
+            endpoints = Endpoints(
+                listen=tuple(listen or (() if connect else (LISTENER,))),
+                connect=tuple(connect or ()),
+                insecure_tcp=insecure_tcp,
+            )
+            pace = None if unpaced else speed or 1.0
+            terminal_replay.put_back(reader, endpoints, pace, (since, until), wait)
+        else:
+            terminal_replay.what_if(reader, plant or [], algorithm or [], output, force)
+
+
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A recording (MCAP).")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    as_json: AsJson = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Draw how far apart they are, over time."),
+    ] = None,
+) -> None:
+    """Say what is not the same in two recordings; exit status 1 when anything is not."""
+    from nrs_cosim.orchestrator.cli import summary_text, terminal_replay
+    from nrs_cosim.orchestrator.cli.formats import expect_ending
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.replay.diff import compare
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    if picture:
+        expect_ending("--picture", picture, ".png")
+    with (
+        reading(err) as follow,
+        Reader(a, watch=follow(a)) as one,
+        Reader(b, watch=follow(b)) as other,
+    ):
+        found = compare(one, other)
+        for reader in (one, other):
+            for damage in reader.damage:
+                say("yellow", "damage", f"{reader.path}: {damage}")
+    if picture:
+        if found.why_not:
+            raise InputError(f"--picture: nothing to draw: {found.why_not}")
+        expect_replaceable(picture, "PNG picture", b"\x89PNG")
+        make_folder(picture)
+        terminal_replay.draw(found, picture)
+    if as_json:
+        print_json(found.as_json())
+    else:
+        summary_text.comparison(out, found)
+        if found.why_not:
+            say("yellow", "apart", found.why_not)
+    raise typer.Exit(0 if found.is_same else FAILED)

@@ -1,0 +1,251 @@
+"""What a person sees in a terminal: a run's summary, the theory's verdict."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Column
+
+from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
+from nrs_cosim.orchestrator.cli.theory_text import grounds, verdict
+from nrs_cosim.orchestrator.scenario.robot_ids import decimals
+from nrs_cosim.orchestrator.terminal import prose
+
+if TYPE_CHECKING:
+    from nrs_cosim.estimator_agents.condition import Condition
+    from nrs_cosim.estimator_agents.theory.design import Design, Gains
+    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+    from nrs_cosim.orchestrator.analysis.bounds import Bound, Promises
+    from nrs_cosim.orchestrator.analysis.comparison import Judged, Judgement
+    from nrs_cosim.orchestrator.analysis.conditions import Check
+    from nrs_cosim.orchestrator.cli.doctor import Diagnosis
+    from nrs_cosim.orchestrator.engine.run import Profile
+    from nrs_cosim.orchestrator.replay.diff import Comparison
+    from nrs_cosim.plant_fmu.checking.findings import FmuCheck
+
+_VERDICTS = {
+    "holds": "[green]holds[/]",
+    "fails": "[red]does not hold[/]",
+    "unknown": "[yellow]unknown[/]",
+    "note": "",
+    "ok": "[green]ok[/]",
+    "warning": "[yellow]warning[/]",
+}
+_BOUNDS = ("this target", "any target", "paper")
+
+NEAR = 0.01
+"""By how much a measured factor may differ without a word."""
+
+
+def theory_table(
+    console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
+) -> None:
+    """Show the theory's verdict on a scenario."""
+    grid(console, verdict(checked) | grounds(promised))
+    console.print()
+    if checked.faulty:
+        prose(console, "conditions are of links without faults")
+    table(
+        console,
+        (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
+        map(_condition, checked.conditions),
+    )
+    console.print()
+    table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
+
+
+def _columns(first: str, *numbers: str) -> tuple[Column, ...]:
+    """Return the columns of a name and of numbers."""
+    return (Column(first), *(Column(title, justify="right") for title in numbers))
+
+
+def _condition(c: "Condition") -> tuple[str, ...]:
+    """Return a row of the conditions."""
+    mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
+    bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
+    numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
+    source = escape(c.source) + ", [yellow]sampled[/]" * c.sampled
+    return escape(c.name), *numbers, mark, source
+
+
+def _bounds(row: "Bound") -> tuple[str, ...]:
+    """Return a row of bounds."""
+    name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
+    return name, _number(row.exact), _number(row.sharp), _stated(row)
+
+
+def judgement(console: Console, judged: "Judgement") -> None:
+    """Show a run's measurements beside the theory's promises, and whether they are kept."""
+    if judged.why_not:
+        grid(console, {"theory": f"says nothing of this run: {judged.why_not}"})
+        return
+    rows = []
+    for row in judged.quantities:
+        bound = row.bound
+        numbers = map(_number, (row.measured, bound.exact, bound.sharp))
+        rows.append((bound.name, *numbers, _stated(bound), _status(row)))
+    if judged.measured_factor is not None and judged.factor is not None:
+        factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
+        rows.append(("factor", *factors, "", "", "each tick"))
+    table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), rows)
+    grid(console, _beside(judged))
+
+
+def _status(row: "Judged") -> str:
+    """Show whether a measurement is within what is proven."""
+    where = f", at k = {row.tick}" if row.status == "exceeded" else ""
+    colour = {"within": "green", "exceeded": "red"}.get(row.status, "yellow")
+    return f"[{colour}]{row.status}{where}[/]"
+
+
+def _beside(judged: "Judgement") -> dict[str, str]:
+    """Return lines on what is above a bound of the long run and yet breaks none."""
+    told, left = {}, judged.left
+    known = [row for row in judged.quantities if row.status != "exceeded"]
+    over = [row for row in known if {*row.above} - {"paper"}]
+    loose = [row.bound.name for row in known if row.above == ("paper",)]
+    if left is not None or over:
+        begun = (
+            "what the initial error still contributes is not known"
+            if left is None
+            else f"the initial error still contributes up to {left:.4g}"
+        )
+        above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
+        told["transient"] = f"{begun}{above}"
+    if judged.untracked:
+        told["bounds"] = f"none of tracking: {judged.untracked}"
+    if loose:
+        told["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
+    seen, computed = judged.measured_factor, judged.factor
+    if seen is not None and computed is not None and abs(seen - computed) > NEAR:
+        told["factor"] = "the computed one is of the long run, and this run's is not near it"
+    return told
+
+
+def gains_table(
+    console: Console, found: "Design | None", wanted: "EstimateBounds", *, sampled: bool
+) -> None:
+    """Show what gains and period are proven to give an accuracy, and what the paper has."""
+    if found is None:
+        told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
+    else:
+        told = {
+            "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
+            f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
+            "sampled" if sampled else "proven": _gains(found.proven)
+            + "; as far as P3 was sampled" * sampled,
+            "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
+        }
+    console.print()
+    grid(console, told)
+
+
+def _gains(found: "Gains | None") -> str:
+    if found is None:
+        return "no gains are found"
+    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {_period(found)}"
+
+
+def _period(found: "Gains") -> str:
+    if found.period is not None:
+        return f"h <= {found.period:.4g} s"
+    if found.bounds_from is None:
+        return "no bounds are known, whatever h is"
+    if found.status != "not computed":
+        return found.status
+    tried = f"{found.bounds_from:.4g} s"
+    return f"h not computed: of {tried} and more none is short enough, of less no bounds are known"
+
+
+def _stated(row: "Bound") -> str:
+    """Show the paper's bound, and whether it does not follow from the paper's proof."""
+    unproven = ", [yellow]unproven[/]" * (row.unproven and row.paper is not None)
+    return _number(row.paper) + unproven
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def fmu_findings(console: Console, checked: "FmuCheck") -> None:
+    """Show what was found of an FMU, by topic."""
+    for topic, found in groupby(checked.findings, lambda finding: finding.topic):
+        console.print(f"[bold]{topic}[/]")
+        rows = ((finding.name, _VERDICTS[finding.verdict], finding.text) for finding in found)
+        findings_table(console, rows, (22, 15))
+
+
+def diagnosis(console: Console, made: "Diagnosis") -> None:
+    """Show what a machine is fit for, by topic, and what is to be done where it is not."""
+    marks = {**_VERDICTS, "fails": "[red]fails[/]"}
+    for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
+        console.print(f"[bold]{topic}[/]")
+        rows = ((symptom.name, marks[symptom.verdict], symptom.text) for symptom in symptoms)
+        findings_table(console, rows, (20, 9))
+
+
+def comparison(console: Console, found: "Comparison") -> None:
+    """Show what is not the same in two recordings."""
+    if found.is_same:
+        console.print("the same run: scenario, samples and states, to the last bit")
+        return
+    for name in found.partial:
+        prose(console, f"[bold]{name}[/] lacks messages of its run: they are not compared")
+    for name, (a, b) in found.fields.items():
+        prose(console, f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
+    if found.first is None:
+        here = ", as far as both are here" if found.partial else ""
+        console.print(f"the same samples and states, to the last bit{here}")
+        return
+    prose(console, f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
+    moved = [apart for apart in found.distances if apart.largest]
+    if not moved:
+        return
+    rows = (
+        (str(a.robot), a.quantity, f"{a.largest:.4g}", f"{a.at:g}", f"{a.rms:.4g}") for a in moved
+    )
+    numbers = _columns("quantity", "largest |A - B|", "at t, s", "rms")
+    console.print()
+    table(console, (Column("robot", justify="right"), *numbers), rows)
+
+
+def _short(value: Any, most: int = 60) -> str:
+    text = str(value)
+    return text if len(text) <= most else f"{text[:most]} …"
+
+
+def shares(told: "Profile", wall: float) -> str:
+    """Say in a line on what the workers spent the wall time, s, on average, and the recorder.
+
+    Workers that were stopped did not say.
+    """
+    names = ("plants", "bus", "waiting") if told.workers else ()
+    mean = [fmean(getattr(spent, name) for spent in told.workers.values()) for name in names]
+    parts = dict(zip(names, mean, strict=True))
+    if told.in_one_thread:
+        parts["bus"] += told.orchestrator.bus
+    shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
+    whose = " of a worker's on average;" if len(told.workers) > 1 else ","
+    recording = f"{100 * told.recording / wall:.0f} % recording"
+    return f"{shares}{whose} {recording}" if shares else recording
+
+
+def profile(console: Console, told: "Profile", wall: float) -> None:
+    """Show where the wall time, s, of each process of a run went."""
+    mine = told.orchestrator
+    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.workers.items()}
+    if told.in_one_thread:
+        (name, (plants, bus, _, _)) = rows.popitem()
+        rows[name] = plants, bus + mine.bus, told.recording, mine.waiting
+    else:
+        rows["orchestrator"] = mine.plants, mine.bus, told.recording, mine.waiting
+    cells = (
+        (name, *(f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0))))
+        for name, parts in rows.items()
+    )
+    titles = ("plants", "bus", "recording", "waiting", "other")
+    console.print()
+    table(console, _columns("s of wall time", *titles), cells)

@@ -1,0 +1,114 @@
+"""What is done with a recording: it is verified, put back on the bus, changed, or drawn apart."""
+
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, Queue
+
+import typer
+
+from nrs_cosim.bus.clock import NS_PER_S
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.orchestrator.cli.output_paths import expect_another
+from nrs_cosim.orchestrator.cli.progress import reading
+from nrs_cosim.orchestrator.cli.terminal_run import perform
+from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.replay.diff import QUANTITIES, Comparison
+from nrs_cosim.orchestrator.replay.publish import key_of, publish
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.replay.what_if import changed_run
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.terminal import err, out, say
+from nrs_cosim.recordings.errors import MissingExtraError, UncreatableError
+from nrs_cosim.recordings.mcap.reader import Reader
+
+FAILED = 1
+
+
+def draw(found: Comparison, picture: Path) -> None:
+    try:
+        from nrs_cosim.recordings.report.distance import write_distances  # noqa: PLC0415, needs an extra
+    except ImportError:
+        raise MissingExtraError(
+            "--picture: needs matplotlib, which is not installed: "
+            "pip install '.[report]' in nrs-cosim's sources"
+        ) from None
+    try:
+        write_distances(found.times, found.apart, QUANTITIES, picture)
+    except OSError as error:
+        raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
+
+
+def verify_again(recording: Path, *, plants: bool) -> None:
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=True, watch=follow(recording)) as reader,
+    ):
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+        verdict = verify(reader, experiment_of(reader), plants=plants)
+    what = "agents and plants" if plants else "agents"
+    if verdict.difference:
+        say("red", "differs", verdict.difference.between("the recording", "the replay"))
+        raise typer.Exit(FAILED)
+    same = (
+        f"{what} say the same {verdict.messages} messages again, to the last bit, in ticks 0 to "
+        f"{verdict.ticks}"
+    )
+    if verdict.status == "identical":
+        out.print(f"identical: {same}")
+        return
+    lacks = {
+        None: "how many the run had beside these is not known",
+        0: "",
+    }.get(verdict.missing, f"{verdict.missing} that the run had are not here")
+    unseen = f"{verdict.unseen} that are here could not be looked at" if verdict.unseen else ""
+    seen = same if verdict.ticks >= 0 else "no message could be looked at: tick 0 is not here"
+    say("red", "unverified", "; ".join(filter(None, (seen, unseen, lacks))))
+    raise typer.Exit(FAILED)
+
+
+def put_back(
+    reader: Reader,
+    endpoints: Endpoints,
+    speed: float | None,
+    between: tuple[float | None, float | None],
+    wait: float,
+) -> None:
+    reader.expect_ticks("publish")
+    start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
+    last = reader.end_ns or 0
+    if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
+        raise InputError(
+            f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
+            f"{last / NS_PER_S:g} s, lies there"
+        )
+    key = key_of(reader.channels[0].topic)
+
+    def ready(bus: ZenohBus) -> None:
+        where = ", ".join(endpoints.listen or endpoints.connect)
+        say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for somebody who listens")
+        if not bus.wait_for_listener(key, wait):
+            raise InputError(f"--wait: nobody listened to nrs/{bus.run_id}/{key} in {wait:g} s")
+
+    nothing: Queue[None] = Queue()
+
+    def pause(seconds: float) -> None:
+        with suppress(Empty):
+            nothing.get(timeout=seconds)
+
+    count = publish(
+        reader, endpoints, speed=speed, start_ns=start_ns, end_ns=end_ns, ready=ready, wait=pause
+    )
+    out.print(f"{count} messages were put")
+
+
+def what_if(
+    reader: Reader, plant: list[str], algorithm: list[str], output: Path | None, force: bool
+) -> None:
+    expect_another(output, Path(reader.path))
+    plants = [Change.of("--plant", text) for text in plant]
+    algorithms = [Change.of("--algorithm", text) for text in algorithm]
+    file, launch, metadata = changed_run(reader, plants, algorithms)
+    perform(file, output, launch, metadata=metadata, force=force)

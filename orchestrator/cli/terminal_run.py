@@ -1,0 +1,268 @@
+"""A run, with everything that a person sees of it: who takes part, how far it is, how it ended."""
+
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from math import inf
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.text import quoted, storable
+from nrs_cosim.orchestrator.analysis.results import Result
+from nrs_cosim.orchestrator.cli import progress, summary_text
+from nrs_cosim.orchestrator.cli.locks import expect_unlocked
+from nrs_cosim.orchestrator.cli.output_paths import place_for
+from nrs_cosim.orchestrator.cli.tables import grid
+from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
+from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.lockstep import Launcher
+from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace, RealTime
+from nrs_cosim.orchestrator.engine.plants import find_recorded, group_by_archive
+from nrs_cosim.orchestrator.engine.run import Outcome
+from nrs_cosim.orchestrator.engine.run import run as run_scenario
+from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import changed
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
+from nrs_cosim.orchestrator.terminal import err, out, print_json, say
+from nrs_cosim.recordings.export.tables import about
+from nrs_cosim.recordings.mcap.container import Compression, Message
+from nrs_cosim.recordings.mcap.reader import Reader
+
+KEPT = 0.95
+"""Of the pace that was asked for: what is slower did not keep it."""
+EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
+
+
+def policy_of(no_restart: bool, wait: float, expect: int, deadline: float | None) -> WorkerPolicy:
+    """Return what is done about workers; `InputError` for a time that is none."""
+    for option, seconds_given in (("--wait", wait), ("--deadline", deadline)):
+        if seconds_given is not None and not seconds_given > 0:
+            raise InputError(f"{option}: expected more than 0 s, got {seconds_given:g}")
+    return WorkerPolicy(not no_restart, wait, show, expect)
+
+
+def launcher_of(
+    experiment: Experiment,
+    workers: str | None,
+    policy: WorkerPolicy,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    ends: Callable[..., Endpoints],
+) -> Launcher:
+    """Return how a run gets the workers that were asked for."""
+    n = experiment.n
+    if not 1 <= policy.expected <= n:
+        raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
+    if policy.expected > 1 and not (listen or connect):
+        raise InputError(f"--expect {policy.expected}: needs --listen or --connect")
+    if listen or connect:
+        if workers is not None:
+            option = "--listen" if listen else "--connect"
+            raise InputError(f"--workers {workers}: starts workers here, {option} waits for others")
+        tls = experiment.scenario.bus.tls
+        places = {
+            name: parse_robots(robots, f"bus.tls.workers.{name}", n)
+            for name, robots in (tls.workers if tls else {}).items()
+        }
+        endpoints = ends(listen=tuple(listen or ()), connect=tuple(connect or ()), workers=places)
+        return remote_workers(experiment, endpoints, places, policy)
+    if workers == "auto":
+        count = workers_worth_it(n)
+    elif workers is None or (workers.isascii() and workers.isdecimal() and 1 <= int(workers) <= n):
+        count = int(workers or 1)
+    else:
+        raise InputError(
+            f"--workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
+        )
+    return in_process(experiment) if count == 1 else local_workers(experiment, count, policy)
+
+
+def perform(
+    experiment: Experiment,
+    output: Path | None,
+    launch: Launcher | None,
+    compression: Compression = "zstd",
+    profile: bool = False,
+    deadline: float | None = None,
+    past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+    pace: Pace = NO_PACE,
+    begin: Callable[[Path, Path], None] | None = None,
+    force: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Run with everything that a person sees of it, or with the result as JSON alone, and exit."""
+    clock = experiment.clock
+    with (
+        place_for(output, experiment.name, force=force) as place,
+        _signals() as stopped,
+        progress.running(err, clock) as reached,
+    ):
+
+        def watch(time_ns: int) -> None:
+            reached(seconds(time_ns))
+            if stopped():
+                raise Interrupted
+
+        whole = place.written.absolute()  # an FMU may change the working directory
+        if begin:
+            begin(whole, place.final.absolute())
+        outcome = run_scenario(
+            experiment,
+            whole,
+            launch,
+            compression=compression,
+            watch=watch,
+            deadline=deadline,
+            past=past,
+            metadata=metadata,
+            pace=pace,
+        )
+        path = place.settle(outcome.status == "completed")
+    whole = path.absolute()
+    with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
+        result = Result.of(reader, experiment)
+    if as_json:
+        print_json({**result.as_json(), "file": storable(str(path))})
+    else:
+        _show(result, outcome, path, clock, pace)
+        if profile:
+            summary_text.profile(out, outcome.profile, outcome.wall_seconds)
+            if outcome.restarts:
+                say("yellow", "profile", "what a worker did before it was gone is under other")
+    if outcome.status == "failed":
+        say("red", "failed", outcome.reason)
+    raise typer.Exit(EXIT[outcome.status])
+
+
+def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace) -> None:
+    """Show how a run was, whose recording is at a path."""
+    told = {**result.lines(), "recording": str(path)}
+    simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
+    took = outcome.wall_seconds
+    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    if pace.asked and simulated < KEPT * pace.asked * took:
+        told["ticks"] += f"; --realtime {pace.asked:g} was not kept"
+    if outcome.copied:
+        told["ticks"] += f"; {outcome.copied} are the earlier recording's"
+    last = {name: told.pop(name) for name in ("digest", "recording")}
+    told["time"] = summary_text.shares(outcome.profile, took)
+    if outcome.restarts:
+        told["lost"] = f"{outcome.restarts} x a worker was gone"
+    if outcome.refused:
+        told["refused"] = _counted(outcome)
+    grid(out, told | last)
+    summary_text.judgement(out, result.judged)
+
+
+def pace_of(factor: float | None) -> Pace:
+    """Return how fast simulated time may pass: at most a factor of the wall's."""
+    if factor is None:
+        return NO_PACE
+    if not 0 < factor < inf:
+        raise InputError(f"--realtime: expected a number above 0, got {factor:g}")
+    return RealTime(factor)
+
+
+def _counted(outcome: Outcome) -> str:
+    """Say what was refused, and why."""
+    reasons = ", ".join(f"{count} {why}" for why, count in sorted(outcome.refused.items()))
+    return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
+
+
+CONTINUED = (
+    ("run", "duration"),
+    ("run", "divergence_limit"),
+    ("run", "checkpoint_every"),
+    ("bus", "deadline"),
+    ("plant", "deadline"),
+)
+"""Keys that may change when a run is resumed: they decide nothing of what is recorded."""
+
+
+def resumable(reader: Reader, output: Path | None, changes: Sequence[Change] = ()) -> Experiment:
+    """Return the experiment of a recording that can be continued; `InputError` where it cannot.
+
+    With changes it may be continued otherwise, and one that is completed for longer.
+    """
+    experiment = _continued(reader, changes)
+    more = reader.status != "completed" or reader.damage
+    if not more and experiment.clock.ticks <= reader.ticks:
+        raise InputError(f"{reader.path}: is completed: there is nothing to resume")
+    if output is not None and output.exists() and output.samefile(reader.path):
+        raise InputError(f"-o {output}: is the recording to resume; give another name")
+    expect_unlocked(Path(reader.path))
+    reader.expect_ticks("resume")
+    find = find_recorded(about(reader).plants, experiment.folder)
+    group_by_archive(experiment, find=find)
+    return experiment
+
+
+def _continued(reader: Reader, changes: Sequence[Change]) -> Experiment:
+    """Return a recording's experiment with changes that leave what is recorded as it is."""
+    experiment = experiment_of(reader)
+    if not changes:
+        return experiment
+    for change in changes:
+        for key in change.values:
+            if key not in CONTINUED:
+                known = ", ".join(".".join(one) for one in CONTINUED)
+                raise InputError(
+                    f"{change.option} {'.'.join(key)}: what is recorded was run with another; "
+                    f"a run is resumed with others of {known} alone"
+                )
+    again = changed(experiment, changes)
+    if again.clock.ticks < reader.ticks:
+        end = seconds(again.clock.t(reader.ticks))
+        raise InputError(
+            f"--set run.duration: expected at least {end!r} s, which are recorded, got "
+            f"{again.scenario.run.duration!r} s"
+        )
+    return again
+
+
+def show(text: str) -> None:
+    """Tell the user of workers."""
+    say("blue", "worker", text)
+
+
+@contextmanager
+def _signals() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a question with the answer yes.
+
+    The second ends all; as long as nobody has asked, a run is still being set up, and the first
+    does. SIGHUP comes when a terminal is closed; what ignores it, as under nohup, goes on to.
+    """
+    asked = stopped = False
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        if not asked:
+            raise KeyboardInterrupt("before the run began; nothing is recorded")
+        if stopped:
+            raise KeyboardInterrupt("twice, so at once")
+        stopped = True
+
+    def ask() -> bool:
+        nonlocal asked
+        asked = True
+        return stopped
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield ask
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

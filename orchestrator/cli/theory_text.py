@@ -1,0 +1,238 @@
+"""The theory's verdict on a scenario, in lines by name."""
+
+from collections.abc import Sequence
+from math import inf, isnan
+from typing import TYPE_CHECKING
+
+from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+
+if TYPE_CHECKING:
+    from nrs_cosim.estimator_agents.algorithm import Spectrum
+    from nrs_cosim.estimator_agents.theory.aperiodic import Growth
+    from nrs_cosim.estimator_agents.theory.network import NetworkSummary
+    from nrs_cosim.orchestrator.analysis.bounds import Promises
+    from nrs_cosim.orchestrator.analysis.conditions import Check
+    from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded
+    from nrs_cosim.orchestrator.analysis.switching import AnyOrder
+
+ROUNDING = 1e-12
+"""Of an eigenvalue, that is not shown."""
+TURNS = 12
+"""Of digraphs, that are shown."""
+CONVERGE = "the estimates converge to a neighbourhood of the target"
+FAULTLESS = ", of links without faults"
+"""What is said of growth where links have faults."""
+UNKNOWN = "whether the estimates converge with these links is not known"
+"""What follows from it then: the recursion that is computed is not the one that runs."""
+
+
+def verdict(checked: "Check") -> dict[str, str]:
+    """Return lines of what the network and the algorithm are."""
+    periods = checked.periods
+    told = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
+    if checked.any_order:
+        told["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
+    if periods.alike is None:
+        told["times"] = (
+            f"{periods.shortest:g} to {periods.longest:g} s after one another, "
+            f"{periods.mean:g} s in the mean"
+        )
+    if checked.rate > 0:
+        told["rate"] = _rate(checked)
+    return told
+
+
+def _networks(checked: "Check") -> dict[str, str]:
+    """Return lines of who hears whom: one digraph in whole, several in short."""
+    if checked.network:
+        (heard,) = checked.turns[0].digraphs
+        return {
+            "network": _ways(checked.network),
+            "parts": _parts(checked.network),
+            "spectrum": f"{_spectrum(heard.spectrum, checked.whole_spectrum)} "
+            f"(of D, the normalised adjacency)",
+        }
+    told = {}
+    for turn in checked.turns[:TURNS]:
+        digraphs = ". ".join(
+            f"{digraph.of}: {_ways(digraph.network)}; spectrum "
+            f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
+            for digraph in turn.digraphs
+        )
+        alone = "" if len(checked.turns) == 1 else f"; alone it has {_alone(turn.growth)}"
+        told[f"k >= {turn.since}"] = digraphs + alone
+    if len(checked.turns) == 1:
+        return {"networks": told.popitem()[1]}
+    more = f", of which {TURNS} are shown" if len(checked.turns) > TURNS else ""
+    end = f"over and over after {checked.repeat} ticks" if checked.repeat else "the last one stays"
+    of = "conditions are of the turn that is nearest to them"
+    return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **told}
+
+
+def _ways(network: "NetworkSummary") -> str:
+    """Say how the target comes to all."""
+    return (
+        f"a path of at most {_count(network.depth, 'link')} leads from the target to every robot "
+        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it"
+    )
+
+
+def _alone(growth: "Growth") -> str:
+    if isnan(growth.upper):
+        return "no factor"
+    if isnan(growth.factor):
+        return f"a factor of {multiple(growth.lower)} to {multiple(growth.upper)}"
+    return f"a factor of {multiple(growth.factor)}"
+
+
+def _factor(checked: "Check") -> str:
+    """Say what is left of an error at a sampling time, and what follows from that."""
+    growth = checked.growth
+    if isnan(growth.upper):
+        return f"none: {checked.why}"
+    if checked.faulty:
+        lower, upper = multiple(growth.lower), multiple(growth.upper)
+        factor = lower if growth.lower == growth.upper else f"{lower} to {upper}"
+        worst = "" if growth.lower == growth.upper else ", at worst"
+        return f"{factor} on the error per sampling time{worst}{FAULTLESS}: {UNKNOWN}"
+    if not isnan(growth.factor):
+        settles = growth.factor < 1
+        verdict = CONVERGE if settles else "the estimates diverge"
+        return f"{multiple(growth.factor)} on the error per sampling time: {verdict}"
+    verdict = {
+        "proven": f"{CONVERGE} under every jitter",
+        "refuted": "under some jitter the estimates diverge",
+        "not decided": "it is not decided whether the estimates converge under every jitter",
+    }[growth.verdict]
+    bounds = f"{multiple(growth.lower)} to {multiple(growth.upper)}"
+    return f"{bounds} on the error per sampling time, at worst: {verdict}"
+
+
+def _rate(checked: "Check") -> str:
+    """Say how fast errors fall in the long run, and how long it is until the beginning is over."""
+    rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
+    rate += " in the long run" + FAULTLESS * checked.faulty
+    fallen = checked.millionth
+    if checked.faulty:
+        return rate
+    if fallen is None:
+        return f"{rate}; how long the beginning lasts is not computed"
+    return f"{rate}; any error has fallen to a millionth in {fallen:.4g} s"
+
+
+def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
+    """Say whether the estimates would converge whatever the order of turns."""
+    bounds = ""
+    if found.lower is not None and found.upper is not None:
+        below = found.upper == 1 and found.verdict == "proven"
+        upper = "below 1" if below else multiple(found.upper)
+        bounds = f"{multiple(found.lower)} to {upper} at worst: "
+    turns = ", ".join(map(str, found.order))
+    return (
+        bounds
+        + {
+            "proven": "the estimates converge in any order of these digraphs"
+            + (", for both gains are below 1" if found.by_gains else ""),
+            "refuted": f"the estimates diverge in the order {turns}, over and over",
+            "not decided": "it is not decided whether the estimates converge in any order",
+            "not computed": "not computed, of so many robots or at times that are not periodic",
+        }[found.verdict]
+        + FAULTLESS * (faulty and found.verdict != "not computed")
+    )
+
+
+def _parts(network: "NetworkSummary") -> str:
+    """Say which robots depend on one another."""
+    loops = [part for part in network.components if len(part) > 1]
+    if not loops:
+        return "no robots hear one another in a loop"
+    shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
+    parts = _count(len(network.components), "strongly connected component")
+    return f"{parts}, of several robots: {shown}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _robots(robots: Sequence[int]) -> str:
+    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
+    return f"robot{'s' * (len(robots) > 1)} {numbers}"
+
+
+def _spectrum(found: "Spectrum", whole: bool) -> str:
+    if len(found) <= 24:
+        return ", ".join(_complex(s) for s in sorted(found.tolist(), key=_parts_of))
+    imaginary = float(abs(found.imag).max())
+    parts = f"imaginary parts up to {imaginary:.6g}" if imaginary else "all real"
+    return (
+        f"{len(found)} {'' if whole else 'outermost '}eigenvalues, {found.real.min():.6g} to "
+        f"{found.real.max():.6g}, {parts}"
+    )
+
+
+def grounds(promised: "Promises") -> dict[str, str]:
+    """Return lines of what bounds are made of."""
+    told = {
+        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
+        f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
+    }
+    if promised.why_not:
+        told["bounds"] = f"none: {promised.why_not}"
+    elif promised.paper is None:
+        several = "digraphs in turn" if promised.turning else "all periods at once"
+        of = f"is of {several}" if promised.turning or promised.aperiodic else "is found"
+        told["norm"] = f"no small-value norm {of}"
+    else:
+        norm = promised.paper.norm
+        told["norm"] = (
+            f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
+            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
+        )
+    for part in promised.robots:
+        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+        told[name] = _mechanics(part)
+    return told
+
+
+def unmet(checked: "Check", promised: "Promises") -> list[str]:
+    """Return lines of what is violated or unknown; none where all conditions are known to hold.
+
+    A condition on sampled bounds of a plant is one that holds where it holds of the samples.
+    """
+    told = [
+        f"{c.name} ({c.source}) is {'unknown' if isnan(c.margin) else 'violated'}: {c.value:g}, "
+        f"expected {'>' if c.at_least else '<'} {c.bound:g}"
+        for c in checked.conditions
+        if not c.holds
+    ]
+    if checked.convergence != "converges":
+        status = "violated" if checked.convergence == "diverges" else "unknown"
+        told.append(f"convergence is {status}: a factor of {_factor(checked)}")
+    return told + [
+        f"the conditions on tracking of {_robots(part.robots)} are unknown: {part.why}"
+        for part in promised.robots
+        if part.constants is None
+    ]
+
+
+def _mechanics(part: "Bounded") -> str:
+    p3, of = part.bounds, part.constants
+    if p3 is None or of is None:
+        return part.why
+    source = p3.source if p3.states is None else f"{p3.source}, {p3.states} states"
+    return (
+        f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
+        f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({source}); "
+        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+    )
+
+
+def _parts_of(number: complex) -> tuple[float, float]:
+    return number.real, number.imag
+
+
+def _complex(number: complex) -> str:
+    lost = ROUNDING * max(abs(number), 1)
+    real, imag = (part if abs(part) > lost else 0.0 for part in (number.real, number.imag))
+    return f"{real:.6g}{f'{imag:+.6g}j' if imag else ''}"

@@ -1,0 +1,212 @@
+"""Simulated time advances by data alone: a tick closes when all that it consists of was heard.
+
+There is no barrier. A worker goes on as soon as it has the samples that its robots need; the target
+puts its own a window of ticks ahead of the last closed tick, and since every worker waits for
+those, none runs further ahead of the recorder. When nothing that was missing comes for as long as
+the deadline, the run ends, and says who is silent and what they wait for.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
+from time import monotonic, perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.errors import BusError, Cause
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
+from nrs_cosim.bus.validation import Wire
+from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
+from nrs_cosim.orchestrator.engine.worker import Spent, Watch
+from nrs_cosim.orchestrator.scenario.robot_ids import named
+from nrs_cosim.recordings.recorder import Recorder
+
+WINDOW_BYTES = 16 * 2**20
+MOST_WINDOW, LEAST_WINDOW = 64, 4
+_BATCHES = (wire_key(SAMPLES, ""), wire_key(RECORDS, ""))
+_PATIENCE = 0.25
+"""s: how long nothing may come before it is looked whether the workers are well."""
+
+
+def window(tick_bytes: int) -> int:
+    """Return how many ticks workers may be ahead of the recorder, from the bytes of one."""
+    return max(LEAST_WINDOW, min(MOST_WINDOW, WINDOW_BYTES // max(tick_bytes, 1)))
+
+
+class TargetNode:
+    """Node 0: it publishes the target's position and velocity at the sampling times."""
+
+    def __init__(self, bus: Bus, clock: Clock, wire: Wire, target: Target) -> None:
+        self._clock, self._wire, self._target = clock, wire, target
+        self._record = wire.samples.blank(np.array([0]))
+        self._put = bus.publisher(wire_key(SAMPLES, TARGET))
+        self._said = 0
+
+    def skip_to(self, k: int) -> None:
+        """Take the samples up to t_k as published."""
+        self._said = max(k, 0)
+
+    def publish_until(self, k: int) -> None:
+        """Publish ε_0, υ_0 of all sampling times up to t_k that are not published yet."""
+        for now in range(self._said + 1, min(k, self._clock.ticks) + 1):
+            t = self._clock.t(now)
+            at = self._target.at(seconds(t))
+            record = self._record
+            record["k"], record["time_ns"] = now, t
+            record["position"], record["velocity"] = at.position, at.velocity
+            self._put(self._wire.pack_samples(TARGET, now, record))
+            self._said = now
+
+
+class Workers(Protocol):
+    """The workers of a run as the orchestrator sees them."""
+
+    @property
+    def inbox(self) -> Inbox:
+        """Where all comes that they say."""
+
+    @property
+    def refused(self) -> Counter[str]:
+        """What came and was not believed, by reason."""
+
+    @property
+    def restarts(self) -> int:
+        """How often a worker was gone, and the run went on."""
+
+    @property
+    def assignment(self) -> Mapping[str, Sequence[int]]:
+        """Which robots each worker has."""
+
+    def wire(self) -> Wire:
+        """Return the wire between them."""
+
+    def told(self) -> Sequence[Mapping[str, Any]]:
+        """Return what the user is told of the plants, by group."""
+
+    def begin(self, recorder: Recorder) -> None:
+        """Let all workers begin where a recording ends."""
+
+    def advance(self, k: int) -> None:
+        """Let the workers that run in this thread do tick k."""
+
+    def handle(self, item: Item) -> None:
+        """Take what came and is neither samples nor records."""
+
+    def look_after(self, k: int, at_last: bool = False) -> bool:
+        """Look whether the workers are well; return whether all are there.
+
+        Raises what a worker failed with at tick k or before, once it is known that none failed with
+        what comes first in one process; `at_last` raises what is known.
+        """
+
+    def end(self) -> None:
+        """Let all workers end, and hear how it was."""
+
+    def spent(self) -> Mapping[str, Spent]:
+        """Return where the time of each worker went, as far as it said so."""
+
+
+Launcher = Callable[[ExitStack, Watch], tuple[Bus, Workers]]
+"""Gets a run its workers, ready to begin; the stack ends them."""
+
+
+class Lockstep:
+    """Closes tick after tick of a run."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        target: TargetNode,
+        workers: Workers,
+        recorder: Recorder,
+        needs: Mapping[str, Collection[str]],
+        ahead: int,
+        deadline: float,
+        watch: Watch,
+        pace: Pace = NO_PACE,
+    ) -> None:
+        """Let workers run some ticks ahead; a silence may last as long as the deadline, s.
+
+        `needs` are the workers whose samples each worker needs.
+        """
+        self.spent = Spent()
+        self.recording = 0.0
+        """s of wall time."""
+        self._clock, self._target, self._workers, self._recorder = clock, target, workers, recorder
+        self._needs = needs
+        self._ahead, self._deadline, self._watch = ahead, deadline, watch
+        self._pace = pace
+
+    def run(self) -> Iterator[int]:
+        """Close the ticks after the last that is recorded; yield each number."""
+        first = self._recorder.closed + 1
+        self._target.skip_to(first - 1)
+        self._target.publish_until(first - 1 + self._ahead)
+        self._pace.start(self._clock.t(max(first - 1, 0)))
+        for k in range(first, self._clock.ticks + 1):
+            self._workers.advance(k)
+            self._gather(k)
+            self._pace.wait(self._clock.t(k), partial(self._look_around, k))
+            began = perf_counter()
+            self._recorder.close(k)
+            self.recording += perf_counter() - began
+            self._target.publish_until(k + self._ahead)
+            self._watch(self._clock.t(k))
+            yield k
+
+    def _gather(self, k: int) -> None:
+        recorder = self._recorder
+        began, waited = perf_counter(), 0.0
+        taken, since = recorder.taken, monotonic()
+        while not recorder.is_whole(k):
+            asked = perf_counter()
+            items = self._workers.inbox.take() or self._workers.inbox.take(_PATIENCE)
+            waited += perf_counter() - asked
+            self._take(items)
+            if recorder.is_whole(k):
+                break
+            here = self._look_around(k)
+            if recorder.taken != taken or not here:
+                taken, since = recorder.taken, monotonic()
+            elif monotonic() - since >= self._deadline:
+                self._workers.look_after(k, at_last=True)
+                raise BusError(self._silence(k), Cause("deadline", k))
+        self.spent.waiting += waited
+        self.spent.bus += perf_counter() - began - waited
+
+    def _take(self, items: Sequence[Item]) -> None:
+        for item in items:
+            if isinstance(item, Message) and item.key.startswith(_BATCHES):
+                self._recorder.take(item)
+            else:
+                self._workers.handle(item)
+
+    def _look_around(self, k: int) -> bool:
+        """See to what came, the user, and the workers; return whether all of these are there."""
+        self._take(self._workers.inbox.take())
+        self._watch(self._clock.t(max(k - 1, 0)))
+        return self._workers.look_after(k)
+
+    def _silence(self, k: int) -> str:
+        """Say who is silent at tick k, and what each of them waits for."""
+        lacks = self._recorder.missing(k)
+        told = [self._waits(worker) for worker in sorted(lacks)]
+        return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(told)}"
+
+    def _waits(self, worker: str) -> str:
+        last = self._recorder.last_heard(worker)
+        lacks = self._recorder.missing(last)
+        others = sorted(h for h in self._needs.get(worker, ()) if SAMPLES in lacks.get(h, ()))
+        who = (
+            "the target"
+            if worker == TARGET
+            else f"{named(self._workers.assignment[worker])} on worker {worker}"
+        )
+        if others:
+            return f"{who} sent samples up to tick {last} and lack those of {', '.join(others)}"
+        return f"{who} sent samples up to tick {last} and lack nobody's: computing, or stopped"

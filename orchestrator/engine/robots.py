@@ -1,0 +1,110 @@
+"""Some robots of a scenario as a worker has them: their plants opened, their agents ready."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.bus.keys import TARGET
+from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.transport import Bus, Inbox
+from nrs_cosim.bus.validation import Nodes, Wire
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
+from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.plant_fmu.archives.archive import Archive
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robots:
+    """Robots, ascending, with what they are made of."""
+
+    numbers: Sequence[int]
+    experiment: Experiment
+    agents: Agents
+    plants: WorkerPlants
+    told: Sequence[Mapping[str, Any]]
+    """What the user is told of the plants, by group."""
+
+    @classmethod
+    def opened(
+        cls,
+        stack: ExitStack,
+        experiment: Experiment,
+        numbers: Sequence[int],
+        find: Callable[[str], Archive] | None = None,
+    ) -> "Robots":
+        """Open some robots' plants at t_0; the stack ends them. `FmuError` as `open_fleet`.
+
+        `find` finds an FMU by what the scenario calls it; by default relative to its file.
+        """
+        groups = group_by_archive(experiment, numbers, find)
+        alike = [experiment.bodies(group.alike) for group in groups]
+        of = experiment.bodies(numbers)
+        fleet = open_fleet(stack, groups, of, alike)
+        told = [
+            {
+                "fmu": group.plant.fmu,
+                "name": group.archive.name,
+                "fmi_version": group.archive.fmi_version,
+                "kind": plants.kind,
+                "drive": plants.drive,
+                "why": plants.why,
+                "sha256": group.archive.sha256,
+                "robots": [numbers[row] for row in group.rows],
+                "joints": [
+                    {"name": joint.name, "unit": joint.unit}
+                    for joint in group.joints(of[group.rows[0]].parameters)
+                ],
+            }
+            for group, plants in zip(groups, fleet.plants, strict=True)
+        ]
+        return cls(numbers, experiment, agents_of(experiment, numbers), fleet, told)
+
+    @classmethod
+    def driven_by(
+        cls,
+        experiment: Experiment,
+        numbers: Sequence[int],
+        plants: WorkerPlants,
+        told: Sequence[Mapping[str, Any]],
+    ) -> "Robots":
+        """Return some robots whose plants are there already."""
+        return cls(numbers, experiment, agents_of(experiment, numbers), plants, told)
+
+    def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire) -> Worker:
+        """Return the worker that runs them."""
+        run = self.experiment.scenario.run
+        return Worker(
+            name,
+            bus,
+            inbox,
+            wire,
+            self.experiment.clock,
+            self.agents,
+            self.plants,
+            run.divergence_limit,
+            run.checkpoint_every,
+        )
+
+
+def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
+    """Return some robots' agents at t_0."""
+    return Agents(
+        np.array(numbers),
+        experiment.topologies,
+        experiment.algorithm,
+        experiment.initial_estimates(numbers),
+        experiment.links_into(numbers),
+        experiment.missing,
+    )
+
+
+def wire_of(experiment: Experiment, assignment: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+    """Return the wire of a run whose robots are assigned to workers."""
+    nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
+    nodes[TARGET] = np.array([0])
+    return Wire(experiment.m, experiment.clock, nodes, seal, experiment.outages.at)

@@ -1,0 +1,227 @@
+"""A run: a scenario in, a closed recording out, whatever happens in between."""
+
+import json
+import platform
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from itertools import groupby
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.errors import Cause, RunError
+from nrs_cosim.bus.keys import ORCHESTRATOR
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
+from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
+from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
+from nrs_cosim.orchestrator.engine.restart import AT_ONCE
+from nrs_cosim.orchestrator.engine.summary import told_of
+from nrs_cosim.orchestrator.engine.worker import Spent, Watch, needed
+from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.recordings.mcap.container import MOST_CHANNELS, Closing, Compression, Message
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
+from nrs_cosim.recordings.metadata import CAUSE, REFUSED, RUN, SCENARIO, SPENT, VERSIONS
+from nrs_cosim.recordings.recorder import Recorder, channels, schemas
+
+_PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Where the wall time of a run went, s."""
+
+    workers: Mapping[str, Spent]
+    orchestrator: Spent
+    recording: float
+    in_one_thread: bool
+    """Whether the only worker is in the orchestrator's own thread."""
+
+    def told(self) -> dict[str, dict[str, float]]:
+        """Return it for JSON, s by process and by what it was spent on."""
+        workers = {name: asdict(spent) for name, spent in self.workers.items()}
+        mine = {**asdict(self.orchestrator), "recording": self.recording}
+        return {**workers, ORCHESTRATOR: mine}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended, and where its recording is."""
+
+    status: Closing
+    reason: str
+    path: Path
+    ticks: int
+    messages: int
+    wall_seconds: float
+    """From the states at t_0 to the last tick; set-up and closing are apart."""
+    profile: Profile
+    refused: Mapping[str, int]
+    """How many batches were not believed, by reason."""
+    restarts: int
+    """How often a worker was gone, and the run went on."""
+    repeated: int
+    """How many batches were said again, and kept once."""
+    copied: int
+    """How many ticks an earlier recording had."""
+
+
+def run(
+    experiment: Experiment,
+    output: Path,
+    launch: Launcher | None = None,
+    *,
+    compression: Compression = "zstd",
+    watch: Watch = lambda _time_ns: None,
+    deadline: float | None = None,
+    past: Iterator[list[Message]] | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+    pace: Pace = NO_PACE,
+) -> Outcome:
+    """Run an experiment into a recording.
+
+    `launch` gets its workers; by default its robots are in this thread. `watch` is told each output
+    time, ns, that was reached, and ends the run by `Interrupted`. A failure before the states at
+    t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
+    scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
+    run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
+    `pace` is the fastest at which ticks close.
+    """
+    clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
+    every, faulty = scenario.run.checkpoint_every, experiment.faulty
+    checkpoints = 0 < every <= clock.ticks
+    if (count := len(channels(n, faulty, checkpoints))) > MOST_CHANNELS:
+        raise ScenarioError(
+            f"network: {n} robots would need {count} channels of a recording, which has room "
+            f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
+        )
+    with ExitStack() as stack, np.errstate(all="ignore"):
+        bus, workers = (launch or in_process(experiment))(stack, watch)
+        wire = workers.wire()
+        target = TargetNode(bus, clock, wire, experiment.target)
+        plants = workers.told()
+        topics = channels(n, faulty, checkpoints, plants)
+        writer = stack.enter_context(
+            Writer(
+                output,
+                version=version("nrs-cosim"),
+                channels=topics,
+                schemas=schemas(topics),
+                metadata={
+                    RUN: _about_run(experiment, plants),
+                    VERSIONS: _versions(),
+                    **(metadata or {}),
+                },
+                attachments={SCENARIO: ("application/toml", experiment.text.encode())},
+                compression=compression,
+            )
+        )
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
+        ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
+        lockstep = Lockstep(
+            clock,
+            target,
+            workers,
+            recorder,
+            _needs(experiment.topologies.links, workers.assignment),
+            ahead,
+            deadline or scenario.bus.deadline,
+            watch,
+            pace,
+        )
+        status: Closing = "completed"
+        reason, cause = "", None
+        copied = 0
+        started = perf_counter()
+        try:
+            for k, tick in enumerate(past or ()):
+                recorder.copy(k, tick)
+                watch(clock.t(k))
+            copied = max(recorder.closed, 0)
+            workers.begin(recorder)
+            for _ in lockstep.run():
+                pass
+        except Interrupted:
+            last = max(recorder.closed, 0)
+            at = seconds(clock.t(last))
+            status, reason = "interrupted", f"stopped by the user after t = {at:g} s"
+            cause = Cause("interrupted", last, clock.t(last))
+        except RunError as error:
+            status, reason, cause = "failed", str(error), _placed(error.cause, clock, recorder)
+        wall_seconds = perf_counter() - started
+        workers.end()
+        recorder.end()
+        refused = Counter(recorder.refused) + Counter(workers.refused)
+        in_one_thread = isinstance(workers, InProcess)
+        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
+        told = {SPENT: json.dumps(profile.told()), REFUSED: json.dumps(refused)}
+        if cause:
+            told[CAUSE] = json.dumps(asdict(cause))
+        writer.finish(status, reason, told)
+    done = max(recorder.closed, 0)
+    return Outcome(
+        status,
+        reason,
+        output,
+        done,
+        recorder.messages,
+        wall_seconds,
+        profile,
+        refused,
+        workers.restarts,
+        recorder.repeated,
+        copied,
+    )
+
+
+def _placed(cause: Cause, clock: Clock, recorder: Recorder) -> Cause:
+    """Return a cause with the tick that did not close and its time, where it does not say so."""
+    tick = recorder.closed + 1 if cause.tick is None else cause.tick
+    time_ns = clock.t(min(tick, clock.ticks)) if cause.time_ns is None else cause.time_ns
+    return replace(cause, tick=tick, time_ns=time_ns)
+
+
+def past_of(reader: Reader) -> Iterator[list[Message]]:
+    """Yield the messages of a recording's ticks from 0 on, up to the first that is missing."""
+    k = 0
+    for batch in reader.batches():
+        for sequence, tick in groupby(batch, lambda message: message[2]):
+            if sequence != k:
+                return
+            yield list(tick)
+            k += 1
+
+
+def _needs(links: Topology, assignment: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
+    """Return the workers whose samples each worker needs."""
+    nodes = {worker: np.array(robots) for worker, robots in assignment.items()}
+    return {
+        worker: needed(np.unique(links.source[np.isin(links.sink, robots)]), nodes)
+        for worker, robots in nodes.items()
+    }
+
+
+def _about_run(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the run's metadata record; its numbers are decimal, its times in ns."""
+    return {
+        "name": experiment.name,
+        "folder": str(experiment.folder.absolute()),
+        **{key: str(number) for key, number in told_of(experiment).items()},
+        "plants": json.dumps(plants),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        **{part: version(part) for part in _PARTS},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }

@@ -1,0 +1,148 @@
+"""What a recording says of its run, in few words and as JSON."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from nrs_cosim.bus.clock import NS_PER_S
+from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.export.tables import about as about_run
+from nrs_cosim.recordings.export.tables import expect_joints
+from nrs_cosim.recordings.mcap.container import END
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import SteadyState, steady_state
+from nrs_cosim.recordings.metadata import RUN, SCENARIO
+
+_PARTIAL = "none of the run: messages of it are missing here"
+
+
+def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
+    """Return what an experiment's recording says of itself, for JSON; `duration` is simulated."""
+    about = about_run(reader)
+    run, ending = about.run, reader.ending
+    return {
+        "file": storable(str(reader.path)),
+        "name": run.name,
+        "status": reader.status,
+        "reason": reader.reason,
+        "cause": asdict(ending.cause) if ending and ending.cause else None,
+        "digest": reader.digest,
+        "digest_here": reader.digest_here,
+        "ticks": reader.ticks,
+        "ticks_planned": run.ticks,
+        "robots": run.robots,
+        "joints": run.joints,
+        "messages": reader.message_count,
+        "duration": _duration(reader, run.sampling_period_ns),
+        "seed": run.seed,
+        "plants": about.plants,
+        "target": _target(experiment),
+        "versions": dict(about.versions),
+        "damage": reader.damage,
+        "parent": about.parent.model_dump() if about.parent else None,
+        "spent": ending.spent if ending else None,
+        "refused": (ending and ending.refused) or {},
+        "scenario": about.scenario,
+    }
+
+
+def _target(experiment: Experiment) -> dict[str, str] | None:
+    """Return which FMU was the target, where one was."""
+    target = experiment.scenario.target
+    if not isinstance(target, FmuTarget):
+        return None
+    return {"fmu": target.fmu, "sha256": target.sha256 or ""}
+
+
+def _duration(reader: Reader, period_ns: int | None) -> float:
+    """Return the simulated time of all ticks, s; of aperiodic ones, when the last one was."""
+    return (reader.ticks * period_ns if period_ns else reader.end_ns or 0) / NS_PER_S
+
+
+def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
+    """Return a run's summary as short lines by name."""
+    plants = (
+        f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['drive']}, "
+        f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
+        for plant in told["plants"]
+    )
+    parent, target = told["parent"], told["target"]
+    led = {"target": f"{target['fmu']}, SHA-256 {target['sha256']}"} if target else {}
+    of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
+    return {
+        "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
+        "robots": f"{told['robots']}, {told['joints']} axes each",
+        "plants": "; ".join(plants),
+        "driven": _driven(told["plants"]),
+        **led,
+        "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
+        "messages": f"{told['messages']}",
+        "estimates": _suprema(
+            ("eps - eps_0|inf", measured.position_estimate),
+            ("ups - ups_0|inf", measured.velocity_estimate),
+        ),
+        "tracking": _suprema(
+            ("q - eps_0|2", measured.position_tracking),
+            ("qd - ups_0|2", measured.velocity_tracking),
+        ),
+        **of,
+        "digest": told["digest"] or _PARTIAL,
+        "recording": told["file"],
+    }
+
+
+def _suprema(*found: tuple[str, float | None]) -> str:
+    """Say how large errors were in the last fifth, where any was measured."""
+    known = [f"sup |{name} = {value:.4g}" for name, value in found if value is not None]
+    return ", ".join([*known, "in the last fifth"]) if known else "not measured: no tick is here"
+
+
+def _driven(plants: Sequence[Mapping[str, Any]]) -> str:
+    """Say how plants are driven, and which FMUs where they are not all driven alike."""
+    fmus: dict[str, list[str]] = {}
+    for plant in plants:
+        fmus.setdefault(plant["why"], []).append(plant["fmu"])
+    if len(fmus) == 1:
+        return next(iter(fmus))
+    return "; ".join(f"{', '.join(dict.fromkeys(who))}: {why}" for why, who in fmus.items())
+
+
+def experiment_of(reader: Reader) -> Experiment:
+    """Return the experiment that a recording is of; its paths are relative to where it was."""
+    about = about_run(reader)
+    run = about.run
+    origin = f"{reader.path}: {SCENARIO}"
+    experiment = parse_scenario(about.scenario, run.name, Path(run.folder), origin)
+    for key, number in told_of(experiment).items():
+        if getattr(run, key) != number:
+            raise UnreadableError(
+                f"{origin}: has {key} = {number}, but {RUN} says {getattr(run, key)}"
+            )
+    expect_joints(reader)
+    if reader.digest and reader.end_ns not in {experiment.clock.t(reader.ticks), None}:
+        raise UnreadableError(
+            f"{reader.path}: {END}: ticks: is {reader.ticks}, but the last message is of "
+            f"t = {reader.end_ns} ns"
+        )
+    return experiment
+
+
+def told_of(experiment: Experiment) -> dict[str, int]:
+    """Return the numbers of an experiment that its recording tells, times in ns."""
+    clock = experiment.clock
+    told = {"seed": experiment.seed, "robots": experiment.n, "joints": experiment.m}
+    told["ticks"] = clock.ticks
+    if clock.period is None:  # each message has its time
+        return told | {"outputs_per_interval": clock.parts}
+    step = clock.period // clock.parts
+    return told | {"sampling_period_ns": clock.period, "output_step_ns": step}
+
+
+def measure(reader: Reader, experiment: Experiment) -> SteadyState:
+    """Return the steady-state errors of a recording of an experiment, against its target."""
+    return steady_state(reader, experiment.target_at)

@@ -1,0 +1,25 @@
+"""Robots whose joints are in unlike units run together, yet no one number measures them all."""
+
+from collections import defaultdict
+
+from nrs_cosim.orchestrator.engine.plants import group_by_archive
+from nrs_cosim.orchestrator.scenario import robot_ids
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+
+def mixed_units(experiment: Experiment) -> str:
+    """Say which robots' joints are in which units, where they differ; else return an empty text.
+
+    An FMU that gives no units says nothing of them. Raises `FmuError` where a plant is not found.
+    """
+    if not any(robot.plant for robot in experiment.scenario.robots):
+        return ""
+    robots: defaultdict[str, list[int]] = defaultdict(list)
+    for group in group_by_archive(experiment):
+        units = dict.fromkeys(j.unit for j in group.joints() if j.unit)
+        if units:
+            robots[" and ".join(units)] += [row + 1 for row in group.rows]
+    if len(robots) < 2:
+        return ""
+    told = ", ".join(f"{robot_ids.named(sorted(rows))} in {unit}" for unit, rows in robots.items())
+    return f"joints are in unlike units: {told}; a number over all robots mixes them"

@@ -1,0 +1,287 @@
+"""A worker runs some robots in one process, on one way to the bus: their agents and plants.
+
+At t_k its agents' left limits travel as one batch, the in-neighbours' are heard, the agents jump,
+and what else is to be recorded of the tick follows; then the plants advance over (t_k, t_{k+1}].
+Data alone makes it wait: it needs the samples of t_k from each worker of an in-neighbour, and the
+target's, whose pace keeps all workers within a window of the recorder.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.errors import Cause
+from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, Blob
+from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
+from nrs_cosim.bus.validation import Nodes, Records, RefusedError, Tick, Wire
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.orchestrator.errors import DivergedError
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
+
+Watch = Callable[[int], None]
+"""Is told each simulated time, ns, that a worker has reached; may raise `Interrupted`."""
+
+
+Heard = tuple[int, Records, str]
+"""Samples that were heard: k, they, and the worker that put them, or `EVERYONE`."""
+
+
+def needed(in_neighbours: NDArray[np.integer], assignment: Mapping[str, Nodes]) -> frozenset[str]:
+    """Return the workers whose samples robots with some in-neighbours need; the target's always."""
+    return frozenset(
+        h for h, nodes in assignment.items() if np.isin(nodes, in_neighbours).any()
+    ) | {TARGET}
+
+
+class WorkerPlants(Plants, Checkpointed, Protocol):
+    """All plants of a worker."""
+
+
+class Listening(Protocol):
+    """How a worker comes by what is not in its inbox."""
+
+    patience: float
+    """s: how long to wait for anything at a time."""
+
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:
+        """Return what is known otherwise of the samples of tick k that workers are missing."""
+
+    def handle(self, item: Item) -> Iterable[Heard]:
+        """Take an item that is no batch of samples; return the samples that it brings."""
+
+
+@dataclass(slots=True)
+class Spent:
+    """Wall time, s."""
+
+    plants: float = 0.0
+    bus: float = 0.0
+    waiting: float = 0.0
+
+
+class Worker:
+    """The robots of one process. Rows of all arrays are the agents' robots, ascending."""
+
+    def __init__(
+        self,
+        name: str,
+        bus: Bus,
+        inbox: Inbox,
+        wire: Wire,
+        clock: Clock,
+        agents: Agents,
+        plants: WorkerPlants,
+        divergence_limit: float,
+        checkpoint_every: int,
+    ) -> None:
+        self.name = name
+        self.agents = agents
+        self.plants = plants
+        self.left = agents.estimate
+        """ε_i(t), υ_i(t) at the time that the plants have reached: left limits."""
+        self.spent = Spent()
+        self._wire, self._clock, self._limit = wire, clock, divergence_limit
+        self._every = checkpoint_every
+        self._sample = wire.samples.blank(agents.robots)
+        self._state = wire.states.blank(agents.robots)
+        self._put_samples = bus.publisher(wire_key(SAMPLES, name))
+        self._put_records = bus.publisher(wire_key(RECORDS, name))
+        self._inbox = inbox
+        self._keys = {wire_key(SAMPLES, worker): worker for worker in wire.assignment}
+        self._heard: defaultdict[int, dict[str, Records]] = defaultdict(dict)
+        """Samples of this tick and later ones, by k and worker."""
+        self._needed = needed(agents.in_neighbours, wire.assignment)
+        self._wanted = {
+            worker: np.flatnonzero(np.isin(wire.assignment[worker], agents.in_neighbours))
+            for worker in self._needed
+        }
+        """Which rows of a worker's samples are in-neighbours'."""
+        self.now = 0
+        """The tick that it is at."""
+        self.place = (0, 0, 0)
+        """Where in a tick it is, and fails: the time, ns, what is done then, and for which robot.
+
+        In one process what comes first in this order would fail first.
+        """
+
+    def restore(self, k: int, checkpoints: Sequence[bytes]) -> None:
+        """Go back to t_k, before the samples of k were heard, from a checkpoint of each robot."""
+        plants, rows = [], []
+        for row, checkpoint in enumerate(checkpoints):
+            parts = parted(CHECKPOINT.decode(checkpoint).data)
+            if parts is None or len(parts) != 4:
+                raise FmuError(f"robot {self.agents.robots[row]}'s checkpoint is damaged")
+            state, memory, position, velocity = parts
+            plants.append(state)
+            rows.append([np.frombuffer(position, "<f8"), np.frombuffer(velocity, "<f8")])
+            self.agents.recall(row, memory)
+        self.plants.restore(plants)
+        left = np.array(rows)
+        self.left = Estimate(left[:, 0], left[:, 1])
+        self.now = k
+
+    def run(self, recorded: int, watch: Watch, listening: Listening) -> Iterator[int]:
+        """Run tick by tick to the end; yield each number once all of it was said.
+
+        What the recording has already, the ticks up to `recorded` (−1 for none), is not said again.
+        """
+        if self.now:
+            self.hear(self.now, listening)
+        elif recorded < 0:
+            self._expect_bounded(self._clock.t(0))
+            self._tell(0, self._states(0, self._clock.t(0)), ())
+        yield self.now
+        for k in range(self.now + 1, self._clock.ticks + 1):
+            self.now = k
+            states = self.advance(k, watch)
+            checkpoints = self._checkpoints(k) if k > recorded else ()
+            if k > recorded:
+                self.publish_samples(k)
+            self.hear(k, listening)
+            if k > recorded:
+                self._tell(k, states, checkpoints)
+            yield k
+
+    def advance(self, k: int, watch: Watch) -> Records:
+        """Advance the plants over (t_{k−1}, t_k]; return their states on the output grid."""
+        estimate = self.agents.estimate
+        reached = held = self._clock.t(k - 1)
+        self.plants.hold(estimate.position, estimate.velocity)
+        told = []
+        for t in self._clock.outputs(k):
+            began = perf_counter()
+            self.place = t, 0, int(self.agents.robots[0])
+            self.plants.advance(seconds(reached), seconds(t - reached))
+            self.spent.plants += perf_counter() - began
+            reached = t
+            self.left = estimate.after(seconds(t - held))
+            self._expect_bounded(t)
+            told.append(self._states(k, t))
+            watch(t)
+        return told[0] if len(told) == 1 else np.concatenate(told)
+
+    def publish_samples(self, k: int) -> None:
+        """Publish ε_i(t_k), υ_i(t_k) of the robots that send at t_k."""
+        began = perf_counter()
+        records = self._sample
+        records["k"], records["time_ns"] = k, self._clock.t(k)
+        records["position"], records["velocity"] = self.left.position, self.left.velocity
+        silent = self.agents.silent(k)
+        if silent:
+            records = records[~np.isin(self.agents.robots, silent)]
+        self._put_samples(self._wire.pack_samples(self.name, k, records))
+        self.spent.bus += perf_counter() - began
+
+    def hear(self, k: int, listening: Listening) -> None:
+        """Take the samples of t_k as they come, until none is missing, and jump."""
+        began = perf_counter()
+        waited = 0.0
+        while missing := self._missing(k):
+            items = self._inbox.take()
+            if not items:
+                self._keep(k, listening.lack(k, missing))
+                asked = perf_counter()
+                items = self._inbox.take(listening.patience)
+                waited += perf_counter() - asked
+            for item in items:
+                self._keep(k, self._samples_in(item, listening))
+        heard = self._heard.pop(k)
+        if EVERYONE in heard:
+            heard = {EVERYONE: heard[EVERYONE]}
+        for worker, records in heard.items():
+            rows = self._wanted.get(worker)
+            if rows is None or len(records) != len(self._wire.assignment[worker]):
+                rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
+            self.agents.hear(
+                k, records["robot"][rows], records["position"][rows], records["velocity"][rows]
+            )
+        self.agents.jump(k, self.left)
+        self.spent.waiting += waited
+        self.spent.bus += perf_counter() - began - waited
+
+    def _missing(self, k: int) -> list[str]:
+        heard = self._heard[k].keys()
+        return [] if EVERYONE in heard else sorted(self._needed - heard)
+
+    def _samples_in(self, item: Item, listening: Listening) -> Iterable[Heard]:
+        """Return the samples in an item; what is not believed is passed over.
+
+        The recorder hears it too, and counts it.
+        """
+        if not isinstance(item, Message) or not (worker := self._keys.get(item.key)):
+            return listening.handle(item)
+        try:
+            return [(*self._wire.unpack_samples(worker, item.payload), worker)]
+        except RefusedError:
+            return ()
+
+    def _keep(self, now: int, heard: Iterable[Heard]) -> None:
+        """Keep the samples of this tick and later ones."""
+        for k, records, worker in heard:
+            if k >= now:
+                self._heard[k].setdefault(worker, records)
+
+    def _tell(self, k: int, states: Records, checkpoints: Sequence[bytes]) -> None:
+        began = perf_counter()
+        events = self.agents.link_events if k else self._wire.none
+        self._put_records(self._wire.pack_tick(self.name, k, Tick(states, events, checkpoints)))
+        self.spent.bus += perf_counter() - began
+
+    def _checkpoints(self, k: int) -> Sequence[bytes]:
+        """Return what each robot can be restored from at t_k, where that is due and exact."""
+        if not self._every or k % self._every or not self.plants.exact:
+            return ()
+        t = self._clock.t(k)
+        checkpoints = []
+        for row, state in enumerate(self.plants.save()):
+            left = self.left.position[row].tobytes(), self.left.velocity[row].tobytes()
+            data = joined([state, self.agents.memory(row), *left])
+            robot = int(self.agents.robots[row])
+            checkpoints.append(CHECKPOINT.encode(Blob(robot, k, t, data)))
+        return checkpoints
+
+    def _states(self, k: int, t: int) -> Records:
+        records = self._state.copy()
+        records["k"], records["time_ns"] = k, t
+        records["position"], records["velocity"] = self.plants.q, self.plants.qd
+        records["effort"] = self.plants.tau
+        records["reference_position"] = self.left.position
+        records["reference_velocity"] = self.left.velocity
+        return records
+
+    def _expect_bounded(self, t: int) -> None:
+        told = {
+            "estimated position": self.left.position,
+            "estimated velocity": self.left.velocity,
+            "q": self.plants.q,
+            "qd": self.plants.qd,
+        }
+        for done, (name, values) in enumerate(told.items(), 1):
+            sizes = np.abs(values)
+            if not sizes.max() <= self._limit:
+                row = int(np.flatnonzero(~(sizes <= self._limit).all(axis=1))[0])
+                self.place = t, done, int(self.agents.robots[row])
+                raise DivergedError(
+                    f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s {name} "
+                    f"is {values[row].tolist()}, beyond run.divergence_limit = {self._limit:g}",
+                    Cause(DivergedError.kind, self.now, t, self.place[2], name),
+                )
+        finite = np.isfinite(self.plants.tau).all(axis=1)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite)[0])
+            self.place = t, len(told) + 1, int(self.agents.robots[row])
+            raise DivergedError(
+                f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s tau is "
+                f"{self.plants.tau[row].tolist()}",
+                Cause(DivergedError.kind, self.now, t, self.place[2], "tau"),
+            )

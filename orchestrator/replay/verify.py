@@ -1,0 +1,309 @@
+"""A recording is run again on what it holds, and must come to the same bits.
+
+Every agent starts from the scenario's estimates, hears the recorded samples and jumps; every plant
+starts from the scenario's states and follows the references of its agent. What they say at each
+tick is compared with what was recorded, message by message in total order. Without the plants, the
+agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from itertools import zip_longest
+from os import PathLike
+from typing import Any, Literal, Never
+
+import numpy as np
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.keys import (
+    EVERYONE,
+    RECORDS,
+    SAMPLES,
+    kind_of,
+    node_of,
+    state_topic,
+    wire_key,
+)
+from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.transport import Item, Message
+from nrs_cosim.bus.validation import Records
+from nrs_cosim.orchestrator.engine.lockstep import TargetNode
+from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
+from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
+from nrs_cosim.orchestrator.engine.run import past_of
+from nrs_cosim.orchestrator.engine.worker import Heard
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.plant_fmu.plants import Array
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.export.tables import about
+from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.container import Message as Recorded
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.recorder import Recorder, channels
+
+HERE = "here"
+ABSENT, PRESENT = "absent", "present"
+_KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first message that is not what it was."""
+
+    k: int
+    t: float
+    """s"""
+    topic: str
+    robot: int
+    field: str
+    recorded: Any
+    replayed: Any
+
+    def between(self, one: str, other: str) -> str:
+        """Return it as a sentence on two recordings."""
+        return (
+            f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
+            f"is {quoted(self.recorded)} in {one}, {quoted(self.replayed)} in {other}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What a replay came to."""
+
+    ticks: int
+    """The last one that was run again; -1 where there is none, since tick 0 is not here."""
+    messages: int
+    """How many are the same to the last bit, from the first on."""
+    difference: Difference | None
+    unseen: int = 0
+    """How many more are here that could not be looked at, since a tick before them is missing."""
+    missing: int | None = 0
+    """How many the run had that are not here; None where it is not known how many."""
+
+    @property
+    def status(self) -> Literal["identical", "differs", "unverified"]:
+        """Identical only where all messages of the run were looked at, and are the same."""
+        if self.difference:
+            return "differs"
+        return "identical" if self.unseen == 0 and self.missing == 0 else "unverified"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {"status": self.status, **asdict(self)}
+
+
+class RecordedPlants:
+    """Plants that do what they did, one output time after the other; see `DrivenPlants`."""
+
+    exact = False
+    kind, drive, why = "Recording", "as recorded", "the recording has what they did"
+
+    def __init__(self, robots: Sequence[int], m: int, ticks: Iterator[Records]) -> None:
+        """Be some robots' plants, ascending; `ticks` are the states of all robots, by tick."""
+        self.q, self.qd, self.tau = np.zeros((3, len(robots), m))
+        self._robots = np.asarray(robots)
+        self._ticks = ticks
+        self._coming: Iterator[Records] = iter(())
+        self.advance(0.0, 0.0)
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Pass over a reference."""
+
+    def advance(self, start: float, step: float) -> None:  # noqa: ARG002
+        """Go to the next output time, if need be of the next tick, and no earlier."""
+        states = next(self._coming, None)
+        if states is None:
+            self._coming = self._next_tick()
+            states = next(self._coming)
+        self.q[:], self.qd[:], self.tau[:] = (
+            states[name] for name in ("position", "velocity", "effort")
+        )
+
+    def save(self) -> Never:
+        """Refuse: they are not exact."""
+        raise NotImplementedError
+
+    def restore(self, data: Sequence[bytes]) -> Never:
+        """Refuse: they are not exact."""
+        raise NotImplementedError
+
+    def _next_tick(self) -> Iterator[Records]:
+        states = next(self._ticks)
+        mine = np.sort(states[np.isin(states["robot"], self._robots)], order=["time_ns", "robot"])
+        return iter(mine.reshape(-1, len(self._robots)))
+
+
+class _Samples:
+    """What the worker hears: the recorded samples."""
+
+    patience = 0.0
+
+    def __init__(self) -> None:
+        self.now: Records
+
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:  # noqa: ARG002
+        """Return the recorded samples of tick k."""
+        return [(k, self.now, EVERYONE)]
+
+    def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
+        """Pass over all else."""
+        return ()
+
+
+class _Kept:
+    """A recording in memory, of one tick."""
+
+    path: str | PathLike[str] = ""
+
+    def __init__(self, n: int) -> None:
+        self.tick: list[Recorded] = []
+        topics = (channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True))
+        self._topics = dict(enumerate(topics, 1))
+        self.numbers = {topic: number for number, topic in self._topics.items()}
+
+    def flush(self) -> None:
+        """Do nothing: nothing is written."""
+
+    def put(self, tick: Sequence[Columns]) -> None:
+        """Take a tick, and forget the one before."""
+        self.tick = sorted(message for part in tick for message in part.messages(self._topics))
+
+
+def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
+    """Run a recording again, with its plants or by the agents alone, up to the first difference.
+
+    It ends before a tick that is missing: there is no going on without it.
+    """
+    if next(past_of(reader), None) is None:
+        return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
+    clock, n, m = experiment.clock, experiment.n, experiment.m
+    numbers = range(1, n + 1)
+    with ExitStack() as stack, np.errstate(all="ignore"):
+        robots = (
+            Robots.opened(stack, experiment, numbers, _finder(reader, experiment))
+            if plants
+            else Robots.driven_by(
+                experiment, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
+            )
+        )
+        bus = MemoryBus()
+        ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
+        wire = wire_of(experiment, {HERE: numbers}, Seal())
+        target = TargetNode(bus, clock, wire, experiment.target)
+        kept, heard = _Kept(n), _Samples()
+        recorder = Recorder(kept, wire, n, 0)
+        worker = robots.worker(HERE, bus, MemoryInbox(), wire)
+        ticks = worker.run(-1, lambda _time: None, heard)
+        same, k = 0, -1
+        for k, all_of_it in enumerate(past_of(reader)):
+            recorded = _said(all_of_it)
+            if not plants and (absent := _absent_state(recorded, clock, k, n)):
+                return Verification(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
+            heard.now = _records(wire.samples, "sample", recorded)
+            target.publish_until(k)
+            next(ticks)
+            for item in ear.take():
+                if isinstance(item, Message):
+                    recorder.take(item)
+            recorder.close(k)
+            for was, now in zip_longest(recorded, _said(kept.tick)):
+                if was != now:
+                    return Verification(k, same, difference_in(m, m, was, now))
+                same += 1
+    return Verification(k, same, None, _unseen(reader, k), _missing(reader))
+
+
+def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Difference | None:
+    """Return the first state of tick k that is not there, without which its robot does nothing."""
+    there = {(time_ns, topic) for time_ns, topic, *_ in tick}
+    for time_ns in clock.outputs(k):
+        for robot in range(1, n + 1):
+            if (time_ns, topic := state_topic(robot)) not in there:
+                t = seconds(time_ns)
+                return Difference(k, t, topic, robot, "message", ABSENT, PRESENT)
+    return None
+
+
+def expect_states(reader: Reader, clock: Clock, n: int) -> None:
+    """Raise `UnreadableError` for a recording that lacks a state in a tick that it has."""
+    for states in reader.columns([state_topic(robot) for robot in range(1, n + 1)]):
+        ks = np.unique(states.sequence).tolist()
+        times, counts = np.unique(states.time, return_counts=True)
+        if times.tolist() == [t for k in ks for t in clock.outputs(k)] and (counts == n).all():
+            continue
+        here = states.messages(reader.topics)
+        for k in ks:
+            if absent := _absent_state(here, clock, k, n):
+                raise UnreadableError(
+                    f"{reader.path}: tick {k}, t = {absent.t:g} s: has no message of "
+                    f"{absent.topic}; what its robot did is not known"
+                )
+
+
+def _unseen(reader: Reader, k: int) -> int:
+    """Return how many messages of the run are here of ticks after tick k."""
+    numbers = [number for number, topic in reader.topics.items() if kind_of(topic) in _KINDS]
+    parts = (columns.on(numbers) for columns in reader.columns())
+    return sum(int(np.count_nonzero(part.sequence.astype(np.int64) > k)) for part in parts)
+
+
+def _missing(reader: Reader) -> int | None:
+    """Return how many messages are not here that the run had; None where that is not known."""
+    if reader.digest:
+        return 0
+    planned = int(reader.end["messages"]) if reader.end else 0
+    return planned - reader.message_count if planned > reader.message_count else None
+
+
+def _finder(reader: Reader, experiment: Experiment) -> Find:
+    return find_recorded(about(reader).plants, experiment.folder)
+
+
+def states_of(reader: Reader, m: int) -> Iterator[Records]:
+    """Yield a recording's states by tick, from 0 on."""
+    codec = Codec(STATE, m)
+    return (_records(codec, "state", tick) for tick in past_of(reader))
+
+
+def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
+    return codec.decode([message[3] for message in tick if _kind(message) == kind])
+
+
+def _said(tick: list[Recorded]) -> list[Recorded]:
+    """Return what a tick says of the run; checkpoints are the plants' own affair."""
+    return [message for message in tick if _kind(message) in _KINDS]
+
+
+def _kind(message: Recorded) -> str:
+    return kind_of(message[1])
+
+
+def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | None) -> Difference:
+    """Return what is not the same of a message, which one of the two may lack.
+
+    The two hold vectors of `m_was` and `m_now` numbers.
+    """
+    if was is None or now is None or was[:2] != now[:2]:
+        missing = was is None or (now is not None and now < was)
+        there = now if missing else was
+        assert there is not None
+        told = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
+        return Difference(*_about(there), "message", *told)
+    old, new = (
+        Codec(_KINDS[_kind(message)], m).decode([message[3]])[0]
+        for message, m in ((was, m_was), (now, m_now))
+    )
+    for name in old.dtype.names:
+        if old[name].tobytes() != new[name].tobytes():
+            return Difference(*_about(was), name, old[name].tolist(), new[name].tolist())
+    return Difference(*_about(was), "k", was[2], now[2])
+
+
+def _about(message: Recorded) -> tuple[int, float, str, int]:
+    time_ns, topic, k, _ = message
+    return k, seconds(time_ns), topic, node_of(topic)

@@ -1,0 +1,121 @@
+"""`nrs run --live`: the run's page, from its growing recording, by a process of its own.
+
+So the run neither waits for a page nor shares its interpreter with one. The command listens, and
+the process takes that over, so that the address is known at once; it ends when its standard input
+does, and so never outlives the command.
+"""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from types import TracebackType
+from typing import Self
+
+import typer
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.logs import log_as_asked
+from nrs_cosim.orchestrator.report.subject import story_of
+from nrs_cosim.orchestrator.terminal import say
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.report.page import expect_plotly, page_data
+from nrs_cosim.recordings.report.server import HOST, LiveServer
+
+_LINGER = 3.0
+"""s: how long a page that is open may take to ask for the end of a run."""
+
+
+class Live:
+    """The page of a run that is about to begin; a context manager that ends it."""
+
+    def __init__(self, port: int, stay: bool) -> None:
+        """Serve on a port, 0 for any; with `stay` until Ctrl-C."""
+        self._port, self._stay = port, stay
+        self._server: subprocess.Popen[bytes] | None = None
+
+    def begin(self, recording: Path, final: Path) -> None:
+        """Serve what a run writes into a recording from now on, whatever its name is at the end.
+
+        `InputError` where it cannot.
+        """
+        expect_plotly()
+        modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+        with socket.socket() as listening:
+            try:
+                listening.bind((HOST, self._port))
+            except OSError as error:
+                raise InputError(f"--port {self._port}: {error.strerror}") from None
+            listening.listen()
+            told = [str(recording), str(final), str(listening.fileno()), _state(recording)]
+            self._server = subprocess.Popen(
+                [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.report.live", *told],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                env={**os.environ, "PYTHONPATH": modules},
+                pass_fds=[listening.fileno()],
+                start_new_session=True,
+            )
+            say("blue", "live", f"http://{HOST}:{listening.getsockname()[1]}/")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._server is None:
+            return
+        ended_by_itself = isinstance(error, typer.Exit) and error.exit_code != 130
+        if self._stay and ended_by_itself:
+            say("blue", "live", "the page stays until Ctrl-C")
+            with suppress(KeyboardInterrupt):
+                self._server.wait()
+        self._server.communicate()
+
+
+def _state(recording: Path) -> str:
+    """Name the state of a file."""
+    try:
+        stat = recording.stat()
+    except OSError:
+        return ""
+    return f"{stat.st_size}-{stat.st_mtime_ns}"
+
+
+def serve(recording: Path, final: Path, listening: socket.socket, before: str) -> None:
+    """Serve a recording whose state is no more the one before, until standard input ends."""
+
+    def current() -> Path:
+        """What is to replace another recording has its name once it is complete."""
+        return recording if recording.exists() else final
+
+    def version() -> str:
+        state = _state(current())
+        return "" if state == before else state
+
+    def tell() -> bytes | None:
+        try:
+            with Reader(current()) as reader:
+                return json.dumps(page_data([story_of(reader)]), allow_nan=False).encode()
+        except UnreadableError:
+            return None
+
+    with LiveServer(listening, version, tell) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        sys.stdin.read()
+        server.linger(_LINGER)
+
+
+if __name__ == "__main__":
+    log_as_asked()
+    os.nice(10)  # the run goes first
+    serve(Path(sys.argv[1]), Path(sys.argv[2]), socket.socket(fileno=int(sys.argv[3])), sys.argv[4])

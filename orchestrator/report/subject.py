@@ -1,0 +1,104 @@
+"""What a report must know of a scenario: target, network, theory, and how robots look."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
+from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
+from nrs_cosim.recordings.export.tables import about
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import SteadyState
+from nrs_cosim.recordings.report.data import Story, read_story
+from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict, unit_over
+
+
+def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
+    """Read what a report draws of a recording, of an experiment that may be known already."""
+    run = about(reader).run
+    unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
+    return read_story(reader, subject_of(experiment or experiment_of(reader), unit))
+
+
+def subject_of(experiment: Experiment, unit: str) -> Subject:
+    """Return what a report must know of an experiment, whose joints are in a unit."""
+    checked, choice = check(experiment), experiment.scenario.algorithm
+    return Subject(
+        estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
+        times=experiment.clock,
+        pace=_pace(experiment.clock),
+        target_at=experiment.target_at,
+        topology=experiment.topologies.links,
+        turns=_turns(experiment.topologies),
+        arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
+        unit=unit,
+        verdicts=_verdicts(checked),
+        factor=None if checked.faulty else finite(checked.spectral_radius),
+        bounds=_bounds(experiment, checked),
+    )
+
+
+def _pace(clock: Clock) -> str:
+    if clock.period is not None:
+        return f"every {seconds(clock.period):g} s"
+    if clock.jitter:
+        early = f"up to {seconds(clock.jitter.most):g} s early, drawn from the seed"
+        return f"every {seconds(clock.turn):g} s, each {early},"
+    return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
+
+
+def _turns(topologies: TopologySchedule) -> str:
+    """Say when the links are there that there are at some time; nothing where that is always."""
+    count, ticks = len(topologies.exchanges), topologies.repeat
+    told = []
+    if count > 1:
+        end = f"again after {ticks} ticks" if ticks else "and the last stays"
+        told.append(f"{count} networks take turns, {end}")
+    if any(exchange.hetero for exchange in topologies.exchanges):
+        told.append("positions and velocities travel over digraphs of their own")
+    words = "; ".join(told)
+    return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
+
+
+def arm_of(plant: Plant, m: int) -> Arm:
+    """Return how a robot of m joints is drawn: with its own lengths, where its plant tells them.
+
+    A bundled model's are `r1`, `r2`, or the array `r`; one that has neither is a point.
+    """
+    if plant.fmu not in bundled_models():
+        return Arm((1.0,) * m, known=False)
+    model = declaration(plant.fmu)
+    told: dict[str, Any] = {v.name: v.start for v in model.of_kind("parameter")} | plant.parameters
+    if "r" in told:
+        return Arm(tuple(np.broadcast_to(np.asarray(told["r"], float), m).tolist()))
+    links = [f"r{link}" for link in range(1, m + 1)]
+    return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
+
+
+def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
+    """Return the theory's bounds on each steady-state error, by their names."""
+    found = bounds(promises(experiment, checked.growth))
+    names = [field.name for field in fields(SteadyState)]
+    told = {
+        name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}
+        for name, bound in zip(names, found, strict=False)
+    }
+    return {
+        name: {law: value for law, value in by_law.items() if value is not None}
+        for name, by_law in told.items()
+    }
+
+
+def _verdicts(checked: Check) -> list[Verdict]:
+    of = ", of links without faults" * checked.faulty
+    return [
+        Verdict(c.name, c.value, c.bound, c.at_least, c.holds, c.source + of)
+        for c in checked.conditions
+    ]

@@ -1,0 +1,179 @@
+"""One robot in Model Exchange: dx/dt = f(t, x, tau + tau_d), with tau of the law at (t, q, qd).
+
+q and qd are the FMU's variables at (t, x), whatever its states are. Without a law there is no tau,
+and what is read may be called otherwise. Events are handled as FMI asks
+(2.0, section 3.2.2; 3.0, section 3.2.1): planned ones by their time, state events by the sign of
+the indicators z(t, x), step events as the FMU wants after a step, and jumps of the reference.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.drives.pd_law import Law
+from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.model_calls import ModelCalls
+from nrs_cosim.plant_fmu.plants import Array
+
+ITERATIONS = 1000
+"""After so many iterations of one event it is taken to have no end."""
+
+
+class Exchanged:
+    """A robot's instance at `time` and `states`; `next_event` is planned by the FMU, s.
+
+    States, derivatives and indicators are passed by the address of an array of doubles, and the
+    calls that a solver makes most answer with an FMI status.
+    """
+
+    def __init__(
+        self,
+        instances: Instances,
+        row: int,
+        calls: ModelCalls,
+        law: Law | None,
+        m: int,
+        outputs: Sequence[str],
+    ) -> None:
+        """Take the instance of a row, initialised; the law is that of this robot alone.
+
+        The outputs are of m numbers each.
+        """
+        library = instances.library
+        description = library.archive.description
+        self._instances, self._row, self._calls, self._law = instances, row, calls, law
+        self._handle = instances.handles[row]
+        self.time, self.next_event = 0.0, np.inf
+        self.state, self._effort = np.zeros((1, 2 * m)), np.zeros((1, m))
+        self._outputs = View([instances.vector(ours, m) for ours in outputs], self.state)
+        self._read = instances.arguments(row, self._outputs, 0)
+        if law:
+            self._input = View([instances.vector("tau", m)], self._effort)
+            self._write = instances.arguments(row, self._input, 0)
+            if not self._input.is_complete:
+                self._expect(library.calls.get(*self._write), "access to tau")
+        self.states = np.zeros(description.numberOfContinuousStates)
+        self.indicators = np.zeros(description.numberOfEventIndicators)
+        self.states_at = self.states.ctypes.data
+        self.indicators_at = self.indicators.ctypes.data
+        self.without_nominal: set[int] = set()
+        """The numbers of states, from 1, that the FMU gave no positive nominal value."""
+        self.tells_steps = bool(library.interface.needsCompletedIntegratorStep)
+        """Whether the FMU wants to hear of each step of the solver."""
+
+    def begin(self) -> None:
+        """Leave initialisation, which ends in event mode."""
+        self._iterate()
+
+    def event(self) -> None:
+        """Handle an event at this time: a planned one, one that was found, or a jump of tau."""
+        self._expect(self._calls.enter_event_mode(self._handle), "entering event mode")
+        self._expect(self._apply_law(self.time), "an event")
+        self._iterate()
+
+    def move(self, time: float, states: int) -> int:
+        """Bring the FMU to a time and states, and give it the law's torque there."""
+        handle, calls = self._handle, self._calls
+        return max(
+            calls.set_time(handle, time),
+            calls.set_states(handle, states, self.states.size),
+            self._apply_law(time),
+        )
+
+    def derivatives(self, time: float, states: int, derivatives: int) -> int:
+        """Evaluate dx/dt at a time and states."""
+        status = self.move(time, states)
+        get = self._calls.get_derivatives
+        return max(status, get(self._handle, derivatives, self.states.size))
+
+    def signs(self, time: float, states: int, indicators: int) -> int:
+        """Evaluate the event indicators at a time and states."""
+        status = self.move(time, states)
+        get = self._calls.get_indicators
+        return max(status, get(self._handle, indicators, self.indicators.size))
+
+    def nominals(self) -> Array:
+        """Return the sizes that the FMU expects its states to have, 1 where that is none.
+
+        They must be positive (FMI 2.0, section 3.2.1; FMI 3.0, section 3.1.1).
+        """
+        sizes = np.ones(self.states.size)
+        status = self._calls.get_nominals(self._handle, sizes.ctypes.data, sizes.size)
+        self._expect(status, "asking for nominal values")
+        wrong = ~(np.isfinite(sizes) & (sizes > 0))
+        self.without_nominal.update((np.flatnonzero(wrong) + 1).tolist())
+        sizes[wrong] = 1.0
+        return sizes
+
+    def arrive(self, time: float) -> None:
+        """Take a time and the states as they are for the robot's own."""
+        self.time = time
+        self._expect(self.move(time, self.states_at), "moving to new states")
+        if not np.isfinite(self.state).all():
+            raise self.failure(f"its outputs are not finite: {self.state[0].tolist()}")
+
+    def complete(self, time: float) -> bool:
+        """Arrive by a step of the solver, and return whether the FMU wants an event."""
+        self.arrive(time)
+        if not self.tells_steps:
+            return False
+        told = self._calls.complete_step(self._handle)
+        self._expect(told.status, "completing a step of the solver")
+        self._expect_to_go_on(told.terminate)
+        return told.event
+
+    def torque(self) -> Array:
+        """Return the law's torque now, (m,), without the disturbance."""
+        if not self._law:
+            return np.zeros(self.state.size // 2)
+        torque: Array = self._law.torque(self.time, self.state)[0]
+        return torque
+
+    def failure(self, cause: str) -> StepError:
+        """Return the error that names the robot, the FMU, the time and the cause."""
+        return self._instances.failure(self._row, self.time, cause)
+
+    def refusal(self, act: str, status: int) -> StepError:
+        """Return the error of an act that ended badly."""
+        return self._instances.refusal(self._row, self.time, act, status)
+
+    def _iterate(self) -> None:
+        """Iterate the discrete states until they rest, and go on in continuous time."""
+        handle, calls = self._handle, self._calls
+        for _ in range(ITERATIONS):
+            told = calls.update(handle)
+            self._expect(told.status, "an event")
+            self._expect_to_go_on(told.terminate)
+            if not told.again:
+                break
+        else:
+            raise self.failure(f"an event did not come to rest in {ITERATIONS} iterations")
+        self.next_event = told.next_event
+        status = max(
+            calls.enter_continuous_time_mode(handle),
+            calls.get_states(handle, self.states_at, self.states.size),
+            self._apply_law(self.time),
+        )
+        self._expect(status, "an event")
+
+    def _apply_law(self, time: float) -> int:
+        """Read the outputs, and give the FMU the torque that the law has for them."""
+        calls = self._instances.library.calls
+        read = calls.get(*self._read)
+        self._outputs.take()
+        if not self._law:
+            return read
+        self._effort[:] = self._law.effort(time, self.state)
+        self._input.give()
+        return max(read, calls.set(*self._write))
+
+    def _expect(self, status: int, act: str) -> None:
+        if status > WARNING:
+            raise self.refusal(act, status)
+
+    def _expect_to_go_on(self, terminate: bool) -> None:
+        if terminate:
+            raise self.failure("the FMU ended the simulation")

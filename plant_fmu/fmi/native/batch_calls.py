@@ -1,0 +1,184 @@
+"""Rounds by `rounds.c`, which is compiled on first use: the same bits, without Python in between.
+
+It is called without Python's lock, so that other threads of ours go on meanwhile.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from ctypes import (
+    CDLL,
+    Structure,
+    addressof,
+    byref,
+    c_bool,
+    c_double,
+    c_int,
+    c_size_t,
+    c_void_p,
+    cast,
+    create_string_buffer,
+)
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.bundled.builder import build_library
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.batch_calls import EarlyEnd, Round, Step
+from nrs_cosim.plant_fmu.fmi.calls import Call, bind, c_references
+from nrs_cosim.plant_fmu.fmi.library import Library
+
+_LOG = logging.getLogger("nrs.plant_fmu")
+SOURCE = Path(__file__).with_suffix(".c")
+WHO = 32
+"""Bytes of a name, as rounds.c has it."""
+_NUMBERS = {"set": ("SetReal", "SetFloat64"), "get": ("GetReal", "GetFloat64")}
+_STATES = {
+    "get_state": ("GetFMUstate", "GetFMUState"),
+    "set_state": ("SetFMUstate", "SetFMUState"),
+}
+
+
+class _Instances(Structure):
+    kept: Any
+    """What the addresses are of."""
+    _fields_ = (
+        ("n", c_size_t),
+        ("instances", c_void_p),
+        ("progress", c_void_p),
+        ("names", c_void_p),
+    )
+
+
+class _Calls(Structure):
+    _fields_ = (
+        ("fmi", c_int),
+        *((name, c_void_p) for name in ("set", "get", "step", "get_state", "set_state")),
+    )
+
+
+class _Rows(Structure):
+    kept: Any
+    """What the addresses are of."""
+    _fields_ = (
+        ("references", c_void_p),
+        ("n_references", c_size_t),
+        ("values", c_void_p),
+        ("n_values", c_size_t),
+        ("stride", c_size_t),
+    )
+
+
+class _Answer(Structure):
+    _fields_ = (("status", c_int), ("stepping", c_bool))
+
+
+@dataclass(frozen=True, slots=True)
+class Native:
+    """The functions of rounds.c."""
+
+    exchange: Call
+    advance: Call
+    recall: Call
+
+
+class NativeRounds:
+    """Rounds of native calls; see `plant_fmu.fmi.batch_calls.Rounds`."""
+
+    def __init__(
+        self, native: Native, library: Library, handles: Sequence[int], names: Sequence[str]
+    ) -> None:
+        """Take the instances, whose names are for the library's `progress`, if it has one."""
+        self._native, self._library = native, library
+        instances = (c_void_p * len(handles))(*handles)
+        fields = b"".join(name.encode()[:WHO].ljust(WHO, b"\0") for name in names)
+        told = create_string_buffer(fields) if library.progress else None
+        self._all = _Instances(
+            len(handles), addressof(instances), library.progress, addressof(told) if told else 0
+        )
+        self._all.kept = instances, told
+
+    def exchange(self, view: View, *, setting: bool) -> Round:
+        """Return a round of setting or getting; see `Rounds`."""
+        return self._round(self._native.exchange, self._bound(_NUMBERS), _rows(view), setting)
+
+    def advance(self, view: View) -> Step:
+        """Return a round of steps; see `Rounds`."""
+        advance, n, answer = self._native.advance, self._all.n, _Answer()
+        calls, rows = self._bound({**_NUMBERS, "step": ("DoStep", "DoStep")}), _rows(view)
+        whom, told = (byref(calls), byref(self._all), byref(rows)), byref(answer)
+
+        def step(start: float, step: float) -> EarlyEnd | None:
+            row = advance(*whom, start, step, told)
+            return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
+
+        return step
+
+    def recall(self, states: Any, *, keeping: bool) -> Round:
+        """Return a round of keeping or going back; see `Rounds`."""
+        return self._round(self._native.recall, self._bound(_STATES), states, keeping)
+
+    def _round(self, function: Call, calls: _Calls, what: Any, way: bool) -> Round:
+        n, answer = self._all.n, _Answer()
+        told = byref(calls), byref(self._all), byref(what), way, byref(answer)
+
+        def go() -> EarlyEnd | None:
+            row = function(*told)
+            return None if row == n else EarlyEnd(row, answer.status)
+
+        return go
+
+    def _bound(self, names: Mapping[str, tuple[str, str]]) -> _Calls:
+        """Return the addresses of functions, given by what FMI 2.0 and FMI 3.0 call them."""
+
+        def binder(dll: Any, fmi: int) -> _Calls:
+            functions = {ours: dll[f"fmi{fmi}{its[fmi - 2]}"] for ours, its in names.items()}
+            return _Calls(fmi, **{ours: cast(f, c_void_p) for ours, f in functions.items()})
+
+        return self._library.bind_native(binder)
+
+
+def native_rounds(
+    library: Library, handles: Sequence[int], names: Sequence[str]
+) -> NativeRounds | None:
+    """Return rounds of instances with their names; None where no native code can be had."""
+    native = load_native()
+    return NativeRounds(native, library, handles, names) if native else None
+
+
+@cache
+def load_native() -> Native | None:
+    """Return the functions of rounds.c, compiled if need be; None where that cannot be done.
+
+    Then it is logged once why: calls from Python are to the same bits, but slower.
+    """
+    try:
+        library = build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})
+        dll = CDLL(str(library))
+    except FmuError as error:
+        _LOG.warning("robots are stepped by calls from Python, which is slower: %s", error)
+        return None
+    except OSError as error:
+        _LOG.warning(
+            "robots are stepped by calls from Python, which is slower: %s; if the disk of %s is "
+            "mounted noexec, set NRS_CACHE to another folder",
+            error,
+            library.parent,
+        )
+        return None
+    three, flag = (c_void_p,) * 3, (c_bool, c_void_p)
+    return Native(
+        bind(dll, "exchange", *three, *flag, result=c_size_t),
+        bind(dll, "advance", *three, c_double, c_double, c_void_p, result=c_size_t),
+        bind(dll, "recall", *three, *flag, result=c_size_t),
+    )
+
+
+def _rows(view: View) -> _Rows:
+    which, theirs = c_references(view.references), view.theirs
+    stride = theirs.strides[0] // theirs.itemsize
+    rows = _Rows(addressof(which), len(which), theirs.ctypes.data, theirs.shape[1], stride)
+    rows.kept = which, theirs
+    return rows

@@ -1,0 +1,49 @@
+"""A table as a Parquet file: the columns of the CSV table, counts of 32 bits, ns and floats of 64.
+
+Rows are written in groups of at least `GROUP` bytes, so that neither a long recording fills the
+memory nor a small chunk makes a group of its own.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import parquet
+
+from nrs_cosim.recordings.export.tables import MessageTable, Put
+
+GROUP = 4 * 2**20
+_SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
+"""What is no integer of 32 bits."""
+
+
+@contextmanager
+def parquet_table(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
+    """Open a file for a table of vectors of m numbers; what it gives puts rows into it."""
+    kinds = {name: _SCALARS.get(name, pa.uint32()) for name in table.scalars}
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in table.columns(m)])
+    waiting: list[NDArray[np.void]] = []
+    with parquet.ParquetWriter(path, schema) as file:
+
+        def write() -> None:
+            found = np.concatenate(waiting)
+            waiting.clear()
+            columns = [np.ascontiguousarray(found[name]) for name in table.scalars]
+            columns += [
+                np.ascontiguousarray(found[name][:, i])
+                for name in table.kind.vectors
+                for i in range(m)
+            ]
+            file.write_table(pa.table(columns, schema=schema))
+
+        def put(found: NDArray[np.void]) -> None:
+            waiting.append(found)
+            if sum(part.nbytes for part in waiting) >= GROUP:
+                write()
+
+        yield put
+        if waiting:
+            write()

@@ -1,0 +1,1 @@
+"""The file format: messages of whole ticks as MCAP records, written, read and recovered."""

@@ -1,0 +1,152 @@
+"""A chunk: the messages of whole ticks in total order, compressed, under one CRC.
+
+    Chunk    start, end, size, CRC of the records, compression, the records
+    MessageIndex    for each channel in it: (log_time, offset among the records) of its messages
+
+Its records are messages and nothing else. What it decompresses to is in proportion to what stands
+in the file, so that a small file takes little memory whatever it says: a reader believes no more,
+and a writer compresses no further. Here alone is there work for each message or channel, so
+it is done for all at once, as it is in `columns`, where messages are taken apart again; everything
+else in a file is left to mcap's own record classes.
+"""
+
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from mcap import records as mcap
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from nrs_cosim.recordings.mcap.columns import HEAD, Columns, put_rows, windows
+from nrs_cosim.recordings.mcap.container import (
+    LIMIT,
+    RECORD,
+    Compression,
+    DamageError,
+    demand,
+    encoded,
+    in_proportion,
+)
+
+_CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
+_INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
+_OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
+_LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of _OFFSETs
+_REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
+_SIZES = struct.Struct("<QQ")  # compressed, uncompressed
+_ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
+INDEXED = _ENTRY.itemsize
+"""Bytes that a message takes in a file at least: its place in an index, which is not compressed."""
+_ZSTD = 2
+"""The level: the next takes two thirds longer for a fortieth less, the one below adds a sixth."""
+_COMPRESS: Mapping[Compression, Callable[..., bytes]] = {
+    "zstd": partial(zstandard.compress, level=_ZSTD),
+    "lz4": lz4.frame.compress,
+    "none": bytes,
+}
+
+
+def packed(messages: Columns) -> Columns:
+    """The messages, at least one, in their order, as records."""
+    heads = np.empty(len(messages.channel), HEAD)
+    sizes = messages.stop - messages.start
+    heads["kind"] = Opcode.MESSAGE
+    heads["length"] = HEAD.itemsize - 9 + sizes
+    heads["channel"], heads["sequence"] = messages.channel, messages.sequence
+    heads["time"] = heads["published"] = messages.time
+    stops = np.cumsum(HEAD.itemsize + sizes)
+    starts = stops - sizes
+    data = np.empty(int(stops[-1]), np.uint8).data
+    windows(data, HEAD.itemsize)[starts - HEAD.itemsize] = heads.view(f"V{HEAD.itemsize}")
+    put_rows(data, starts, messages.data, messages.start, sizes)
+    return Columns(data, messages.channel, messages.sequence, messages.time, starts, stops)
+
+
+def encoded_chunk(offset: int, messages: Columns, compression: Compression) -> tuple[bytes, bytes]:
+    """A chunk of records that will stand at `offset`, with its message indexes; its record for the
+    summary.
+    """
+    records = messages.data
+    data = _COMPRESS[compression](records)
+    if not in_proportion(len(records), len(data)):
+        compression = "lz4"  # which makes at most 255 bytes one
+        data = _COMPRESS[compression](records)
+    name = "" if compression == "none" else compression
+    start, end = int(messages.time[0]), int(messages.time[-1])
+    chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
+    channels, index, places = _index(messages)
+    offsets = np.empty(len(channels), _OFFSET)
+    offsets["channel"], offsets["at"] = channels, offset + len(chunk) + places
+    lengths = _LENGTHS.pack(start, end, offset, len(chunk), offsets.nbytes)
+    rest = _REST.pack(len(index), len(name)) + name.encode() + _SIZES.pack(len(data), len(records))
+    body = b"".join([lengths, offsets.tobytes(), rest])
+    summary = RECORD.pack(Opcode.CHUNK_INDEX, len(body)) + body
+    return chunk + index, summary
+
+
+def _index(messages: Columns) -> tuple[NDArray[np.uint16], bytes, NDArray[np.int64]]:
+    """The channels in the order of their first messages; their message indexes, one after the
+    other; where each of these begins.
+    """
+    channels, first, which = np.unique(messages.channel, return_index=True, return_inverse=True)
+    by_first = np.argsort(first)
+    place = np.empty(len(channels), np.uint16)
+    place[by_first] = np.arange(len(channels))
+    order = np.argsort(place[which], kind="stable")
+    counts = np.bincount(place[which], minlength=len(channels))
+    heads = np.empty(len(channels), _INDEX)
+    heads["kind"], heads["channel"] = Opcode.MESSAGE_INDEX, channels[by_first]
+    heads["size"] = _ENTRY.itemsize * counts
+    heads["length"] = heads["size"] + 6
+    entries = np.empty(len(order), _ENTRY)
+    entries["time"], entries["at"] = messages.time[order], messages.start[order] - HEAD.itemsize
+    lengths = _INDEX.itemsize + _ENTRY.itemsize * counts
+    begins = np.cumsum(lengths) - lengths
+    index = np.empty(int(lengths.sum()), np.uint8).data
+    windows(index, _INDEX.itemsize)[begins] = heads.view(f"V{_INDEX.itemsize}")
+    rest = _INDEX.itemsize * np.repeat(np.arange(1, len(channels) + 1), counts)
+    at = rest + _ENTRY.itemsize * np.arange(len(order))
+    windows(index, _ENTRY.itemsize)[at] = entries.view(f"V{_ENTRY.itemsize}")
+    return heads["channel"], index.tobytes(), begins
+
+
+def decoded_chunk(chunk: bytes) -> bytes:
+    """The records of a chunk as it stands in the file, checked; DamageError when they cannot be."""
+    demand(len(chunk) >= _CHUNK.size and chunk[0] == Opcode.CHUNK, "there is no chunk")
+    _, length, _, _, size, crc, n = _CHUNK.unpack_from(chunk)
+    demand(length == len(chunk) - RECORD.size and size <= LIMIT, "its size is not what it says")
+    decompress = _DECOMPRESS.get(chunk[_CHUNK.size : _CHUNK.size + n])
+    if decompress is None:
+        raise DamageError("its compression is unknown")
+    data = memoryview(chunk)[_CHUNK.size + n + 8 :]
+    demand(
+        in_proportion(size, len(data)),
+        f"it is refused, for its {len(data)} bytes decompress to {size}",
+    )
+    try:
+        records = decompress(data, size)
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise DamageError(f"it does not decompress ({error})") from error
+    demand(len(records) == size and zlib.crc32(records) == crc, "its checksum differs")
+    return records
+
+
+def _unzstd(data: memoryview, size: int) -> bytes:
+    demand(zstandard.frame_content_size(data) == size, "its size differs")
+    return zstandard.decompress(data)
+
+
+def _unlz4(data: memoryview, size: int) -> bytes:
+    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
+
+
+_DECOMPRESS: Mapping[bytes, Callable[[memoryview, int], bytes]] = {
+    b"zstd": _unzstd,
+    b"lz4": _unlz4,
+    b"": lambda data, _: bytes(data),
+}

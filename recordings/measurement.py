@@ -1,0 +1,78 @@
+"""The steady state is the last fifth of a run: how far the estimates and the robots are off there.
+
+ε̄_i = ε_i − ε_0 and ῡ_i = υ_i − υ_0 are taken at the sampling times, left limits, in the ∞-norm;
+e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 on the output grid, in the 2-norm (paper, after equation 2.1).
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.recordings.export.tables import SAMPLES, STATES, robots, rows
+from nrs_cosim.recordings.mcap.reader import Reader
+
+Array = NDArray[np.float64]
+TargetAt = Callable[[Array], tuple[Array, Array]]
+"""Position and velocity (rows, m) of the target at times in s (rows,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyState:
+    """Suprema over robots and the last fifth of a run; None where nothing was recorded there."""
+
+    position_estimate: float | None = None
+    """sup ‖ε̄_i(t_k)‖∞"""
+    velocity_estimate: float | None = None
+    """sup ‖ῡ_i(t_k)‖∞"""
+    position_tracking: float | None = None
+    """sup ‖e_i‖₂"""
+    velocity_tracking: float | None = None
+    """sup ‖ė_i‖₂"""
+    times_ns: tuple[int, int, int, int] = (0, 0, 0, 0)
+    """When each of the four was reached first, ns."""
+    size: float = 0.0
+    """The largest position or velocity of an estimate or a robot: what rounding is relative to."""
+
+
+@np.errstate(all="ignore")  # what is not finite is measured as such
+def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
+    """Measure the steady state of a recording against its target."""
+    end = reader.end_ns or 0
+    since = end - end // 5
+    most, times, size = np.full(4, -np.inf), np.zeros(4, np.int64), 0.0
+
+    def note(quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
+        norms = np.linalg.norm(errors, order, axis=1)
+        if len(norms) and norms.max() > most[quantity]:
+            row = int(norms.argmax())
+            most[quantity], times[quantity] = norms[row], time_ns[row]
+
+    for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
+        records = part[part["robot"] > 0]
+        position, velocity = target_at(records["t"])
+        for name in ("position", "velocity"):
+            size = max(size, float(np.abs(records[name]).max(initial=0.0)))
+        if table is SAMPLES:
+            note(0, records["position"] - position, np.inf, records["time_ns"])
+            note(1, records["velocity"] - velocity, np.inf, records["time_ns"])
+        else:
+            note(2, records["position"] - position, 2, records["time_ns"])
+            note(3, records["velocity"] - velocity, 2, records["time_ns"])
+    (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
+    (e, f, g, h) = times.tolist()
+    return SteadyState(a, b, c, d, (e, f, g, h), size)
+
+
+def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:
+    """Yield k and the estimates' errors ε̄ and ῡ at t_k, (2, n, m), of each tick that is whole."""
+    n = robots(reader)
+    for _, part in rows(reader, [SAMPLES]):
+        mine = part[part["robot"] > 0]
+        position, velocity = target_at(mine["t"])
+        errors = np.stack([mine["position"] - position, mine["velocity"] - velocity])
+        ks, starts, counts = np.unique(mine["k"], return_index=True, return_counts=True)
+        for k, start, count in zip(ks, starts, counts, strict=True):
+            if count == n:
+                yield int(k), errors[:, start : start + count]

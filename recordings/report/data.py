@@ -1,0 +1,199 @@
+"""What a report draws of a recording, read in one pass over its messages.
+
+What was not recorded is NaN, so a recording that is cut or damaged has gaps and no guesses. Of
+many robots some are drawn, spread evenly, and the envelopes are over all of them.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from itertools import takewhile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.validation import Times
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.export.tables import about, joints, robots
+from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import SteadyState, steady_state
+from nrs_cosim.recordings.report.subject import Subject
+
+Array = NDArray[np.float64]
+MOST_DRAWN = 24
+"""Robots."""
+KINDS = ("lost", "outage", "late", "altered")
+"""What a link may do to a sample: the first that is true; an altered one is noisy or rounded."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """The largest of a norm over all robots, at times (rows,) in s."""
+
+    t: Array
+    largest: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkEvents:
+    """What links did to samples, (rows,) each, in the order of the recording."""
+
+    k: NDArray[np.int64]
+    source: NDArray[np.int64]
+    robot: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    """Which of `KINDS`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story:
+    """A recording, and the scenario that it came from."""
+
+    subject: Subject
+    name: str
+    status: Status
+    reason: str
+    digest: str | None
+    damage: tuple[str, ...]
+    ticks: int
+    planned: int
+    n: int
+    m: int
+    seed: int
+    versions: dict[str, str]
+    ending: dict[str, str]
+    """What the run said at its end beside how it ended."""
+    counts: dict[str, int]
+    """Messages by the name of their schema."""
+    drawn: NDArray[np.intp]
+    """(r,) the robots that are drawn, ascending."""
+    t: Array
+    """(T,) the output times, s."""
+    t_k: Array
+    """(K,) the sampling times from t_1 on, s."""
+    vectors: dict[str, Array]
+    """(T, r, m) of the joints and of the estimates that they follow: `VECTORS`."""
+    target: dict[str, Array]
+    """(T, m) position and velocity."""
+    envelopes: dict[str, Envelope]
+    """By the fields of `SteadyState`, in the norms of `measuring`."""
+    link_events: LinkEvents
+    steady: SteadyState
+
+    @property
+    def seconds(self) -> float:
+        """The simulated time up to when something was recorded."""
+        return float(self.t_k[-1]) if len(self.t_k) else 0.0
+
+
+VECTORS = ("position", "velocity", "reference_position", "reference_velocity")
+
+
+def read_story(reader: Reader, subject: Subject) -> Story:
+    """Read all that a report draws of a recording."""
+    said = about(reader)
+    n, m = robots(reader), joints(reader)
+    end = -1 if reader.end_ns is None else reader.end_ns
+    drawn = np.unique(np.linspace(1, n, min(n, MOST_DRAWN)).astype(np.intp))
+    row_of = np.full(n + 1, -1)
+    row_of[drawn] = np.arange(len(drawn))
+    sampled, told = _times(subject.times, end)
+    t_k, t = sampled / 1e9, told / 1e9
+    vectors = {name: np.full((len(t), len(drawn), m), np.nan) for name in VECTORS}
+    largest = {
+        "position_estimate": np.full(len(t_k), -1.0),
+        "velocity_estimate": np.full(len(t_k), -1.0),
+        "position_tracking": np.full(len(t), -1.0),
+        "velocity_tracking": np.full(len(t), -1.0),
+    }
+    counts: Counter[str] = Counter()
+    met: list[NDArray[np.int64]] = []
+
+    def note(name: str, at: NDArray[np.int64], errors: Array, order: float) -> None:
+        np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
+
+    kinds = {channel.topic: channel.schema_name for channel in reader.channels}
+    codecs = {kind.name: Codec(kind, m) for kind in (SAMPLE, STATE, LINK_EVENT)}
+    for batch in reader.batches():
+        payloads: dict[str, list[bytes]] = {}
+        for _, topic, _, data in batch:
+            payloads.setdefault(kinds[topic], []).append(data)
+        counts.update({kind: len(data) for kind, data in payloads.items()})
+        tables = {
+            kind: codec.decode(payloads[kind]) for kind, codec in codecs.items() if kind in payloads
+        }
+        if SAMPLE.name in tables:
+            table = tables[SAMPLE.name]
+            table = table[table["robot"] > 0]
+            position, velocity = subject.target_at(table["time_ns"] / 1e9)
+            at = _places(reader, sampled, table["time_ns"])
+            note("position_estimate", at, table["position"] - position, np.inf)
+            note("velocity_estimate", at, table["velocity"] - velocity, np.inf)
+        if STATE.name in tables:
+            table = tables[STATE.name]
+            position, velocity = subject.target_at(table["time_ns"] / 1e9)
+            at = _places(reader, told, table["time_ns"])
+            note("position_tracking", at, table["position"] - position, 2)
+            note("velocity_tracking", at, table["velocity"] - velocity, 2)
+            rows = row_of[table["robot"]]
+            shown = rows >= 0
+            for name, array in vectors.items():
+                array[at[shown], rows[shown]] = table[name][shown]
+        if LINK_EVENT.name in tables:
+            met.append(_met(tables[LINK_EVENT.name]))
+    position, velocity = subject.target_at(t)
+    return Story(
+        subject=subject,
+        name=said.run.name,
+        status=reader.status,
+        reason=reader.reason,
+        digest=reader.digest,
+        damage=tuple(reader.damage),
+        ticks=reader.ticks,
+        planned=said.run.ticks,
+        n=n,
+        m=m,
+        seed=said.run.seed,
+        versions=dict(said.versions),
+        ending={name: said for name, said in reader.end.items() if name not in END_FIELDS},
+        counts=dict(counts),
+        drawn=drawn,
+        t=t,
+        t_k=t_k,
+        vectors=vectors,
+        target={"position": position, "velocity": velocity},
+        envelopes={
+            name: Envelope(
+                t if name.endswith("tracking") else t_k, np.where(norms < 0, np.nan, norms)
+            )
+            for name, norms in largest.items()
+        },
+        link_events=LinkEvents(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
+        steady=steady_state(reader, subject.target_at),
+    )
+
+
+def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the sampling times from t_1 on and the output times, ns, up to an end."""
+    ticks = range(times.ticks + 1)
+    sampled = takewhile(lambda time: time <= end, (times.t(k) for k in ticks[1:]))
+    outputs = (time for k in ticks for time in times.outputs(k))
+    told = takewhile(lambda time: time <= end, outputs)
+    return np.fromiter(sampled, np.int64), np.fromiter(told, np.int64)
+
+
+def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.uint64]) -> NDArray[np.intp]:
+    """Return where times are in a grid; `UnreadableError` for one that is none of the run's."""
+    at = np.searchsorted(grid, times)
+    off = np.append(grid, -1)[at] != times
+    if off.any():
+        time = float(times[off][0]) / 1e9
+        raise UnreadableError(f"{reader.path}: a message at t = {time:g} s: the run has none then")
+    return at
+
+
+def _met(table: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return k, source, robot and kind of faults, (4, rows)."""
+    kind = np.select([table["lost"] > 0, table["outage"] > 0, table["delay"] > 0], [0, 1, 2], 3)
+    return np.stack([table["k"], table["source"], table["robot"], kind]).astype(np.int64)

@@ -1,0 +1,168 @@
+"""The same figures on paper: matplotlib draws what `figures` says.
+
+Only the extra `report` brings matplotlib: whoever imports this module expects an ImportError.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure as Sheet
+from matplotlib.lines import Line2D
+
+from nrs_cosim.recordings.report.data import Story
+from nrs_cosim.recordings.report.figures import Figure, Group, Panel, figures, groups
+
+INKS = (
+    "#2563c9", "#d9480f", "#2b8a3e", "#9c36b5", "#0b8a8f", "#c2255c", "#8f6a00", "#5c5f66",
+)  # fmt: skip
+"""As the page's on white."""
+_INK = "#1b1f24"
+_SYMBOL = re.compile(r"(?<![A-Za-z0-9_])([ευeėqt]\u0307?)_([ik\d])(?!\w)")
+"""The paper's symbols, with an index; as in the page."""
+STYLE: dict[Any, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#9aa2ab",
+    "axes.grid": True,
+    "axes.labelcolor": _INK,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.dpi": 160,
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "grid.alpha": 0.35,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "lines.linewidth": 1.0,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "nrs",
+    "xtick.color": "#5a6470",
+    "ytick.color": "#5a6470",
+}
+_WIDTH = 8.0
+_DASHES: Mapping[str, Any] = {
+    "solid": "-",
+    "dash": (0, (5, 3)),
+    "dot": ":",
+}
+
+
+def write_figures(stories: Sequence[Story], path: Path, form: str) -> None:
+    """Write all figures of some recordings.
+
+    `png` and `svg` have them one under another, `pdf` each on its page.
+    """
+    drawn = figures(stories) or [Figure("nothing", "Nothing was recorded", "", ())]
+    legend = groups(stories)
+    if form != "pdf":
+        write_picture(drawn, path, legend, form=form)
+        return
+    with mpl.rc_context(STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
+        for figure in drawn:
+            pages.savefig(_sheet([figure], legend))
+
+
+def write_picture(
+    drawn: Sequence[Figure],
+    path: Path,
+    legend: Sequence[Group],
+    until: float | None = None,
+    form: str = "png",
+) -> None:
+    """Write some figures one under another, up to a time in s or whole; the same bytes again."""
+    metadata = {"Software": ""} if form == "png" else {"Date": None}
+    with mpl.rc_context(STYLE):
+        _sheet(drawn, legend, until).savefig(path, format=form, metadata=metadata)
+
+
+def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:
+    heights = [_height(figure, legend) for figure in drawn]
+    sheet = Sheet(figsize=(_WIDTH, sum(heights)), layout="constrained")
+    parts = sheet.subfigures(len(drawn), 1, squeeze=False, height_ratios=heights)
+    for figure, part in zip(drawn, parts[:, 0], strict=True):
+        if figure.title:
+            part.suptitle(figure.title, x=0.015, ha="left", fontsize=10, fontweight="bold")
+        rows = -(-len(figure.panels) // figure.columns)
+        if not rows:
+            continue
+        axes = part.subplots(rows, min(figure.columns, len(figure.panels)), squeeze=False)
+        for ax, panel in zip(axes.flat, figure.panels, strict=False):
+            _draw(ax, panel, until)
+        for ax in axes.flat[len(figure.panels) :]:
+            ax.set_axis_off()
+        for ax in axes[-1]:
+            ax.set_xlabel("simulated time (s)")
+        lines = _legend(figure, legend)
+        part.legend(handles=lines, loc="outside lower center", ncols=_columns(lines))
+    return sheet
+
+
+def _height(figure: Figure, legend: Sequence[Group]) -> float:
+    """Return the height of a figure in inches."""
+    lines = _legend(figure, legend)
+    named = 0.16 * -(-len(lines) // _columns(lines))
+    if any(panel.rows for panel in figure.panels):
+        return 1.0 + named + sum(0.14 * len(panel.rows) for panel in figure.panels)
+    rows = -(-len(figure.panels) // figure.columns)
+    return 0.7 + named + (2.2 if any(panel.legend for panel in figure.panels) else 1.75) * rows
+
+
+def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
+    for curve in panel.curves:
+        seen = curve.x <= until if until is not None else np.ones(len(curve.x), bool)
+        if curve.marks:
+            seen |= np.isnan(curve.x)
+        ax.plot(
+            curve.x[seen],
+            curve.y[seen],
+            color=_colour(curve.ink),
+            linestyle=_DASHES[curve.dash],
+            linewidth=curve.width * (0.65 if panel.rows else 1.0),
+            marker="o" if curve.marks else "",
+            markersize=2.2,
+            label=_mathematical(curve.name),
+        )
+    if panel.rows:
+        ax.set_yticks(range(len(panel.rows)), panel.rows)
+        ax.set_ylim(len(panel.rows) - 0.4, -0.6)
+        ax.set_title(_mathematical(panel.label), loc="left", fontsize=8)
+    else:
+        ax.set_ylabel(_mathematical(panel.label))
+    if panel.logarithmic:
+        ax.set_yscale("log")
+    if until is not None:
+        ax.set_xlim(0, until)
+    ax.margins(x=0.01)
+
+
+def _legend(figure: Figure, legend: Sequence[Group]) -> list[Line2D]:
+    """Return what is named under a figure: its groups, or its curves where they have names."""
+    curves = [curve for panel in figure.panels for curve in panel.curves]
+    if any(panel.legend for panel in figure.panels):
+        looks = {curve.name: (curve.ink, curve.dash) for curve in curves}
+    else:
+        dashes = {curve.group: curve.dash for curve in curves}
+        looks = {name: (ink, dashes[name]) for name, ink in legend if name in dashes}
+    return [
+        Line2D([], [], color=_colour(ink), linestyle=_DASHES[dash], label=_mathematical(name))
+        for name, (ink, dash) in looks.items()
+    ]
+
+
+def _columns(lines: Sequence[Line2D]) -> int:
+    """Return how many names fit beside one another."""
+    longest = max((len(str(line.get_label())) for line in lines), default=1)
+    return max(1, min(len(lines), 110 // (longest + 6)))
+
+
+def _colour(ink: int | None) -> str:
+    return _INK if ink is None else INKS[ink % len(INKS)]
+
+
+def _mathematical(label: str) -> str:
+    return _SYMBOL.sub(r"\1$_{\2}$", label)

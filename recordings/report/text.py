@@ -1,0 +1,125 @@
+"""A run in words and numbers: what a reader of the report must know before any figure."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.recordings.report.data import Story
+
+_MEASURED = {
+    "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", False),
+    "velocity_estimate": ("estimates of velocity", "sup ‖υ_i − υ_0‖∞", True),
+    "position_tracking": ("the robots’ position", "sup ‖e_i‖₂", False),
+    "velocity_tracking": ("the robots’ velocity", "sup ‖ė_i‖₂", True),
+}
+_STATUS = {
+    "completed": "The run completed.",
+    "unfinished": "The recording is unfinished: its writer was killed, or is still at work.",
+}
+
+
+def lead(story: Story) -> str:
+    """Return a paragraph on a run: who, what, how long, and how it ended."""
+    subject, topology = story.subject, story.subject.topology
+    pinned = topology.sink[topology.source == 0].tolist()
+    among = int((topology.source > 0).sum())
+    robots = f"{story.n} robot{'s' * (story.n > 1)}"
+    joints = f"{story.m} joint{'s' * (story.m > 1)}"
+    seen = _listed(pinned)
+    told = [
+        f"{robots} with {joints} each follow a target that {seen} hear{'s' * (len(pinned) == 1)}; "
+        f"what they believe of it spreads over {_count(among, 'link')} among the robots.",
+        *([subject.turns] if subject.turns else []),
+        f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
+        f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
+        _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
+    ]
+    if len(story.drawn) < story.n:
+        told.append(f"{len(story.drawn)} of the robots are drawn; envelopes are over all.")
+    return " ".join(told)
+
+
+def measured(story: Story) -> Iterator[dict[str, Any]]:
+    """Yield each steady-state error of the last fifth, with the theory's bounds by name."""
+    for field, (what, norm, is_rate) in _MEASURED.items():
+        value = getattr(story.steady, field)
+        if value is None or not story.ticks:
+            continue
+        yield {
+            "what": what,
+            "norm": norm,
+            "unit": story.subject.rate if is_rate else story.subject.unit,
+            "value": value,
+            "bounds": {
+                law: bound
+                for law, bound in story.subject.bounds.get(field, {}).items()
+                if np.isfinite(bound)
+            },
+        }
+
+
+def verdicts(story: Story) -> list[dict[str, Any]]:
+    """Return the theory's conditions; a bound that no number reaches is None."""
+    return [
+        {
+            "name": verdict.name,
+            "value": verdict.value,
+            "bound": verdict.bound if np.isfinite(verdict.bound) else None,
+            "at_least": verdict.at_least,
+            "holds": verdict.holds,
+            "source": verdict.source,
+        }
+        for verdict in story.subject.verdicts
+    ]
+
+
+def counted(story: Story) -> dict[str, str]:
+    """Return how many messages there are of each kind, and what the run said at its end."""
+    counts = {
+        kind.rpartition(".")[2].lower() + "s": f"{count:,}"
+        for kind, count in sorted(story.counts.items())
+    }
+    return counts | {
+        name: said for key, text in story.ending.items() for name, said in _flat(key, text)
+    }
+
+
+def particulars(story: Story) -> dict[str, str]:
+    """Return what identifies a run."""
+    return {
+        "digest": story.digest or "of a part of the run, so that it is not told",
+        "seed": str(story.seed),
+        **story.versions,
+    }
+
+
+def _flat(key: str, text: str) -> Iterator[tuple[str, str]]:
+    """Yield names and values of what an end says: the leaves of JSON, or the text itself."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = text
+    yield from _leaves(key, value)
+
+
+def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _leaves(f"{key}, {name}", inner)
+    else:
+        yield key, f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _listed(robots: list[int]) -> str:
+    if not robots:
+        return "nobody"
+    if len(robots) > 8:
+        return f"{len(robots)} of them"
+    *some, last = map(str, robots)
+    return f"robots {', '.join(some)} and {last}" if some else f"robot {last} alone"

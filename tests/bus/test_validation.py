@@ -1,0 +1,263 @@
+"""What comes over the wire is believed as it was put, or refused with the reason of its fault."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from nrs_cosim.bus.framing import joined
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
+from nrs_cosim.bus.messages import CHECKPOINT, LINK_EVENT, STATE, Blob, Codec
+from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.validation import RefusedError, Tick, Wire
+
+M, TICKS, K = 2, 5, 3
+WORKER, ROBOTS = "left", [2, 4]
+SEAL = Seal(b"secret")
+RNG = np.random.default_rng(182)
+
+
+class TwoOutputs:
+    """Sampling times 100 ns apart, with an output half way."""
+
+    ticks = TICKS
+
+    def t(self, k):
+        return 100 * k
+
+    def outputs(self, k):
+        return [100 * k - 50, 100 * k] if k else [0]
+
+
+def new_wire(seal=SEAL, silent=lambda _k: np.empty(0, np.int64)):
+    assignment = {WORKER: np.array(ROBOTS), "right": np.array([1, 3]), TARGET: np.array([0])}
+    return Wire(M, TwoOutputs(), assignment, seal, silent)
+
+
+def samples_of(wire, k=K, robots=ROBOTS):
+    records = wire.samples.blank(np.array(robots))
+    records["k"], records["time_ns"] = k, 100 * k
+    for name in ("position", "velocity"):
+        records[name] = RNG.normal(size=(len(robots), M))
+    return records
+
+
+def states_of(wire, k=K):
+    outputs = wire.times.outputs(k)
+    records = wire.states.blank(np.tile(ROBOTS, len(outputs)))
+    records["k"], records["time_ns"] = k, np.repeat(outputs, len(ROBOTS))
+    for name in STATE.vectors:
+        records[name] = RNG.normal(size=(len(records), M))
+    return records
+
+
+def faults_of(wire, robots=(4, 2)):
+    records = wire.link_events.blank(np.array(robots))
+    records["k"], records["time_ns"] = K, 100 * K
+    records["source"], records["lost"] = 1, 1
+    return records
+
+
+def checkpoints_of(robots=ROBOTS, k=K, time_ns=100 * K):
+    return [CHECKPOINT.encode(Blob(robot, k, time_ns, b"state")) for robot in robots]
+
+
+def sealed(kind, body, k=K, worker=WORKER, seal=SEAL):
+    return seal.closed(wire_key(kind, worker), struct.pack("<I", k) + body)
+
+
+def test_samples_are_what_was_put():
+    wire, records = new_wire(), samples_of(new_wire())
+    payload = wire.pack_samples(WORKER, K, records)
+    assert payload == sealed(SAMPLES, records.tobytes())
+    for _ in range(2):  # the same bytes again, which are judged once
+        k, believed = wire.unpack_samples(WORKER, payload)
+        assert (k, believed.tobytes()) == (K, records.tobytes())
+    later = wire.pack_samples(WORKER, K + 1, samples_of(wire, K + 1))
+    assert wire.unpack_samples(WORKER, later)[0] == K + 1
+
+
+def test_robots_that_are_silent_owe_nothing():
+    wire = new_wire(silent=lambda k: np.array([4] if k == K else []))
+    for k, robots in ((K, [2]), (K + 1, ROBOTS)):
+        payload = wire.pack_samples(WORKER, k, samples_of(wire, k, robots))
+        assert wire.unpack_samples(WORKER, payload)[1]["robot"].tolist() == robots
+
+
+@pytest.mark.parametrize("k", [0, 1, K, TICKS])
+def test_a_tick_is_what_was_put(k):
+    wire = new_wire()
+    told = Tick(states_of(wire, k), wire.none, checkpoints_of(k=k, time_ns=100 * k))
+    got_k, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, told))
+    assert got_k == k
+    assert got.states.tobytes() == told.states.tobytes()
+    assert len(got.link_events) == 0
+    assert got.checkpoints == told.checkpoints
+
+
+def test_faults_are_what_was_put_and_checkpoints_may_be_missing():
+    wire = new_wire()
+    told = Tick(states_of(wire), faults_of(wire), ())
+    _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, K, told))
+    assert got.link_events.tobytes() == told.link_events.tobytes()
+    assert list(got.checkpoints) == []
+
+
+def changed(records, name, value, row=0):
+    """Return records of which one has another value."""
+    records = records.copy()
+    records[name][row] = value
+    return records
+
+
+WIRE = new_wire()
+STATES, LINK_EVENTS, CHECKPOINTS = states_of(WIRE), faults_of(WIRE), checkpoints_of()
+GOOD_SAMPLES = samples_of(WIRE)
+
+HEARD = {
+    "an unknown worker": ("worker", "nobody", sealed(SAMPLES, b"", worker="nobody")),
+    "the seal of another key": ("seal", WORKER, sealed(RECORDS, GOOD_SAMPLES.tobytes())),
+    "another secret": (
+        "seal",
+        WORKER,
+        sealed(SAMPLES, GOOD_SAMPLES.tobytes(), seal=Seal(b"other")),
+    ),
+    "nothing": ("seal", WORKER, b""),
+    "no whole k": ("size", WORKER, SEAL.closed(wire_key(SAMPLES, WORKER), b"\0\0\0")),
+    "the tick before the first": ("tick", WORKER, sealed(SAMPLES, b"", k=0)),
+    "a tick after the last": ("tick", WORKER, sealed(SAMPLES, b"", k=TICKS + 1)),
+    "a byte too few": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES.tobytes()[:-1])),
+    "a byte too many": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES.tobytes() + b"\0")),
+    "one robot alone": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES[:1].tobytes())),
+    "another robot": (
+        "robot",
+        WORKER,
+        sealed(SAMPLES, changed(GOOD_SAMPLES, "robot", 3).tobytes()),
+    ),
+    "another tick": ("tick", WORKER, sealed(SAMPLES, changed(GOOD_SAMPLES, "k", 2, 1).tobytes())),
+    "another time": (
+        "time",
+        WORKER,
+        sealed(SAMPLES, changed(GOOD_SAMPLES, "time_ns", 301).tobytes()),
+    ),
+    "another tag": ("form", WORKER, sealed(SAMPLES, changed(GOOD_SAMPLES, "tag_k", 9).tobytes())),
+    **{
+        f"{name} of {number}": (
+            "value",
+            WORKER,
+            sealed(SAMPLES, changed(GOOD_SAMPLES, name, [0.5, number], 1).tobytes()),
+        )
+        for name in ("position", "velocity")
+        for number in (np.nan, np.inf, -np.inf)
+    },
+}
+
+
+@pytest.mark.parametrize("situation", HEARD)
+def test_samples_are_refused_with_the_reason(situation):
+    reason, worker, payload = HEARD[situation]
+    with pytest.raises(RefusedError, match=f"^{reason}$"):
+        new_wire().unpack_samples(worker, payload)
+
+
+def test_large_numbers_whose_sum_is_not_finite_are_believed():
+    wire = new_wire()
+    records = changed(GOOD_SAMPLES, "position", [1.7e308, 1.7e308])
+    with np.errstate(over="ignore"):  # as in a run
+        _, believed = wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, records))
+    assert believed.tobytes() == records.tobytes()
+
+
+def test_samples_that_were_refused_are_refused_again():
+    wire = new_wire()
+    assert wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, GOOD_SAMPLES))
+    for _ in range(2):
+        with pytest.raises(RefusedError, match=r"^robot$"):
+            wire.unpack_samples(*HEARD["another robot"][1:])
+
+
+def tick_of(states=STATES, met=b"", checkpoints=(), k=K):
+    states = states if isinstance(states, bytes) else states.tobytes()
+    met = met if isinstance(met, bytes) else met.tobytes()
+    return sealed(RECORDS, joined([states, met, *checkpoints]), k=k)
+
+
+TOLD = {
+    "an unknown worker": ("worker", "nobody", tick_of()),
+    "the seal of another key": ("seal", WORKER, sealed(SAMPLES, joined([STATES.tobytes(), b""]))),
+    "no whole k": ("size", WORKER, SEAL.closed(wire_key(RECORDS, WORKER), b"\0\0")),
+    "a tick after the last": ("tick", WORKER, tick_of(k=TICKS + 1)),
+    "parts that are cut": ("size", WORKER, sealed(RECORDS, joined([STATES.tobytes(), b""])[:-1])),
+    "states alone": ("size", WORKER, sealed(RECORDS, joined([STATES.tobytes()]))),
+    "no part": ("size", WORKER, sealed(RECORDS, b"")),
+    "the states of one output": ("size", WORKER, tick_of(STATES[:2])),
+    "states of another robot": ("robot", WORKER, tick_of(changed(STATES, "robot", 3, 3))),
+    "states of another tick": ("tick", WORKER, tick_of(changed(STATES, "k", 2, 3))),
+    "states of another time": ("time", WORKER, tick_of(changed(STATES, "time_ns", 300, 0))),
+    "states of another form": ("form", WORKER, tick_of(changed(STATES, "tag_effort", 9, 3))),
+    "a torque that is no number": (
+        "value",
+        WORKER,
+        tick_of(changed(STATES, "effort", [0.0, np.nan], 3)),
+    ),
+    "a fault that is cut": ("size", WORKER, tick_of(met=LINK_EVENTS.tobytes()[:-1])),
+    "a fault that is no number": (
+        "value",
+        WORKER,
+        tick_of(met=changed(LINK_EVENTS, "position", [np.nan, 0.0], 1)),
+    ),
+    "a fault of another form": (
+        "value",
+        WORKER,
+        tick_of(met=changed(LINK_EVENTS, "tag_lost", 9, 1)),
+    ),
+    "a fault of another tick": ("tick", WORKER, tick_of(met=changed(LINK_EVENTS, "k", 2, 1))),
+    "a fault of another worker's robot": (
+        "robot",
+        WORKER,
+        tick_of(met=changed(LINK_EVENTS, "robot", 3)),
+    ),
+    "a checkpoint that is cut": (
+        "size",
+        WORKER,
+        tick_of(checkpoints=[CHECKPOINTS[0], CHECKPOINTS[1][:10]]),
+    ),
+    "a checkpoint too few": ("robot", WORKER, tick_of(checkpoints=CHECKPOINTS[:1])),
+    "checkpoints in another order": ("robot", WORKER, tick_of(checkpoints=CHECKPOINTS[::-1])),
+    "a checkpoint of another tick": (
+        "tick",
+        WORKER,
+        tick_of(checkpoints=[CHECKPOINTS[0], *checkpoints_of([4], k=2)]),
+    ),
+    "a checkpoint of another time": (
+        "tick",
+        WORKER,
+        tick_of(checkpoints=[*checkpoints_of([2], time_ns=299), CHECKPOINTS[1]]),
+    ),
+}
+
+
+@pytest.mark.parametrize("situation", TOLD)
+def test_a_tick_is_refused_with_the_reason(situation):
+    reason, worker, payload = TOLD[situation]
+    with pytest.raises(RefusedError, match=f"^{reason}$"):
+        new_wire().unpack_tick(worker, payload)
+
+
+def test_the_largest_batch_is_that_of_the_first_or_of_a_later_tick():
+    """The grid has one output at t_0 and two in each interval; states of both are believed."""
+    wire = new_wire()
+    for k in (1, 0, K):
+        told = Tick(states_of(wire, k), wire.none, ())
+        assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, told))[0] == k
+
+
+def test_without_a_secret_there_is_no_seal():
+    wire = new_wire(Seal())
+    payload = wire.pack_samples(WORKER, K, GOOD_SAMPLES)
+    assert payload == struct.pack("<I", K) + GOOD_SAMPLES.tobytes()
+    assert wire.unpack_samples(WORKER, payload)[0] == K
+
+
+def test_the_codec_of_faults_is_the_wires():
+    assert WIRE.none.dtype == Codec(LINK_EVENT, M).dtype

@@ -1,0 +1,40 @@
+"""Which robots a text names."""
+
+import pytest
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
+
+
+@pytest.mark.parametrize(
+    ("text", "robots"),
+    [("1", (1,)), ("1-3,7", (1, 2, 3, 7)), ("7, 1-3", (1, 2, 3, 7)), ("2-2", (2,))],
+)
+def test_robots_are_named_by_numbers_and_ranges(text, robots):
+    assert parse_robots(text, "--robots", 7) == robots
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "got '' in ''"),
+        ("1,,2", "got '' in '1,,2'"),
+        ("a", "got 'a'"),
+        ("-1", "got '-1'"),
+        ("1.5", "got '1.5'"),
+        ("١", "got '١'"),
+        ("0-2", "robots count from 1"),
+        ("3-1", "3 is more than 1"),
+        ("6-8", "there are robots 1 to 7"),
+        ("1-3,3", "robot 3 is named twice"),
+    ],
+)
+def test_what_names_no_robots(text, said):
+    with pytest.raises(InputError, match=r"^--robots: ") as refused:
+        parse_robots(text, "--robots", 7)
+    assert said in str(refused.value)
+
+
+def test_a_range_has_an_end_also_where_the_number_of_robots_is_not_known():
+    with pytest.raises(InputError, match="at most robot 1000000"):
+        parse_robots("1-999999999", "--robots")

@@ -1,0 +1,188 @@
+"""What `nrs check` says, word by word, where a reader could take it for more than it is."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.cli import summary_text
+from nrs_cosim.orchestrator.cli.theory_text import _complex, verdict
+from nrs_cosim.orchestrator.report.subject import subject_of
+from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+from tests.orchestrator.conftest import SCENARIOS
+from tests.orchestrator.test_networks import experiment_of as networked
+from tests.orchestrator.test_networks import text_of
+from tests.orchestrator.test_switching import turns
+
+PATH = 'generator = { kind = "path", n = 30 }'
+
+
+def said(scenario):
+    return verdict(check(scenario))
+
+
+def along_a_path(gain):
+    text = text_of(PATH, 1).replace("alpha = 0.9", f"alpha = {gain}")
+    text = text.replace("beta = 1.1", f"beta = {gain}")
+    return parse_scenario(text, "path", SCENARIOS, "path.toml")
+
+
+def table(scenario):
+    """Return the rows of the conditions by name."""
+    written = io.StringIO()
+    promised = promises(scenario)
+    summary_text.theory_table(
+        Console(file=written, width=100), check(scenario), promised, bounds(promised)
+    )
+    text = written.getvalue().replace(" (tracking)", "-tracking")
+    rows = (line.split() for line in text.splitlines())
+    return {row[0]: row[1:] for row in rows if len(row) > 2}
+
+
+def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
+    lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
+    plain = said(read_scenario(SCENARIOS / "paper_first_order.toml"))
+    assert lossy["factor"] == (
+        "0.877817 on the error per sampling time, of links without faults: "
+        "whether the estimates converge with these links is not known"
+    )
+    assert lossy["rate"] == plain["rate"].partition(";")[0] + ", of links without faults"
+
+
+def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
+    """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
+    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
+    text = text.replace("sampling_period = 0.1", "sampling_period = 0.4")
+    plain = check(parse_scenario(text, "h", SCENARIOS, "h.toml"))
+    assert (plain.convergence, plain.as_json()["of"]) == ("converges", "the links as they are")
+    text += "\n[[faults.links]]\ndelay = 1\n"
+    scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml")
+    checked = check(scenario)
+    told = checked.as_json()
+    assert (told["convergence"], told["of"]) == ("unknown", "links without faults")
+    assert (told["settling_time"], told["millionth"]) == (None, None)
+    assert {v.source[-23:] for v in subject_of(scenario, "rad").verdicts} == {
+        "of links without faults"
+    }
+    assert "settle" not in " ".join(verdict(checked).values())
+    written = io.StringIO()
+    promised = promises(scenario)
+    summary_text.theory_table(Console(file=written, width=200), checked, promised, bounds(promised))
+    assert "conditions are of links without faults" in written.getvalue()
+
+
+def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faults():
+    text = (
+        (SCENARIOS / "paper_lossy_links.toml")
+        .read_text("utf-8")
+        .replace("alpha = 0.9", "alpha = 5")
+    )
+    warnings = check(parse_scenario(text, "lossy", SCENARIOS, "lossy.toml")).warnings()
+    assert warnings
+    assert all(line.startswith("of links without faults: ") for line in warnings)
+
+
+def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
+    scenario = along_a_path(0.9)
+    assert said(scenario)["rate"].startswith("23.03 per s in the long run; any error has fallen to")
+    assert check(scenario).settling_time == pytest.approx(0.6)
+    assert check(scenario).millionth > 3
+
+
+def test_gains_of_1_on_a_path_settle_without_limit_once_the_news_is_there():
+    told = said(along_a_path(1))["rate"]
+    assert told == "without limit in the long run; any error has fallen to a millionth in 3 s"
+
+
+def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
+    told = said(read_scenario(SCENARIOS / "switching.toml"))
+    assert (
+        told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
+    )
+    assert told["any order"].startswith(
+        "0.996294 to below 1 at worst: the estimates converge in any"
+    )
+
+
+def test_of_a_bound_below_0_no_interval_is_told():
+    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
+    text = text.replace("beta = 0.9", "beta = 1.9")
+    warnings = check(parse_scenario(text, "beta", SCENARIOS, "beta.toml")).warnings()
+    assert any(line.startswith("no sampling_period above 0 is within the") for line in warnings)
+    assert "(0, -" not in " ".join(warnings)
+
+
+def test_digits_that_are_rounding_are_not_shown_of_an_eigenvalue():
+    assert _complex(2.77556e-17 - 0.840896j) == "0-0.840896j"
+    assert _complex(0.5 + 1e-17j) == "0.5"
+
+
+UNDECIDED = """
+[[network.switching]]
+from = 1
+adjacency = [[0, 6.537718247713378, 2.0870878045586156], [0, 0, 0.21751134499774766], [0, 0, 0]]
+pinning = [0, 0, 0.4635780459912557]
+[[network.switching]]
+from = 3
+adjacency = [[0, 0.10072298714206508, 0], [0, 0, 3.724074243181288], [0, 0, 0]]
+pinning = [0, 1.0785707615413929, 0.20099230474081026]
+[[network.switching]]
+from = 4
+adjacency = [[0, 0.22661238721856536, 0], [5.439090048080515, 0, 2.279450304638899],
+  [0, 4.587390490030428, 0]]
+pinning = [0, 0.3743103727606542, 0]
+"""
+
+
+def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_near_enough():
+    text = text_of(PATH, 1)
+    head, _, tail = text.partition("[network]")
+    text = head + "[network]" + UNDECIDED + tail[tail.index("\n[") :]
+    file = parse_scenario(text, "near", SCENARIOS, "near.toml")
+    scenario = file.scenario.model_copy(
+        update={
+            "algorithm": file.scenario.algorithm.model_copy(
+                update={"name": "impulsive", "alpha": 0.294, "beta": 0.349}
+            ),
+            "run": file.scenario.run.model_copy(update={"sampling_period": 0.05}),
+        }
+    )
+    found = check(replace(file, scenario=scenario)).any_order
+    assert found.verdict == "proven"
+    assert 0.999 < found.lower <= found.upper <= 0.9994
+
+
+def test_one_is_no_plural_and_nothing_is_said_twice():
+    told = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
+    assert told["parts"].startswith(
+        "1 strongly connected component, of several robots: robots 1, 2"
+    )
+    assert "at most 2 links leads" in told["network"]
+    assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]
+    long = said(networked(turns((1, PATH), (5, PATH))))["k >= 5"]
+    assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (0.8778174593, "0.877817"),
+        (1.0, "1.000000"),
+        (1 - 3e-8, "1 - 3e-08"),
+        (1 + 2e-9, "1 + 2e-09"),
+        (1.70710678e300, "1.70711e+300"),
+    ],
+)
+def test_a_factor_is_short_and_never_that_of_another_verdict(factor, told):
+    assert multiple(factor) == told
+
+
+def test_what_is_to_be_above_a_bound_stands_there_as_that():
+    rows = table(read_scenario(SCENARIOS / "paper_first_order.toml"))
+    assert rows["kp"][:3] == ["200", ">", "0.000000"]
+    assert rows["kd-tracking"][:4] == ["300", ">", "30.778666", "+269.221334"]
+    assert rows["alpha"][:3] == ["0.9", "<", "1.171573"]

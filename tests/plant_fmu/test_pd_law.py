@@ -1,0 +1,60 @@
+"""The PD law of several robots against its equation, a term at a time."""
+
+import numpy as np
+import pytest
+
+from nrs_cosim.plant_fmu.drives.pd_law import Law
+from nrs_cosim.plant_fmu.plants import Body, Disturbance
+
+RNG = np.random.default_rng(45)
+ROWS, M = 3, 2
+
+
+def random_body(robot, waves=2):
+    kp, kd = RNG.uniform(1, 9, (2, M, M))
+    disturbance = Disturbance(
+        *RNG.normal(size=(2, M)), *(RNG.normal(size=(M, waves)) for _ in range(3))
+    )
+    return Body(robot, {}, kp, kd, disturbance, *RNG.normal(size=(4, M)))
+
+
+BODIES = [random_body(1), random_body(2, waves=0), random_body(3, waves=1)]
+
+
+def expected(bodies, t, since, position, velocity, state):
+    """Return tau and tau_d of each robot, as the equation has them."""
+    tau, waves = np.zeros((2, ROWS, M))
+    for row, body in enumerate(bodies):
+        q, qd = state[row, :M], state[row, M:]
+        moved = position[row] + (t - since) * velocity[row]
+        tau[row] = body.kp @ (moved - q) + body.kd @ (velocity[row] - qd)
+        d = body.disturbance
+        waves[row] = d.offset + d.rate * t
+        waves[row] += (d.amplitude * np.sin(d.frequency * t + d.phase)).sum(axis=1)
+    return tau, waves
+
+
+def test_torque_and_effort_are_those_of_the_equation():
+    law, state = Law(BODIES), RNG.normal(size=(ROWS, 2 * M))
+    position, velocity = (
+        np.array([getattr(b, x) for b in BODIES]) for x in ("position", "velocity")
+    )
+    for since in (0.0, 0.4, 1.7):
+        if since:
+            position, velocity = RNG.normal(size=(2, ROWS, M))
+            law.hold(since, position, velocity)
+        for t in (since, since + 0.25):
+            tau, disturbance = expected(BODIES, t, since, position, velocity, state)
+            assert law.torque(t, state) == pytest.approx(tau, rel=1e-12, abs=1e-12)
+            assert law.effort(t, state) == pytest.approx(tau + disturbance, rel=1e-12, abs=1e-12)
+
+
+def test_references_that_were_taken_do_not_change_with_the_arrays_they_came_in():
+    law, state = Law(BODIES), np.zeros((ROWS, 2 * M))
+    position, velocity = RNG.normal(size=(2, ROWS, M))
+    law.hold(0.5, position, velocity)
+    kept = expected(BODIES, 0.75, 0.5, position, velocity, state)[0]
+    position[:], velocity[:] = 9e9, 9e9
+    assert law.torque(0.75, state) == pytest.approx(kept, rel=1e-12)
+    assert np.abs(law.position).max() < 1e3
+    assert np.abs(law.velocity).max() < 1e3

@@ -1,0 +1,106 @@
+"""Figures on paper are written, and something is on them."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from typer.testing import CliRunner
+
+from docs.figures import draw
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.cli.main import app
+
+nrs = CliRunner()
+
+
+def inked(path):
+    """Return the share of pixels that are not white, and how many colours there are."""
+    pixels = (imread(path)[..., :3] * 255).astype(np.uint8)
+    coloured = pixels[(pixels < 250).any(axis=2)]
+    return len(coloured) / pixels[..., 0].size, len(np.unique(coloured, axis=0))
+
+
+BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
+
+
+@pytest.mark.parametrize("form", BEGINS)
+def test_the_ending_of_its_name_says_what_a_report_is(paper, tmp_path, form):
+    out = tmp_path / f"report.{form.upper()}"
+    for more in ([], ["--format", form]):
+        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
+        assert result.exit_code == 0, result.output
+        assert out.read_bytes().lower().startswith(BEGINS[form].lower())
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "told"),
+    [
+        ("a.png", "pdf", "--format pdf: -o {} ends in .png; leave one of them out"),
+        ("a.html", "pdf", "ends in .html"),
+        ("a.pdf", "html", "ends in .pdf"),
+        ("a.mcap", "pdf", "ends in .mcap"),
+        ("a.docx", None, "expected a name that ends in .html, .png, .pdf, .svg, or --format"),
+    ],
+)
+def test_a_format_that_contradicts_a_name_is_refused_before_anything_is_read(
+    tmp_path, name, form, told
+):
+    out = tmp_path / name
+    more = ["--format", form] if form else []
+    result = nrs.invoke(app, ["report", str(tmp_path / "none.mcap"), "-o", str(out), *more])
+    assert isinstance(result.exception, InputError)
+    assert told.format(out) in str(result.exception)
+    assert not out.exists()
+
+
+def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path):
+    for more, begin in (([], "html"), (["--format", "pdf"], "pdf")):
+        out = tmp_path / begin
+        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
+        assert result.exit_code == 0, result.output
+        assert out.read_bytes().startswith(BEGINS[begin])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "s.toml", "-o", "a.html"], "is the name of a page, and a recording would be w"),
+        (["resume", "a.mcap", "-o", "a.csv"], "is the name of a table, and a recording would"),
+        (["replay", "a.mcap", "--algorithm", "alpha=1", "-o", "b.PNG"], "is the name of a pic"),
+        (["recover", "a.mcap", "-o", "a.toml"], "is the name of a scenario, and a recording"),
+        (["scene", "a.mcap", "-o", "a.pdf"], "is the name of a PDF, and a recording"),
+        (["export", "a.mcap", "-o", "a.parquet"], "and tables go into a folder"),
+        (["diff", "a.mcap", "b.mcap", "--picture", "a.pdf"], "and a picture would be written"),
+    ],
+)
+def test_no_file_is_named_as_another_kind_of_file(arguments, told):
+    result = nrs.invoke(app, arguments)
+    assert isinstance(result.exception, InputError)
+    assert told in str(result.exception)
+
+
+@pytest.mark.parametrize("name", ["paper", "lossy"])
+def test_a_png_shows_every_figure(request, tmp_path, name):
+    recording, out = request.getfixturevalue(name), tmp_path / "figures.png"
+    result = nrs.invoke(app, ["report", str(recording), "-o", str(out), "--format", "png"])
+    assert result.exit_code == 0, result.output
+    share, colours = inked(out)
+    assert 0.02 < share < 0.5
+    assert colours > 100
+    pixels = imread(out)[..., :3]
+    bands = np.array_split(pixels, 3 if name == "paper" else 4)
+    assert all((band < 0.9).any(axis=2).mean() > 0.01 for band in bands)
+
+
+def test_a_pdf_has_a_page_for_each_figure(paper, tmp_path):
+    out = tmp_path / "figures.pdf"
+    result = nrs.invoke(app, ["report", str(paper), "-o", str(out), "--format", "pdf"])
+    assert result.exit_code == 0, result.output
+    written = out.read_bytes()
+    assert written.startswith(b"%PDF-")
+    assert written.count(b"/Type /Page ") == 3
+    assert len(written) > 50_000
+
+
+def test_the_documents_figure_is_drawn_by_the_same_code(paper, tmp_path):
+    draw(paper, tmp_path / "figure.png")
+    assert inked(tmp_path / "figure.png")[0] > 0.02
