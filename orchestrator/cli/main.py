@@ -3,8 +3,8 @@
 0 done; 1 the run failed, with who and when; 2 the input is bad, with the field and the value;
 130 interrupted, with the recording closed and valid.
 
-The modules `main` and `*_commands` declare commands and their options; what one does is loaded when it is
-called, for a user waits for all that is loaded.
+The modules `main` and `*_commands` declare commands and their options; what one does is loaded when
+it is called, for a user waits for all that is loaded.
 """
 
 import logging
