@@ -23,7 +23,7 @@ from threading import current_thread, local, main_thread
 from typing import Any
 
 from benchmarks.floor import floor
-from benchmarks.table import keep, machine, told
+from benchmarks.table import keep, machine, text
 from benchmarks.work import scenario
 from nrs_cosim.orchestrator.engine.run import run
 
@@ -175,7 +175,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     given = parser.parse_args()
     of = machine()
-    print(told(of))
+    print(text(of))
     print(f"us of processor time a robot-interval; the least of {given.rounds} runs\n")
     print(f"{'robots':32}" + "".join(f"{n:>10,}" for n in given.robots))
     columns = {}

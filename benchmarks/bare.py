@@ -23,7 +23,7 @@ from nrs_cosim.plant_fmu.archives.archive import find_archive, unpacked
 INPUTS, OUTPUTS = ("position_ref", "velocity_ref"), ("q", "qd", "tau_applied")
 
 
-def told(state: np.ndarray, reference: np.ndarray) -> dict[str, list[float]]:
+def as_json(state: np.ndarray, reference: np.ndarray) -> dict[str, list[float]]:
     """Return what an arm is told before it starts."""
     first = [0.0] * 15  # of two joints, up to eight waves each, all but one at rest
     return {
@@ -53,9 +53,9 @@ def loaded() -> Iterator[tuple[FMU3Slave, dict[str, int]]]:
         yield arm, by_name
 
 
-def start(arm: FMU3Slave, by_name: dict[str, int], told: dict[str, list[float]]) -> None:
+def start(arm: FMU3Slave, by_name: dict[str, int], as_json: dict[str, list[float]]) -> None:
     """Initialise an instance with what it is told."""
-    for name, values in told.items():
+    for name, values in as_json.items():
         arm.setFloat64([by_name[name]], values)
     arm.enterInitializationMode()
     arm.exitInitializationMode()
@@ -69,7 +69,7 @@ def fmpys(motion: Motion) -> dict[str, float]:
         for row in range(n):
             arm = copy(prototype)  # to load it again for each takes milliseconds
             arm.instantiate()
-            start(arm, by_name, told(motion.start[row], motion.references[0, row]))
+            start(arm, by_name, as_json(motion.start[row], motion.references[0, row]))
             arms.append(arm)
         inputs, outputs = ([by_name[name] for name in names] for names in (INPUTS, OUTPUTS))
         with_state = [[0.0] * 6] * n
@@ -103,7 +103,7 @@ def prebound(motion: Motion) -> dict[str, float]:
         for row, handle in enumerate(handles):
             arm = copy(prototype)
             arm.component = handle
-            start(arm, by_name, told(motion.start[row], motion.references[0, row]))
+            start(arm, by_name, as_json(motion.start[row], motion.references[0, row]))
         values, states = np.zeros((n, 4)), np.zeros((n, 6))
         into = [values.ctypes.data + row * values.strides[0] for row in range(n)]
         out_of = [states.ctypes.data + row * states.strides[0] for row in range(n)]

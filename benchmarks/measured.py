@@ -37,14 +37,14 @@ _PAYLOAD = bytes(59)
 """As long as a sample."""
 
 
-def apart(measure: Callable[..., Mapping[str, float]], *told: Any) -> Found:
+def apart(measure: Callable[..., Mapping[str, float]], *arguments: Any) -> Found:
     """Return what is measured in a process of its own, and that process's peak memory, bytes."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(_measured, measure, told).result()
+        return pool.submit(_measured, measure, arguments).result()
 
 
-def _measured(measure: Callable[..., Mapping[str, float]], told: tuple[Any, ...]) -> Found:
-    found = measure(*told)
+def _measured(measure: Callable[..., Mapping[str, float]], arguments: tuple[Any, ...]) -> Found:
+    found = measure(*arguments)
     return {"peak": peak(), **found}
 
 

@@ -212,8 +212,8 @@ def table(rows: Sequence[Row]) -> str:
     first = ["run", *(title for title in titles if title.endswith(("expected", "recorded")))]
     lines = []
     for title in [*first, *(title for title in titles if title not in first)]:
-        told = [row.get(title, "–") for row in rows]
-        cells = [f"{cell:,}" if isinstance(cell, int) else str(cell)[:16] for cell in told]
+        values = [row.get(title, "–") for row in rows]
+        cells = [f"{cell:,}" if isinstance(cell, int) else str(cell)[:16] for cell in values]
         lines.append(f"| {'' if title == 'run' else title} | " + " | ".join(cells) + " |")
     return "\n".join([lines[0], "|---|" + "---:|" * len(rows), *lines[1:]])
 

@@ -24,7 +24,7 @@ def machine() -> dict[str, str]:
     }
 
 
-def told(of: Mapping[str, str]) -> str:
+def text(of: Mapping[str, str]) -> str:
     """Return a machine as lines."""
     parts = ", ".join(f"{part} {of[part]}" for part in ("python", *_PARTS))
     return f"{of['processor']}, {of['cores']} cores, {of['platform']}\n{parts}"
@@ -49,6 +49,6 @@ def keep(name: str, result: Any) -> None:
 
 
 def _processor() -> str:
-    with Path("/proc/cpuinfo").open(encoding="utf-8") as told:
-        names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    with Path("/proc/cpuinfo").open(encoding="utf-8") as text:
+        names = [line.partition(":")[2].strip() for line in text if line.startswith("model name")]
     return names[0] if names else platform.processor()

@@ -22,7 +22,7 @@ from typing import Any
 
 from benchmarks.bare import fmpys, prebound
 from benchmarks.measured import Found, apart, recorded, written, zenoh_put_and_received
-from benchmarks.table import compared, keep, machine, told
+from benchmarks.table import compared, keep, machine, text
 from benchmarks.work import H, Motion, keep_motion, scenario
 
 TICKS = {6: 500, 100: 500, 1_000: 200, 10_000: 30}
@@ -172,7 +172,7 @@ def main() -> None:
     given = parser.parse_args()
     cases = [Case(n, given.ticks or TICKS.get(n, 100)) for n in given.robots]
     of = machine()
-    print(told(of))
+    print(text(of))
     print(f"medians of {given.rounds} interleaved rounds, least..most; h = {H} s, zstd\n")
     print(
         f"{'robots':>7} {'ticks':>6}  {'':15}{'per s':>9}{'least..most':>18}{'cpu us':>7}"

@@ -127,12 +127,12 @@ class Wire:
         parts = parted(data[_K.size :])
         if parts is None or len(parts) < 2:
             raise RefusedError("size")
-        told, met, *checkpoints = parts
+        state_bytes, met, *checkpoints = parts
         owed, outputs = self._owed_states[worker], self.times.outputs(k)
         owed = owed[: len(robots) * len(outputs)]
         owed["k"] = k
         owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
-        states = self._believed(self.states, told, owed)
+        states = self._believed(self.states, state_bytes, owed)
         events = self._decoded(self.link_events, met) if met else self.none
         if (events["k"] != k).any():
             raise RefusedError("tick")

@@ -21,12 +21,12 @@ def verdict(recording: nrs.Recording) -> str:
     by_status: dict[str, list[str]] = {}
     for row in recording.analysis()["theory"]["quantities"]:
         by_status.setdefault(row["status"], []).append(next(names))
-    told = [
+    facts = [
         f"the largest errors ({', '.join(which)}) are "
         f"{_WORDS.get(status, f'{status}: nothing is proven of them')}"
         for status, which in by_status.items()
     ]
-    return f"{recording.robots} robots, the run {recording.status}: {'; '.join(told)}."
+    return f"{recording.robots} robots, the run {recording.status}: {'; '.join(facts)}."
 
 
 if __name__ == "__main__":

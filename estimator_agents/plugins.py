@@ -88,8 +88,8 @@ def _done(what: str, source: Any, act: Callable[[], T]) -> T:
     except CosimError:
         raise
     except Exception as error:
-        told = " ".join(f"{type(error).__name__}: {error}".split())
-        raise AlgorithmError(f"algorithm.name: {what}: {told}{_place(error, source)}") from error
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        raise AlgorithmError(f"algorithm.name: {what}: {cause}{_place(error, source)}") from error
 
 
 def _place(error: Exception, source: Any) -> str:

@@ -74,10 +74,10 @@ def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str
     if plant is None:
         return {}
     units = [joint["unit"] for joint in plant["joints"]]
-    told = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
+    metadata = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
     for vector in kind.vectors:
-        told[f"unit.{vector}"] = json.dumps([vector_unit(vector, unit) for unit in units])
-    return told | {"fmu": plant["fmu"], "drive": plant["drive"]}
+        metadata[f"unit.{vector}"] = json.dumps([vector_unit(vector, unit) for unit in units])
+    return metadata | {"fmu": plant["fmu"], "drive": plant["drive"]}
 
 
 def schemas(used_by: Iterable[Channel]) -> list[Schema]:
@@ -96,7 +96,7 @@ class _Open:
     """A tick that is not closed yet, by worker."""
 
     samples: dict[str, Records] = field(default_factory=dict)
-    told: dict[str, Tick] = field(default_factory=dict)
+    ticks: dict[str, Tick] = field(default_factory=dict)
 
 
 class TickWriter(Protocol):
@@ -176,8 +176,8 @@ class Recorder:
             first = self._open[k].samples.setdefault(worker, samples)
             self._expect_same(k, worker, first is samples or first.tobytes() == samples.tobytes())
         else:
-            new = worker not in self._open[k].told
-            known = self._open[k].told.setdefault(worker, tick)
+            new = worker not in self._open[k].ticks
+            known = self._open[k].ticks.setdefault(worker, tick)
             same = known is tick or known.states.tobytes() == tick.states.tobytes()
             self._expect_same(k, worker, same)
         self.taken += new
@@ -186,14 +186,14 @@ class Recorder:
     def is_whole(self, k: int) -> bool:
         """Return whether nothing of tick k is missing."""
         tick, workers = self._open[k], len(self._workers)
-        return len(tick.told) == workers and (not k or len(tick.samples) == workers + 1)
+        return len(tick.ticks) == workers and (not k or len(tick.samples) == workers + 1)
 
     def missing(self, k: int) -> dict[str, list[str]]:
         """Return what tick k lacks: of each worker, which kinds."""
         if k <= self.closed:
             return {}
         tick = self._open[k]
-        lacks = {worker: [RECORDS] for worker in self._workers - tick.told.keys()}
+        lacks = {worker: [RECORDS] for worker in self._workers - tick.ticks.keys()}
         for worker in (self._workers | {TARGET}) - tick.samples.keys() if k else ():
             lacks.setdefault(worker, []).append(SAMPLES)
         return lacks
@@ -208,11 +208,11 @@ class Recorder:
         tick = self._open.pop(k)
         parts = [_columns(self._samples_on, records) for records in tick.samples.values()]
         checkpoints: list[bytes] = []
-        for told in tick.told.values():
-            parts.append(_columns(self._states_on, told.states))
-            if len(told.link_events):
-                parts.append(_columns(self._link_events_on, told.link_events))
-            checkpoints += told.checkpoints
+        for of_worker in tick.ticks.values():
+            parts.append(_columns(self._states_on, of_worker.states))
+            if len(of_worker.link_events):
+                parts.append(_columns(self._link_events_on, of_worker.link_events))
+            checkpoints += of_worker.checkpoints
         if checkpoints:
             messages = [_checkpoint(message) for message in checkpoints]
             parts.append(columns_of(messages, self._writer.numbers))

@@ -28,7 +28,9 @@ def samples(wire: Wire, worker: str, k: int, value: float = 1.0) -> Message:
     return Message(wire_key(SAMPLES, worker), wire.pack_samples(worker, k, records))
 
 
-def told(wire: Wire, worker: str, k: int, *, value=1.0, faults=0, checkpoint=False) -> Message:
+def tick_batch(
+    wire: Wire, worker: str, k: int, *, value=1.0, faults=0, checkpoint=False
+) -> Message:
     """Return what a worker puts of all else of a tick."""
     states = wire.states.blank(wire.assignment[worker])
     states["k"], states["time_ns"], states["position"] = k, wire.times.t(k), value
@@ -43,7 +45,7 @@ def told(wire: Wire, worker: str, k: int, *, value=1.0, faults=0, checkpoint=Fal
 def whole(wire: Wire, k: int, **what) -> list[Message]:
     """Return all that tick k consists of."""
     put = [samples(wire, worker, k) for worker in (*ROBOTS, TARGET) if k]
-    return [*put, *(told(wire, worker, k, **what) for worker in ROBOTS)]
+    return [*put, *(tick_batch(wire, worker, k, **what) for worker in ROBOTS)]
 
 
 class Kept:

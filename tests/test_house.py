@@ -105,12 +105,12 @@ def test_the_python_in_the_readme_is_true(reader_s_folder):
 def test_the_demo_ends_with_a_sentence_that_the_run_decides():
     scenario = nrs_cosim.Scenario.load(ROOT / "scenarios/paper_first_order.toml")
     with nrs_cosim.run(scenario) as recording:
-        told = demo.verdict(recording)
-        assert told.startswith(
+        result = demo.verdict(recording)
+        assert result.startswith(
             "6 robots, the run completed: the largest errors (estimates of position, "
         )
-        assert told.endswith(") are within what is proven of them.")
-        assert "BEYOND" not in told
+        assert result.endswith(") are within what is proven of them.")
+        assert "BEYOND" not in result
     short = scenario.replace({"run.duration": 2.0})
     with nrs_cosim.run(short) as recording:
         assert "for the initial error is still there" in demo.verdict(recording)
@@ -141,9 +141,9 @@ def test_the_reference_is_as_make_reference_writes_it(name):
 def test_every_dependency_earns_its_line_in_contributing():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = [name for group in project["optional-dependencies"].values() for name in group]
-    told = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    result = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     for requirement in project["dependencies"] + extras:
-        assert re.split("[<>=]", requirement)[0] in told
+        assert re.split("[<>=]", requirement)[0] in result
 
 
 def test_constraints_pin_every_dependency_and_name_no_place():

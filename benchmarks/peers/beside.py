@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.measured import apart, recorded_file
 from benchmarks.peers.fmpy_loop import run as looped
 from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Work, start
-from benchmarks.table import compared, keep, machine, told
+from benchmarks.table import compared, keep, machine, text
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.bundled.builder import build
@@ -218,7 +218,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     given = parser.parse_args()
     python, of = str(Path(given.python).absolute()), machine()
-    print(told(of))
+    print(text(of))
     lacking = installed(python)
     for name, why in lacking.items():
         print(f"{name} {why}")

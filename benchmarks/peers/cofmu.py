@@ -2,13 +2,13 @@
 
 from cofmupy import Coordinator
 
-from benchmarks.peers.work import OUTPUTS, H, States, Work, timed, told
+from benchmarks.peers.work import OUTPUTS, H, States, Work, report, timed
 
 
 def run(work: Work) -> tuple[float, States]:
     """Step all arms in one process."""
     fmus = [
-        {"id": f"arm{arm}", "path": work.fmu, "initialization": work.told(arm)}
+        {"id": f"arm{arm}", "path": work.fmu, "initialization": work.start_values(arm)}
         for arm in range(work.n)
     ]
     connections = [
@@ -32,4 +32,4 @@ def run(work: Work) -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

@@ -4,7 +4,7 @@ import sys
 from ctypes import CDLL, RTLD_GLOBAL
 from pathlib import Path
 
-from benchmarks.peers.work import OUTPUTS, H, States, Work, timed, told
+from benchmarks.peers.work import OUTPUTS, H, States, Work, report, timed
 
 CDLL(str(Path(sys.prefix, "lib", "libtbb.so.12")), RTLD_GLOBAL)  # not found by itself
 
@@ -16,7 +16,7 @@ def run(work: Work) -> tuple[float, States]:
     structure, parameters = EcosSimulationStructure(), {}
     for arm in range(work.n):
         structure.add_model(f"arm{arm}", work.fmu)
-        parameters |= {f"arm{arm}::{name}": value for name, value in work.told(arm).items()}
+        parameters |= {f"arm{arm}::{name}": value for name, value in work.start_values(arm).items()}
     for (source, given), (sink, taken) in work.links:
         structure.make_real_connection(f"arm{source}::{given}", f"arm{sink}::{taken}")
     structure.add_parameter_set("start", parameters)
@@ -32,4 +32,4 @@ def run(work: Work) -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 
-from benchmarks.peers.work import JOINTS, OUTPUTS, H, States, Work, timed, told
+from benchmarks.peers.work import JOINTS, OUTPUTS, H, States, Work, report, timed
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def opened(work: Work) -> Iterator[tuple[list[FMU2Slave], list[int], list[int]]]
             arm = copy(prototype)
             arm.instantiate()
             arm.setupExperiment(startTime=0.0)
-            given = work.told(i)
+            given = work.start_values(i)
             arm.setReal([reference[name] for name in given], list(given.values()))
             arm.enterInitializationMode()
             arm.exitInitializationMode()
@@ -60,4 +60,4 @@ def run(work: Work, way: str = "Jacobi") -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

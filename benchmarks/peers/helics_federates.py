@@ -7,7 +7,7 @@ is granted, so values go over all at once; the first ones are published while in
 import helics as h
 
 from benchmarks.peers.fmpy_loop import opened
-from benchmarks.peers.work import H, States, Work, timed, told
+from benchmarks.peers.work import H, States, Work, report, timed
 
 
 def federate(name: str, core: str) -> h.HelicsValueFederate:
@@ -76,4 +76,4 @@ def run(work: Work, core: str = "inproc") -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

@@ -5,7 +5,7 @@ from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
 
-from benchmarks.peers.work import OUTPUTS, H, States, Work, timed, told
+from benchmarks.peers.work import OUTPUTS, H, States, Work, report, timed
 
 
 def run(work: Work) -> tuple[float, States]:
@@ -16,7 +16,7 @@ def run(work: Work) -> tuple[float, States]:
     slaves = []
     for arm in range(work.n):
         slave = execution.add_local_slave(CosimLocalSlave(work.fmu, f"arm{arm}"))
-        for name, value in work.told(arm).items():
+        for name, value in work.start_values(arm).items():
             execution.real_initial_value(slave, reference[name], value)
         slaves.append(slave)
     for (source, given), (sink, taken) in work.links:
@@ -35,4 +35,4 @@ def run(work: Work) -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

@@ -10,7 +10,7 @@ from mosaik import World
 from mosaik_api_v3 import Simulator
 
 from benchmarks.peers.fmpy_loop import opened
-from benchmarks.peers.work import H, States, Work, start, timed, told
+from benchmarks.peers.work import H, States, Work, report, start, timed
 
 CONFIG = {
     name: {"python": f"benchmarks.peers.mosaik_world:{name}"} for name in ("ArmSimulator", "Taker")
@@ -102,4 +102,4 @@ def run(work: Work) -> tuple[float, States]:
 
 
 if __name__ == "__main__":
-    told(run)
+    report(run)

@@ -39,7 +39,7 @@ class Work:
     ticks: int
     chain: bool
 
-    def told(self, arm: int) -> dict[str, float]:
+    def start_values(self, arm: int) -> dict[str, float]:
         """Return what an arm starts with, by variable."""
         return {
             **{f"kp[{i},{i}]": KP for i in JOINTS},
@@ -70,7 +70,7 @@ def start(arm: int) -> tuple[float, float]:
 OUTPUTS = [f"{name}[{i}]" for name in ("q", "qd") for i in JOINTS]
 
 
-def told(run: Callable[[Work], tuple[float, States]]) -> None:
+def report(run: Callable[[Work], tuple[float, States]]) -> None:
     """Run the work that a file holds; print the seconds of its steps, and the states at its end."""
     work = Work(**json.loads(Path(sys.argv[1]).read_text("utf-8")))
     seconds, end = run(work)

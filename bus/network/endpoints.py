@@ -150,7 +150,7 @@ def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
 
 def _tls_settings(tls: Tls) -> dict[str, Any]:
     certificate, key = str(tls.certificate.absolute()), str(tls.key.absolute())
-    told = {
+    settings = {
         "root_ca_certificate": str(tls.ca.absolute()),
         "listen_certificate": certificate,
         "listen_private_key": key,
@@ -160,7 +160,7 @@ def _tls_settings(tls: Tls) -> dict[str, Any]:
         "verify_name_on_connect": True,
         "close_link_on_expiration": False,
     }
-    return {f"transport/link/tls/{name}": value for name, value in told.items()}
+    return {f"transport/link/tls/{name}": value for name, value in settings.items()}
 
 
 def _expect_allowed(option: str, address: Address, endpoints: Endpoints) -> None:

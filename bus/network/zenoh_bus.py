@@ -76,13 +76,13 @@ class ZenohInbox:
             return _question(raw, self._key(raw.key_expr))
         if isinstance(raw, Cut | Rejected):
             return raw
-        kind, told, *replied = raw
+        kind, event, *replied = raw
         if kind is Presence:
-            return Presence(self._key(told.key_expr), told.kind == zenoh.SampleKind.PUT)
+            return Presence(self._key(event.key_expr), event.kind == zenoh.SampleKind.PUT)
         if not replied:
-            return Answer(told, None)
+            return Answer(event, None)
         answered = replied[0].ok
-        return Answer(told, answered.payload.to_bytes() if answered else b"")
+        return Answer(event, answered.payload.to_bytes() if answered else b"")
 
     def _key(self, wire: zenoh.KeyExpr) -> str:
         """Return a key of the run's own; one of others, or a pattern of many runs, as it is."""
@@ -169,12 +169,12 @@ class ZenohBus:
         """Let an inbox hear who is present on keys of a pattern, now and from now on."""
         put = inbox.waiting.put
 
-        def told(sample: zenoh.Sample) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
             put((Presence, sample))
 
         subscriber = self._session.liveliness().declare_subscriber(
             self._prefix + pattern,
-            Callback(told, indirect=False),
+            Callback(on_sample, indirect=False),
             history=True,
         )
         self._declared.append(subscriber)
@@ -187,11 +187,13 @@ class ZenohBus:
         """
         put = inbox.waiting.put
 
-        def told(event: zenoh.LinkEvent) -> None:
+        def on_link_event(event: zenoh.LinkEvent) -> None:
             if event.kind == zenoh.SampleKind.DELETE:
                 put(Cut(None if self._has_one_link else str(event.link.zid)))
 
-        listener = self._session.info.declare_link_events_listener(Callback(told, indirect=False))
+        listener = self._session.info.declare_link_events_listener(
+            Callback(on_link_event, indirect=False)
+        )
         self._declared.append(listener)
 
     def announce(self, key: str) -> None:

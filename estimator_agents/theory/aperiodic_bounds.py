@@ -60,11 +60,11 @@ def sharp_of_list(
     pull = (recursion.keep - np.eye(2))[:, 1]
     drag = np.stack([pull[0] + h * pull[1], np.full(len(h), pull[1])], axis=1)
 
-    def moved(told: Array) -> Array:
-        """Return two bounds, (2, p, L), on what each period does to what is `told`, (p, L, 2)."""
-        held = np.abs((told * drag).sum(axis=2)) * gamma_1
-        driven = gamma_2 * modulus(told[..., 1], told[..., 1] + h * told[..., 0], h)
-        return np.stack([(np.abs(told) * sizes).sum(axis=2) + held, driven + held])
+    def moved(responses: Array) -> Array:
+        """Return two bounds, (2, p, L), on what each period does to responses, (p, L, 2)."""
+        held = np.abs((responses * drag).sum(axis=2)) * gamma_1
+        driven = gamma_2 * modulus(responses[..., 1], responses[..., 1] + h * responses[..., 0], h)
+        return np.stack([(np.abs(responses) * sizes).sum(axis=2) + held, driven + held])
 
     kernel = np.zeros((2 * n, len(h), 2))
     kernel[:n, :, 0] = kernel[n:, :, 1] = 1.0
@@ -131,9 +131,9 @@ def _sum(recursion: Recursion, seen: sparse.csr_array, radius: float) -> Array |
     X = np.eye(A.shape[0], recursion.n)
     total = np.zeros((S.shape[0], recursion.n))
     for _ in range(MOST):
-        told = np.abs(S @ X)
-        total += told
-        if told.max() <= REST * (1 - radius) * total.max():
+        term = np.abs(S @ X)
+        total += term
+        if term.max() <= REST * (1 - radius) * total.max():
             return total
         X = A @ X
     return None

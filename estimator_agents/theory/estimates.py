@@ -153,8 +153,8 @@ def worst(
     drag = recursion.drag[:, 1]
     most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
     for kernels in islice(_history(A, unit), most_steps // _block(A) + 1):
-        told = (seen @ kernels.reshape(2 * n, -1)).reshape(-1, 2, kernels.shape[2])
-        p, r = told[:, 0], told[:, 1]
+        response = (seen @ kernels.reshape(2 * n, -1)).reshape(-1, 2, kernels.shape[2])
+        p, r = response[:, 0], response[:, 1]
         held = np.abs(p * drag[0] + r * drag[1]) * gamma_1
         bounded = np.abs(p) * sizes[0] + np.abs(r) * sizes[1] + held
         driven = gamma_2 * modulus(r, r + h * p, h) + held

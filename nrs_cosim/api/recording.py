@@ -125,16 +125,16 @@ class Recording(Tables):
 
     def __repr__(self) -> str:
         """Return what the recording is of, on a line."""
-        told = f"digest {self.digest[:8]}" if self.digest else "messages are missing"
+        of = f"digest {self.digest[:8]}" if self.digest else "messages are missing"
         return (
             f"Recording({self.path.name!r}: {self.status}, {self.robots} robots, "
-            f"{self.ticks} ticks, {told})"
+            f"{self.ticks} ticks, {of})"
         )
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: how the run ended, and its errors in the last fifth."""
-        told = lines(
+        summary = lines(
             describe(self._reader, self._experiment), measure(self._reader, self._experiment)
         )
-        rows = (f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in told.items())
+        rows = (f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in summary.items())
         return f"<table>{''.join(rows)}</table>"

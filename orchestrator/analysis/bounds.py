@@ -130,10 +130,17 @@ def bounds(promised: Promises) -> list[Bound]:
         ("|eps - eps_0|inf", "|ups - ups_0|inf"),
         ("|q - eps_0|2", "|qd - ups_0|2"),
     )
-    paper, told = promised.paper.bound if promised.paper else None, promised.tracking
+    paper, of_tracking = promised.paper.bound if promised.paper else None, promised.tracking
     return [
         *_rows(estimates, promised.exact, promised.sharp, paper),
-        *_rows(tracking, None, told.proven, told.paper, sampled=promised.sampled, unproven=True),
+        *_rows(
+            tracking,
+            None,
+            of_tracking.proven,
+            of_tracking.paper,
+            sampled=promised.sampled,
+            unproven=True,
+        ),
     ]
 
 
@@ -326,8 +333,8 @@ def _finite(numbers: Any) -> dict[str, Any] | None:
     """Return the fields of a dataclass for JSON, which has no infinity."""
     if numbers is None:
         return None
-    told = asdict(numbers)
-    return {k: finite(v) if isinstance(v, float) else v for k, v in told.items()}
+    values = asdict(numbers)
+    return {k: finite(v) if isinstance(v, float) else v for k, v in values.items()}
 
 
 def _plant(part: Bounded) -> dict[str, Any]:

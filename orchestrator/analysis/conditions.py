@@ -102,7 +102,7 @@ class Check:
     @np.errstate(all="ignore")
     def as_json(self) -> dict[str, Any]:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
-        told: dict[str, Any] = {
+        result: dict[str, Any] = {
             "algorithm": self.algorithm,
             "convergence": self.convergence,
             "of": "links without faults" if self.faulty else "the links as they are",
@@ -111,7 +111,7 @@ class Check:
             "alpha_beta_bound": finite(self.alpha_beta_bound),
             "h_bound": finite(self.h_bound),
             "spanning_tree": self.spanning_tree,
-            "conditions": [_told(condition) for condition in self.conditions],
+            "conditions": [_condition_json(condition) for condition in self.conditions],
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
@@ -120,18 +120,18 @@ class Check:
             "millionth": None if self.faulty else self.millionth,
         }
         if self.periods.alike is None:
-            told["aperiodic"] = {
+            result["aperiodic"] = {
                 "shortest": self.periods.shortest,
                 "longest": self.periods.longest,
                 **_bounds(self.growth),
                 "verdict": self.growth.verdict,
             }
         if self.network is None:
-            told["topologies"] = [_turn(turn) for turn in self.turns]
+            result["topologies"] = [_phase_json(turn) for turn in self.turns]
         if self.any_order:
             order = {**asdict(self.any_order), "order": list(self.any_order.order)}
-            told["switching"] = {"repeat": self.repeat, "any_order": order}
-        return told
+            result["switching"] = {"repeat": self.repeat, "any_order": order}
+        return result
 
     @property
     def convergence(self) -> Literal["converges", "diverges", "unknown"]:
@@ -229,7 +229,7 @@ def _bounds(growth: Growth) -> dict[str, float | None]:
     return {"lower": finite(growth.lower), "upper": finite(growth.upper)}
 
 
-def _told(condition: Condition) -> dict[str, Any]:
+def _condition_json(condition: Condition) -> dict[str, Any]:
     return {
         "name": condition.name,
         "source": condition.source,
@@ -242,13 +242,13 @@ def _told(condition: Condition) -> dict[str, Any]:
     }
 
 
-def _turn(turn: Phase) -> dict[str, Any]:
+def _phase_json(turn: Phase) -> dict[str, Any]:
     """Return what is said of a turn by itself, for JSON."""
     return {
         "from": turn.since,
         "spectral_radius": finite(turn.growth.factor),
         **_bounds(turn.growth),
-        "conditions": [_told(condition) for condition in turn.conditions],
+        "conditions": [_condition_json(condition) for condition in turn.conditions],
         "digraphs": [
             {
                 "of": heard.of,

@@ -40,11 +40,11 @@ def fmu_info(
     from nrs_cosim.orchestrator.cli import fmu_description
     from nrs_cosim.plant_fmu.archives.archive import look_up
 
-    told = look_up(name, Path()).told()
+    description = look_up(name, Path()).describe()
     if as_json:
-        print_json(told)
+        print_json(description)
     else:
-        fmu_description.show_description(out, told)
+        fmu_description.show_description(out, description)
 
 
 @fmu.command("check")

@@ -26,12 +26,12 @@ _COLUMNS = (
 )
 
 
-def show_description(console: Console, told: Mapping[str, Any]) -> None:
-    """Show what `Archive.told` says."""
-    grid(console, dict(_lines(told)))
+def show_description(console: Console, description: Mapping[str, Any]) -> None:
+    """Show what `Archive.describe` says."""
+    grid(console, dict(_lines(description)))
     families = [
         list(family)
-        for _, family in groupby(told["variables"], lambda v: v["name"].partition("[")[0])
+        for _, family in groupby(description["variables"], lambda v: v["name"].partition("[")[0])
     ]
     console.print()
     table(console, _COLUMNS, (tuple(map(escape, _row(family))) for family in families))
@@ -43,18 +43,19 @@ def show_description(console: Console, told: Mapping[str, Any]) -> None:
         )
 
 
-def _lines(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "name", told["name"]
-    yield "about", told["description"]
+def _lines(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "name", description["name"]
+    yield "about", description["description"]
     yield (
         "FMI",
-        f"{told['fmi_version']}, {' and '.join(told['kinds']) or 'for no use that is known here'}",
+        f"{description['fmi_version']}, "
+        f"{' and '.join(description['kinds']) or 'for no use that is known here'}",
     )
-    yield "sha256", told["sha256"]
-    if told["needs_execution_tool"]:
-        yield "needs", f"{told['needs_execution_tool']}, on the machine where it runs"
-    if told["cannot_run_here"]:
-        yield "here", f"cannot run here: {told['cannot_run_here']}"
+    yield "sha256", description["sha256"]
+    if description["needs_execution_tool"]:
+        yield "needs", f"{description['needs_execution_tool']}, on the machine where it runs"
+    if description["cannot_run_here"]:
+        yield "here", f"cannot run here: {description['cannot_run_here']}"
 
 
 def _row(family: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

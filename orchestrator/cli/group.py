@@ -41,8 +41,8 @@ def _nothing(ctx: Any) -> None:
 class Commands(TyperGroup):
     """All commands; each says so when it is interrupted."""
 
-    def __init__(self, **told: Any) -> None:
-        super().__init__(**told)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
         waiting: list[Any] = [self]
         for command in waiting:
             command.get_params = _without_types(command.get_params)
@@ -50,12 +50,12 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command that was given."""
-        with _told():
+        with _in_sentences():
             return super().invoke(ctx)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take the options before a command's name."""
-        with _told():
+        with _in_sentences():
             try:
                 return super().parse_args(ctx, args)
             except UnicodeDecodeError as error:
@@ -66,7 +66,7 @@ class Commands(TyperGroup):
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _in_sentences() -> Iterator[None]:
     """Say that a command is interrupted, and bound what is said of wrong options."""
     try:
         yield

@@ -160,8 +160,8 @@ def recover(
         for damage in reader.damage:
             say("yellow", "damage", damage)
     with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
-        told = lines(describe(reader, experiment), measure(reader, experiment))
-    grid(out, told)
+        rows = lines(describe(reader, experiment), measure(reader, experiment))
+    grid(out, rows)
 
 
 @app.command()

@@ -103,7 +103,7 @@ def _status(row: "Judged") -> str:
 
 def _beside(judged: "Judgement") -> dict[str, str]:
     """Return lines on what is above a bound of the long run and yet breaks none."""
-    told, left = {}, judged.left
+    rows, left = {}, judged.left
     known = [row for row in judged.quantities if row.status != "exceeded"]
     over = [row for row in known if {*row.above} - {"paper"}]
     loose = [row.bound.name for row in known if row.above == ("paper",)]
@@ -114,15 +114,15 @@ def _beside(judged: "Judgement") -> dict[str, str]:
             else f"the initial error still contributes up to {left:.4g}"
         )
         above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
-        told["transient"] = f"{begun}{above}"
+        rows["transient"] = f"{begun}{above}"
     if judged.untracked:
-        told["bounds"] = f"none of tracking: {judged.untracked}"
+        rows["bounds"] = f"none of tracking: {judged.untracked}"
     if loose:
-        told["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
+        rows["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
     seen, computed = judged.measured_factor, judged.factor
     if seen is not None and computed is not None and abs(seen - computed) > NEAR:
-        told["factor"] = "the computed one is of the long run, and this run's is not near it"
-    return told
+        rows["factor"] = "the computed one is of the long run, and this run's is not near it"
+    return rows
 
 
 def gains_table(
@@ -130,9 +130,9 @@ def gains_table(
 ) -> None:
     """Show what gains and period are proven to give an accuracy, and what the paper has."""
     if found is None:
-        told = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
+        rows = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
     else:
-        told = {
+        rows = {
             "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
             f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
             "sampled" if sampled else "proven": _gains(found.proven)
@@ -140,7 +140,7 @@ def gains_table(
             "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
         }
     console.print()
-    grid(console, told)
+    grid(console, rows)
 
 
 def _gains(found: "Gains | None") -> str:
@@ -217,31 +217,31 @@ def _short(value: Any, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[:most]} …"
 
 
-def shares(told: "Profile", wall: float) -> str:
+def shares(profile: "Profile", wall: float) -> str:
     """Say in a line on what the workers spent the wall time, s, on average, and the recorder.
 
     Workers that were stopped did not say.
     """
-    names = ("plants", "bus", "waiting") if told.workers else ()
-    mean = [fmean(getattr(spent, name) for spent in told.workers.values()) for name in names]
+    names = ("plants", "bus", "waiting") if profile.workers else ()
+    mean = [fmean(getattr(spent, name) for spent in profile.workers.values()) for name in names]
     parts = dict(zip(names, mean, strict=True))
-    if told.in_one_thread:
-        parts["bus"] += told.orchestrator.bus
+    if profile.in_one_thread:
+        parts["bus"] += profile.orchestrator.bus
     shares = ", ".join(f"{100 * part / wall:.0f} % {name}" for name, part in parts.items())
-    whose = " of a worker's on average;" if len(told.workers) > 1 else ","
-    recording = f"{100 * told.recording / wall:.0f} % recording"
+    whose = " of a worker's on average;" if len(profile.workers) > 1 else ","
+    recording = f"{100 * profile.recording / wall:.0f} % recording"
     return f"{shares}{whose} {recording}" if shares else recording
 
 
-def profile(console: Console, told: "Profile", wall: float) -> None:
+def profile(console: Console, profile: "Profile", wall: float) -> None:
     """Show where the wall time, s, of each process of a run went."""
-    mine = told.orchestrator
-    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in told.workers.items()}
-    if told.in_one_thread:
+    mine = profile.orchestrator
+    rows = {name: (s.plants, s.bus, 0.0, s.waiting) for name, s in profile.workers.items()}
+    if profile.in_one_thread:
         (name, (plants, bus, _, _)) = rows.popitem()
-        rows[name] = plants, bus + mine.bus, told.recording, mine.waiting
+        rows[name] = plants, bus + mine.bus, profile.recording, mine.waiting
     else:
-        rows["orchestrator"] = mine.plants, mine.bus, told.recording, mine.waiting
+        rows["orchestrator"] = mine.plants, mine.bus, profile.recording, mine.waiting
     cells = (
         (name, *(f"{part:.3f}" for part in (*parts, max(wall - sum(parts), 0.0))))
         for name, parts in rows.items()

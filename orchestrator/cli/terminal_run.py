@@ -146,21 +146,21 @@ def perform(
 
 def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace) -> None:
     """Show how a run was, whose recording is at a path."""
-    told = {**result.lines(), "recording": str(path)}
+    rows = {**result.lines(), "recording": str(path)}
     simulated = seconds(clock.t(outcome.ticks) - clock.t(outcome.copied))
     took = outcome.wall_seconds
-    told["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
+    rows["ticks"] += f" in {took:.2f} s, {simulated / took:.3g} x real time"
     if pace.asked and simulated < KEPT * pace.asked * took:
-        told["ticks"] += f"; --realtime {pace.asked:g} was not kept"
+        rows["ticks"] += f"; --realtime {pace.asked:g} was not kept"
     if outcome.copied:
-        told["ticks"] += f"; {outcome.copied} are the earlier recording's"
-    last = {name: told.pop(name) for name in ("digest", "recording")}
-    told["time"] = summary_text.shares(outcome.profile, took)
+        rows["ticks"] += f"; {outcome.copied} are the earlier recording's"
+    last = {name: rows.pop(name) for name in ("digest", "recording")}
+    rows["time"] = summary_text.shares(outcome.profile, took)
     if outcome.restarts:
-        told["lost"] = f"{outcome.restarts} x a worker was gone"
+        rows["lost"] = f"{outcome.restarts} x a worker was gone"
     if outcome.refused:
-        told["refused"] = _counted(outcome)
-    grid(out, told | last)
+        rows["refused"] = _counted(outcome)
+    grid(out, rows | last)
     summary_text.judgement(out, result.judged)
 
 

@@ -29,17 +29,17 @@ UNKNOWN = "whether the estimates converge with these links is not known"
 def verdict(checked: "Check") -> dict[str, str]:
     """Return lines of what the network and the algorithm are."""
     periods = checked.periods
-    told = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
+    rows = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
     if checked.any_order:
-        told["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
+        rows["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
     if periods.alike is None:
-        told["times"] = (
+        rows["times"] = (
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
             f"{periods.mean:g} s in the mean"
         )
     if checked.rate > 0:
-        told["rate"] = _rate(checked)
-    return told
+        rows["rate"] = _rate(checked)
+    return rows
 
 
 def _networks(checked: "Check") -> dict[str, str]:
@@ -52,7 +52,7 @@ def _networks(checked: "Check") -> dict[str, str]:
             "spectrum": f"{_spectrum(heard.spectrum, checked.whole_spectrum)} "
             f"(of D, the normalised adjacency)",
         }
-    told = {}
+    rows = {}
     for turn in checked.turns[:TURNS]:
         digraphs = ". ".join(
             f"{digraph.of}: {_ways(digraph.network)}; spectrum "
@@ -60,13 +60,13 @@ def _networks(checked: "Check") -> dict[str, str]:
             for digraph in turn.digraphs
         )
         alone = "" if len(checked.turns) == 1 else f"; alone it has {_alone(turn.growth)}"
-        told[f"k >= {turn.since}"] = digraphs + alone
+        rows[f"k >= {turn.since}"] = digraphs + alone
     if len(checked.turns) == 1:
-        return {"networks": told.popitem()[1]}
+        return {"networks": rows.popitem()[1]}
     more = f", of which {TURNS} are shown" if len(checked.turns) > TURNS else ""
     end = f"over and over after {checked.repeat} ticks" if checked.repeat else "the last one stays"
     of = "conditions are of the turn that is nearest to them"
-    return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **told}
+    return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **rows}
 
 
 def _ways(network: "NetworkSummary") -> str:
@@ -173,26 +173,26 @@ def _spectrum(found: "Spectrum", whole: bool) -> str:
 
 def grounds(promised: "Promises") -> dict[str, str]:
     """Return lines of what bounds are made of."""
-    told = {
+    rows = {
         "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
         f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
     }
     if promised.why_not:
-        told["bounds"] = f"none: {promised.why_not}"
+        rows["bounds"] = f"none: {promised.why_not}"
     elif promised.paper is None:
         several = "digraphs in turn" if promised.turning else "all periods at once"
         of = f"is of {several}" if promised.turning or promised.aperiodic else "is found"
-        told["norm"] = f"no small-value norm {of}"
+        rows["norm"] = f"no small-value norm {of}"
     else:
         norm = promised.paper.norm
-        told["norm"] = (
+        rows["norm"] = (
             f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
             f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
         )
     for part in promised.robots:
         name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
-        told[name] = _mechanics(part)
-    return told
+        rows[name] = _mechanics(part)
+    return rows
 
 
 def unmet(checked: "Check", promised: "Promises") -> list[str]:
@@ -200,7 +200,7 @@ def unmet(checked: "Check", promised: "Promises") -> list[str]:
 
     A condition on sampled bounds of a plant is one that holds where it holds of the samples.
     """
-    told = [
+    sentences = [
         f"{c.name} ({c.source}) is {'unknown' if isnan(c.margin) else 'violated'}: {c.value:g}, "
         f"expected {'>' if c.at_least else '<'} {c.bound:g}"
         for c in checked.conditions
@@ -208,8 +208,8 @@ def unmet(checked: "Check", promised: "Promises") -> list[str]:
     ]
     if checked.convergence != "converges":
         status = "violated" if checked.convergence == "diverges" else "unknown"
-        told.append(f"convergence is {status}: a factor of {_factor(checked)}")
-    return told + [
+        sentences.append(f"convergence is {status}: a factor of {_factor(checked)}")
+    return sentences + [
         f"the conditions on tracking of {_robots(part.robots)} are unknown: {part.why}"
         for part in promised.robots
         if part.constants is None

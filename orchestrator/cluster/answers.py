@@ -41,12 +41,12 @@ class Answers:
         slot = self.slots.get(name)
         if slot is None or slot.life.incarnation != ready.incarnation:
             raise NotExpectedError(f"{name} is not the worker that was let in")
-        robots = sorted(robot for told in ready.plants for robot in told.robots)
-        is_whole = robots == [*slot.robots] and all(told.robots for told in ready.plants)
+        robots = sorted(robot for plant in ready.plants for robot in plant.robots)
+        is_whole = robots == [*slot.robots] and all(plant.robots for plant in ready.plants)
         if not (is_whole and slot.life.on(Event.OPEN)):
             raise NotExpectedError(f"{name} is not expected to be ready with robots {robots}")
         key = f"{question.key}/{ready.incarnation}"
-        slot.plants = [told.model_dump() | {"robots": [*told.robots]} for told in ready.plants]
+        slot.plants = [plant.model_dump() | {"robots": [*plant.robots]} for plant in ready.plants]
         slot.begin, slot.report = lambda go: question.answer(self.seal.closed(key, go)), None
         self.send_off(slot)
 

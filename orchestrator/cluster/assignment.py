@@ -140,13 +140,13 @@ class Assignment(dict[str, WorkerSlot]):
             )
         return WorkerSlot(sorted({*hello.robots}), WorkerState(now))
 
-    def told(self) -> list[dict[str, Any]]:
+    def describe_plants(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever worker they are on."""
         merged: dict[str, dict[str, Any]] = {}
         for slot in self.values():
-            for told in slot.plants:
-                alike = str({**told, "robots": None})
-                merged.setdefault(alike, {**told, "robots": []})["robots"] += told["robots"]
-        for told in merged.values():
-            told["robots"].sort()
-        return sorted(merged.values(), key=lambda told: told["robots"][0])
+            for plant in slot.plants:
+                alike = str({**plant, "robots": None})
+                merged.setdefault(alike, {**plant, "robots": []})["robots"] += plant["robots"]
+        for plant in merged.values():
+            plant["robots"].sort()
+        return sorted(merged.values(), key=lambda plant: plant["robots"][0])

@@ -123,9 +123,9 @@ class Coordinator:
         """Return the wire between the workers that were gathered."""
         return wire_of(self._file, self.assignment, self._seal)
 
-    def told(self) -> list[dict[str, Any]]:
+    def describe_plants(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever worker they are on."""
-        return self._slots.told()
+        return self._slots.describe_plants()
 
     def begin(self, recorder: Recorder) -> None:
         """Tell all workers to begin where a recording ends."""

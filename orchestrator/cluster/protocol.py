@@ -89,7 +89,7 @@ class Refusal(Note):
     """Whether that is because the run came to its end."""
 
 
-class Told(Note):
+class PlantDescription(Note):
     """What the user is told of some robots' plants; see `orchestrator.engine.robots.Robots`."""
 
     fmu: str
@@ -107,7 +107,7 @@ class Ready(Note):
     """A worker's robots are open."""
 
     incarnation: str
-    plants: tuple[Told, ...]
+    plants: tuple[PlantDescription, ...]
     """By group."""
 
 

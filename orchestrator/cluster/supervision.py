@@ -121,21 +121,21 @@ class Supervision:
         if not slot.life.lose(closed, monotonic()) or slot.state is not State.VACANT:
             return
         how = slot.process.kill() if slot.process else "is gone"
-        told = f"{name} ({named(slot.robots)}) {how}, after tick {max(closed, 0)}"
+        event = f"{name} ({named(slot.robots)}) {how}, after tick {max(closed, 0)}"
         deaths = slot.life.deaths
         if slot.process and deaths > MOST_DEATHS:
-            raise WorkerError(f"worker {told}, for the {deaths}th time in a row")
-        _LOG.warning("%s", told)
+            raise WorkerError(f"worker {event}, for the {deaths}th time in a row")
+        _LOG.warning("%s", event)
         if self.recorder is None:
             if not slot.reserved:
                 self.departed[name] = slot
                 del self.slots[name]
         elif not self.policy.restart:
-            raise WorkerError(f"worker {told}")
+            raise WorkerError(f"worker {event}")
         else:
             self.restarts += 1
         if slot.process and self.start:
-            self.policy.show(f"{told}; it is started again")
+            self.policy.show(f"{event}; it is started again")
             self._start(name, slot)
         else:
-            self.policy.show(f"{told}; waiting for it to come back{self.slots.missing()}")
+            self.policy.show(f"{event}; waiting for it to come back{self.slots.missing()}")

@@ -36,10 +36,10 @@ from nrs_cosim.orchestrator.cluster.missed_samples import AbandonedError, EndedE
 from nrs_cosim.orchestrator.cluster.protocol import (
     Go,
     Hello,
+    PlantDescription,
     Ready,
     Refusal,
     Report,
-    Told,
     Welcome,
 )
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
@@ -189,9 +189,9 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
         raise
-    told = tuple(Told.model_validate(told) for told in robots.told)
+    plants = tuple(PlantDescription.model_validate(plant) for plant in robots.plant_descriptions)
     go, checkpoints = Go.and_checkpoints(
-        listening.ask_to_begin(Ready(incarnation=bus.id, plants=told))
+        listening.ask_to_begin(Ready(incarnation=bus.id, plants=plants))
     )
     listening.wire = wire = wire_of(file, go.assignment, seal)
     listening.recorded = go.recorded

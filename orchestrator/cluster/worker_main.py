@@ -23,17 +23,17 @@ def main() -> None:
         parser.add_argument(f"--{name}", required=True)
     for name, kind in (("wait", float), ("parent", int)):
         parser.add_argument(f"--{name}", required=True, type=kind)
-    told = parser.parse_args()
-    follow(told.parent)
+    arguments = parser.parse_args()
+    follow(arguments.parent)
     log_as_asked()
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
-    robots = parse_robots(told.robots, "--robots")
+    robots = parse_robots(arguments.robots, "--robots")
     options = JoinOptions(
-        told.name, robots, None, told.wait, False, False, lambda _text: None, is_own=True
+        arguments.name, robots, None, arguments.wait, False, False, lambda _text: None, is_own=True
     )
     try:
-        serve(options, Endpoints(connect=(told.connect,), wait=told.wait))
+        serve(options, Endpoints(connect=(arguments.connect,), wait=arguments.wait))
     except CosimError as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -40,9 +40,9 @@ class InProcess:
         """Return the wire between the worker and the recorder."""
         return self._wire
 
-    def told(self) -> Sequence[Mapping[str, Any]]:
+    def describe_plants(self) -> Sequence[Mapping[str, Any]]:
         """Return what the user is told of the plants, by group."""
-        return self._robots.told
+        return self._robots.plant_descriptions
 
     def spent(self) -> dict[str, Spent]:
         """Return where the time of the worker went."""

@@ -85,7 +85,7 @@ class Workers(Protocol):
     def wire(self) -> Wire:
         """Return the wire between them."""
 
-    def told(self) -> Sequence[Mapping[str, Any]]:
+    def describe_plants(self) -> Sequence[Mapping[str, Any]]:
         """Return what the user is told of the plants, by group."""
 
     def begin(self, recorder: Recorder) -> None:
@@ -195,8 +195,8 @@ class Lockstep:
     def _silence(self, k: int) -> str:
         """Say who is silent at tick k, and what each of them waits for."""
         lacks = self._recorder.missing(k)
-        told = [self._waits(worker) for worker in sorted(lacks)]
-        return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(told)}"
+        waiting = [self._waits(worker) for worker in sorted(lacks)]
+        return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(waiting)}"
 
     def _waits(self, worker: str) -> str:
         last = self._recorder.last_heard(worker)

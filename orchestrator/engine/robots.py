@@ -26,7 +26,7 @@ class Robots:
     experiment: Experiment
     agents: Agents
     plants: WorkerPlants
-    told: Sequence[Mapping[str, Any]]
+    plant_descriptions: Sequence[Mapping[str, Any]]
     """What the user is told of the plants, by group."""
 
     @classmethod
@@ -45,7 +45,7 @@ class Robots:
         alike = [experiment.bodies(group.alike) for group in groups]
         of = experiment.bodies(numbers)
         fleet = open_fleet(stack, groups, of, alike)
-        told = [
+        plant_descriptions = [
             {
                 "fmu": group.plant.fmu,
                 "name": group.archive.name,
@@ -62,7 +62,7 @@ class Robots:
             }
             for group, plants in zip(groups, fleet.plants, strict=True)
         ]
-        return cls(numbers, experiment, agents_of(experiment, numbers), fleet, told)
+        return cls(numbers, experiment, agents_of(experiment, numbers), fleet, plant_descriptions)
 
     @classmethod
     def driven_by(
@@ -70,10 +70,10 @@ class Robots:
         experiment: Experiment,
         numbers: Sequence[int],
         plants: WorkerPlants,
-        told: Sequence[Mapping[str, Any]],
+        plant_descriptions: Sequence[Mapping[str, Any]],
     ) -> "Robots":
         """Return some robots whose plants are there already."""
-        return cls(numbers, experiment, agents_of(experiment, numbers), plants, told)
+        return cls(numbers, experiment, agents_of(experiment, numbers), plants, plant_descriptions)
 
     def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire) -> Worker:
         """Return the worker that runs them."""

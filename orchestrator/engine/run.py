@@ -45,7 +45,7 @@ class Profile:
     in_one_thread: bool
     """Whether the only worker is in the orchestrator's own thread."""
 
-    def told(self) -> dict[str, dict[str, float]]:
+    def as_json(self) -> dict[str, dict[str, float]]:
         """Return it for JSON, s by process and by what it was spent on."""
         workers = {name: asdict(spent) for name, spent in self.workers.items()}
         mine = {**asdict(self.orchestrator), "recording": self.recording}
@@ -107,7 +107,7 @@ def run(
         bus, workers = (launch or in_process(experiment))(stack, watch)
         wire = workers.wire()
         target = TargetNode(bus, clock, wire, experiment.target)
-        plants = workers.told()
+        plants = workers.describe_plants()
         topics = channels(n, faulty, checkpoints, plants)
         writer = stack.enter_context(
             Writer(
@@ -162,10 +162,10 @@ def run(
         refused = Counter(recorder.refused) + Counter(workers.refused)
         in_one_thread = isinstance(workers, InProcess)
         profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
-        told = {SPENT: json.dumps(profile.told()), REFUSED: json.dumps(refused)}
+        extra = {SPENT: json.dumps(profile.as_json()), REFUSED: json.dumps(refused)}
         if cause:
-            told[CAUSE] = json.dumps(asdict(cause))
-        writer.finish(status, reason, told)
+            extra[CAUSE] = json.dumps(asdict(cause))
+        writer.finish(status, reason, extra)
     done = max(recorder.closed, 0)
     return Outcome(
         status,

@@ -64,24 +64,26 @@ def _duration(reader: Reader, period_ns: int | None) -> float:
     return (reader.ticks * period_ns if period_ns else reader.end_ns or 0) / NS_PER_S
 
 
-def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
+def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
     """Return a run's summary as short lines by name."""
     plants = (
         f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['drive']}, "
         f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
-        for plant in told["plants"]
+        for plant in summary["plants"]
     )
-    parent, target = told["parent"], told["target"]
+    parent, target = summary["parent"], summary["target"]
     led = {"target": f"{target['fmu']}, SHA-256 {target['sha256']}"} if target else {}
     of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
     return {
-        "run": told["name"] + ": " + ", ".join(filter(None, (told["status"], told["reason"]))),
-        "robots": f"{told['robots']}, {told['joints']} axes each",
+        "run": summary["name"]
+        + ": "
+        + ", ".join(filter(None, (summary["status"], summary["reason"]))),
+        "robots": f"{summary['robots']}, {summary['joints']} axes each",
         "plants": "; ".join(plants),
-        "driven": _driven(told["plants"]),
+        "driven": _driven(summary["plants"]),
         **led,
-        "ticks": f"{told['ticks']} of {told['ticks_planned']}, t = {told['duration']:g} s",
-        "messages": f"{told['messages']}",
+        "ticks": f"{summary['ticks']} of {summary['ticks_planned']}, t = {summary['duration']:g} s",
+        "messages": f"{summary['messages']}",
         "estimates": _suprema(
             ("eps - eps_0|inf", measured.position_estimate),
             ("ups - ups_0|inf", measured.velocity_estimate),
@@ -91,8 +93,8 @@ def lines(told: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
             ("qd - ups_0|2", measured.velocity_tracking),
         ),
         **of,
-        "digest": told["digest"] or _PARTIAL,
-        "recording": told["file"],
+        "digest": summary["digest"] or _PARTIAL,
+        "recording": summary["file"],
     }
 
 
@@ -135,12 +137,12 @@ def experiment_of(reader: Reader) -> Experiment:
 def told_of(experiment: Experiment) -> dict[str, int]:
     """Return the numbers of an experiment that its recording tells, times in ns."""
     clock = experiment.clock
-    told = {"seed": experiment.seed, "robots": experiment.n, "joints": experiment.m}
-    told["ticks"] = clock.ticks
+    plan = {"seed": experiment.seed, "robots": experiment.n, "joints": experiment.m}
+    plan["ticks"] = clock.ticks
     if clock.period is None:  # each message has its time
-        return told | {"outputs_per_interval": clock.parts}
+        return plan | {"outputs_per_interval": clock.parts}
     step = clock.period // clock.parts
-    return told | {"sampling_period_ns": clock.period, "output_step_ns": step}
+    return plan | {"sampling_period_ns": clock.period, "output_step_ns": step}
 
 
 def measure(reader: Reader, experiment: Experiment) -> SteadyState:

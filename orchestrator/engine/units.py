@@ -21,5 +21,7 @@ def mixed_units(experiment: Experiment) -> str:
             robots[" and ".join(units)] += [row + 1 for row in group.rows]
     if len(robots) < 2:
         return ""
-    told = ", ".join(f"{robot_ids.named(sorted(rows))} in {unit}" for unit, rows in robots.items())
-    return f"joints are in unlike units: {told}; a number over all robots mixes them"
+    robots_by_unit = ", ".join(
+        f"{robot_ids.named(sorted(rows))} in {unit}" for unit, rows in robots.items()
+    )
+    return f"joints are in unlike units: {robots_by_unit}; a number over all robots mixes them"

@@ -157,7 +157,7 @@ class Worker:
         estimate = self.agents.estimate
         reached = held = self._clock.t(k - 1)
         self.plants.hold(estimate.position, estimate.velocity)
-        told = []
+        batches = []
         for t in self._clock.outputs(k):
             began = perf_counter()
             self.place = t, 0, int(self.agents.robots[0])
@@ -166,9 +166,9 @@ class Worker:
             reached = t
             self.left = estimate.after(seconds(t - held))
             self._expect_bounded(t)
-            told.append(self._states(k, t))
+            batches.append(self._states(k, t))
             watch(t)
-        return told[0] if len(told) == 1 else np.concatenate(told)
+        return batches[0] if len(batches) == 1 else np.concatenate(batches)
 
     def publish_samples(self, k: int) -> None:
         """Publish ε_i(t_k), υ_i(t_k) of the robots that send at t_k."""
@@ -260,13 +260,13 @@ class Worker:
         return records
 
     def _expect_bounded(self, t: int) -> None:
-        told = {
+        estimates = {
             "estimated position": self.left.position,
             "estimated velocity": self.left.velocity,
             "q": self.plants.q,
             "qd": self.plants.qd,
         }
-        for done, (name, values) in enumerate(told.items(), 1):
+        for done, (name, values) in enumerate(estimates.items(), 1):
             sizes = np.abs(values)
             if not sizes.max() <= self._limit:
                 row = int(np.flatnonzero(~(sizes <= self._limit).all(axis=1))[0])
@@ -279,7 +279,7 @@ class Worker:
         finite = np.isfinite(self.plants.tau).all(axis=1)
         if not finite.all():
             row = int(np.flatnonzero(~finite)[0])
-            self.place = t, len(told) + 1, int(self.agents.robots[row])
+            self.place = t, len(estimates) + 1, int(self.agents.robots[row])
             raise DivergedError(
                 f"diverged at t = {seconds(t):g} s: robot {self.agents.robots[row]}'s tau is "
                 f"{self.plants.tau[row].tolist()}",

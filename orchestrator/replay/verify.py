@@ -292,8 +292,8 @@ def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | 
         missing = was is None or (now is not None and now < was)
         there = now if missing else was
         assert there is not None
-        told = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
-        return Difference(*_about(there), "message", *told)
+        sides = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
+        return Difference(*_about(there), "message", *sides)
     old, new = (
         Codec(_KINDS[_kind(message)], m).decode([message[3]])[0]
         for message, m in ((was, m_was), (now, m_now))

@@ -64,9 +64,9 @@ def run_again(reader: Reader, experiment: Experiment, robots: Sequence[int]) -> 
             expect_states(reader, experiment.clock, n)
             rest = RecordedPlants(others, m, states_of(reader, m))
             parts.append((np.array(others) - 1, rest))
-        told = [*real.told, *_told_of(reader, others)]
+        descriptions = [*real.plant_descriptions, *_descriptions_of(reader, others)]
         fleet = Fleet(parts, m)
-        return on_a_session(stack, Robots.driven_by(experiment, every, fleet, told), watch)
+        return on_a_session(stack, Robots.driven_by(experiment, every, fleet, descriptions), watch)
 
     return launch
 
@@ -82,11 +82,11 @@ def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str
     return {PARENT: {"digest": reader.digest_here, "change": text}}
 
 
-def _told_of(reader: Reader, robots: Sequence[int]) -> list[dict[str, Any]]:
+def _descriptions_of(reader: Reader, robots: Sequence[int]) -> list[dict[str, Any]]:
     """Return what a recording tells of some robots' plants, by group."""
-    told = []
+    descriptions = []
     for group in about(reader).plants:
         mine = [robot for robot in group["robots"] if robot in set(robots)]
         if mine:
-            told.append({**group, "robots": mine})
-    return told
+            descriptions.append({**group, "robots": mine})
+    return descriptions

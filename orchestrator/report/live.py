@@ -52,9 +52,9 @@ class Live:
             except OSError as error:
                 raise InputError(f"--port {self._port}: {error.strerror}") from None
             listening.listen()
-            told = [str(recording), str(final), str(listening.fileno()), _state(recording)]
+            arguments = [str(recording), str(final), str(listening.fileno()), _state(recording)]
             self._server = subprocess.Popen(
-                [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.report.live", *told],
+                [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.report.live", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 env={**os.environ, "PYTHONPATH": modules},

@@ -36,7 +36,7 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         pace=_pace(experiment.clock),
         target_at=experiment.target_at,
         topology=experiment.topologies.links,
-        turns=_turns(experiment.topologies),
+        turns=_phases(experiment.topologies),
         arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
         verdicts=_verdicts(checked),
@@ -54,16 +54,16 @@ def _pace(clock: Clock) -> str:
     return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
 
 
-def _turns(topologies: TopologySchedule) -> str:
+def _phases(topologies: TopologySchedule) -> str:
     """Say when the links are there that there are at some time; nothing where that is always."""
     count, ticks = len(topologies.exchanges), topologies.repeat
-    told = []
+    sentences = []
     if count > 1:
         end = f"again after {ticks} ticks" if ticks else "and the last stays"
-        told.append(f"{count} networks take turns, {end}")
+        sentences.append(f"{count} networks take turns, {end}")
     if any(exchange.hetero for exchange in topologies.exchanges):
-        told.append("positions and velocities travel over digraphs of their own")
-    words = "; ".join(told)
+        sentences.append("positions and velocities travel over digraphs of their own")
+    words = "; ".join(sentences)
     return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
 
 
@@ -75,24 +75,26 @@ def arm_of(plant: Plant, m: int) -> Arm:
     if plant.fmu not in bundled_models():
         return Arm((1.0,) * m, known=False)
     model = declaration(plant.fmu)
-    told: dict[str, Any] = {v.name: v.start for v in model.of_kind("parameter")} | plant.parameters
-    if "r" in told:
-        return Arm(tuple(np.broadcast_to(np.asarray(told["r"], float), m).tolist()))
+    values: dict[str, Any] = {
+        v.name: v.start for v in model.of_kind("parameter")
+    } | plant.parameters
+    if "r" in values:
+        return Arm(tuple(np.broadcast_to(np.asarray(values["r"], float), m).tolist()))
     links = [f"r{link}" for link in range(1, m + 1)]
-    return Arm(tuple(float(told[link]) for link in links) if told.keys() >= {*links} else ())
+    return Arm(tuple(float(values[link]) for link in links) if values.keys() >= {*links} else ())
 
 
 def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
     found = bounds(promises(experiment, checked.growth))
     names = [field.name for field in fields(SteadyState)]
-    told = {
+    by_quantity = {
         name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}
         for name, bound in zip(names, found, strict=False)
     }
     return {
         name: {law: value for law, value in by_law.items() if value is not None}
-        for name, by_law in told.items()
+        for name, by_law in by_quantity.items()
     }
 
 

@@ -105,7 +105,7 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experimen
     except RecursionError:
         raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
-        faults = [_describe(fault) for fault in _told_once(error.errors())]
+        faults = [_describe(fault) for fault in _each_once(error.errors())]
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
@@ -130,19 +130,19 @@ _TWICE = ("Cannot overwrite", "Cannot declare", "Duplicate inline", "Cannot muta
 """How tomllib begins where a key or a table is given a second time."""
 
 
-def _no_toml(text: str, told: str) -> str:
+def _no_toml(text: str, cause: str) -> str:
     """Say what is wrong with a text, in tomllib's words but where a key is given twice."""
-    if not told.startswith(_TWICE):
-        return f"not valid TOML: {told}"
+    if not cause.startswith(_TWICE):
+        return f"not valid TOML: {cause}"
     lines = text.splitlines()
-    at = re.search(r"at line (\d+)", told)
+    at = re.search(r"at line (\d+)", cause)
     number = min(int(at[1]) if at else len(lines), len(lines))
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     return f"line {number}: {quoted(lines[number - 1].strip())} gives a key a second time; keep one"
 
 
-def _told_once(faults: Sequence[Any]) -> Iterator[Any]:
+def _each_once(faults: Sequence[Any]) -> Iterator[Any]:
     """Yield pydantic's errors without those keys that are missing because they are misspelt."""
     meant: set[tuple[int | str, ...]] = set()
     for fault in faults:

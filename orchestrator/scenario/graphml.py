@@ -136,9 +136,9 @@ def _keys(root: Any, where: str) -> dict[str, _Key]:
             continue
         here = f"{where}: line {element.sourceline}: key"
         _expect_known(element, where)
-        told = element.attrib
-        ident, scope = _given(element, "id", here), told.get("for", "all")
-        kind, name = told.get("attr.type", "string"), told.get("attr.name", "")
+        attributes = element.attrib
+        ident, scope = _given(element, "id", here), attributes.get("for", "all")
+        kind, name = attributes.get("attr.type", "string"), attributes.get("attr.name", "")
         if ident in keys:
             raise ScenarioError(f"{here}: {quoted(ident)} has been declared before")
         for said, value, known in (("for", scope, _SCOPES), ("attr.type", kind, _TYPES)):

@@ -82,12 +82,12 @@ def _why(
     last = _nearest(track, _defects, again)
     if last and abs(np.diff(last.position)[0]) > max(2 * last.reach, _tiny(track)):
         return (
-            f"position_{axis + 1} jumps{_told(last, last.position)}, as it does where an FMU steps "
-            f"at times of its own; {no_target}"
+            f"position_{axis + 1} jumps{_from_to(last, last.position)}, as it does where an FMU "
+            f"steps at times of its own; {no_target}"
         )
     last = _nearest(track, _changes, again)
     if last:
-        return f"velocity_{axis + 1} jumps{_told(last, last.velocity)}; {no_target}"
+        return f"velocity_{axis + 1} jumps{_from_to(last, last.velocity)}; {no_target}"
     finer = _refined(track.times, range(count - 1))
     left = disagreement(finer, *sample(finer.tolist()))
     if left is None or left.apart < SHRUNK * found.apart:
@@ -139,5 +139,5 @@ def _tiny(track: _Track) -> float:
     return 1e-9 * float(np.abs(track.position).max())
 
 
-def _told(pair: _Track, values: Array) -> str:
+def _from_to(pair: _Track, values: Array) -> str:
     return f" from {values[0]:g} to {values[1]:g} at t = {pair.times.mean():.6g} s"

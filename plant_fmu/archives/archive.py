@@ -97,7 +97,7 @@ class Archive:
         steps = self.description.coSimulation
         return steps is None or bool(steps.canHandleVariableCommunicationStepSize)
 
-    def told(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return what the FMU says of itself, for JSON."""
         return {
             "name": self.name,

@@ -55,8 +55,8 @@ def find_quantity(
     integral = None
     if name in INTEGRALS and name not in names:
         integral = names.get(INTEGRALS[name], INTEGRALS[name])
-    told = tuple(sorted(sizes.items()))
-    found = _found(archive, name, names.get(name, name), integral, size, told)
+    known_sizes = tuple(sorted(sizes.items()))
+    found = _found(archive, name, names.get(name, name), integral, size, known_sizes)
     if isinstance(found, str):
         raise FmuError(found)
     return found

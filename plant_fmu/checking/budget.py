@@ -49,12 +49,12 @@ class Budget:
     def begin(self, stage: str) -> None:
         """Begin a stage, which may cost as much as any."""
         self._tell(stage)
-        self._stage, self._since, self._told = stage, self._clock(), monotonic()
+        self._stage, self._since, self._last_report = stage, self._clock(), monotonic()
 
     def spend(self) -> None:
         """Note that the FMU came back; `OverBudgetError` where the stage has taken too long."""
-        if monotonic() - self._told > BEAT:
-            self._told = monotonic()
+        if monotonic() - self._last_report > BEAT:
+            self._last_report = monotonic()
             self._beat(self._stage)
         if self._clock() - self._since > self.limit:
             raise OverBudgetError(f"given up after {self.limit:g} s of processor time")

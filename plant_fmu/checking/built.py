@@ -9,7 +9,7 @@ from typing import Any
 
 from nrs_cosim.plant_fmu.checking.budget import Tell
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
-from nrs_cosim.plant_fmu.checking.subprocess_check import say_findings, told_apart
+from nrs_cosim.plant_fmu.checking.subprocess_check import run_apart, say_findings
 
 DEADLINE, LIMIT = 30.0, 10.0
 """s: of a call; of processor time, for each stage. A humanoid of 30 joints takes 3 in all."""
@@ -17,13 +17,13 @@ DEADLINE, LIMIT = 30.0, 10.0
 
 def check_built(task: CheckTask, deadline: float = DEADLINE) -> FmuCheck:
     """Check an FMU in a process of its own, for as long as a deadline in s allows."""
-    told = told_apart(_say, task, deadline)
-    found = [Finding(**line) for line in told.lines]
-    if told.ending.startswith("did not return"):
+    report = run_apart(_say, task, deadline)
+    found = [Finding(**line) for line in report.lines]
+    if report.ending.startswith("did not return"):
         text = f"the check was not over after {deadline:g} s"
         found.append(Finding("physics", "mechanics", "unknown", text))
-    elif told.ending:
-        text = f"the process of the FMU {told.ending}{told.printed}"
+    elif report.ending:
+        text = f"the process of the FMU {report.ending}{report.printed}"
         found.append(Finding("runs", "process", "fails", text))
     return FmuCheck(task.archive.label, task.archive.sha256, tuple(found))
 

@@ -44,7 +44,7 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
         chosen = choose(archive, task.names, task.driving, sizes)
         body = task.body or at_start(archive, find_quantity(archive, "q", task.names, sizes=sizes))
     except FmuError as error:
-        cause, _, _told_above = str(error).partition(". First: ")
+        cause, _, _said_above = str(error).partition(". First: ")
         yield Finding("drives", "chosen", "fails", cause)
         return
     yield Finding("drives", "chosen", "holds", chosen.way)
@@ -106,7 +106,7 @@ def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
         needless["tau"] = "it takes references"
     else:
         needless |= dict.fromkeys(REFERENCE, "tau would do")
-    unknown, told = f"{task.archive.label}: has no variable ", ""
+    unknown, previous = f"{task.archive.label}: has no variable ", ""
     for ours, what in quantities.items():
         if isinstance(what, Quantity):
             text = ", ".join(_named(task.archive, part) for part in what.parts)
@@ -115,11 +115,11 @@ def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
             yield Finding("variables", ours, "note", what)
         elif ours in needless:
             yield Finding("variables", ours, "note", f"not there, nor needed: {needless[ours]}")
-        elif told:
-            text = f"not found either; write variables.{ours} as well, as of {told}"
+        elif previous:
+            text = f"not found either; write variables.{ours} as well, as of {previous}"
             yield Finding("variables", ours, "note", text)
         else:
-            told = ours
+            previous = ours
             yield Finding("variables", ours, "note", what)
 
 

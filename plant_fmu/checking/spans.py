@@ -95,10 +95,10 @@ def _jump(velocities: Velocities, low: float, high: float) -> float:
 
 def _declared(archive: Archive) -> float:
     """Return the step that an FMU declares to take, or without which it cannot; else 0."""
-    told = archive.description
-    if told.coSimulation and told.coSimulation.fixedInternalStepSize:
-        return float(told.coSimulation.fixedInternalStepSize)
-    usual = told.defaultExperiment.stepSize if told.defaultExperiment else None
+    description = archive.description
+    if description.coSimulation and description.coSimulation.fixedInternalStepSize:
+        return float(description.coSimulation.fixedInternalStepSize)
+    usual = description.defaultExperiment.stepSize if description.defaultExperiment else None
     return float(usual) if usual and not archive.takes_uneven_steps else 0.0
 
 

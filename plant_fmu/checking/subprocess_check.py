@@ -73,21 +73,21 @@ def p3_of(task: CheckTask, deadline: float = DEADLINE) -> Bounds:
     """
     if task.archive.ours:
         return sampled(task, Budget(limit=P3_LIMIT))
-    told = told_apart(_say_p3, task, deadline)
-    if told.ending:
-        raise FmuError(f"the process of the FMU {told.ending}{told.printed}")
-    (line,) = told.lines
+    report = run_apart(_say_p3, task, deadline)
+    if report.ending:
+        raise FmuError(f"the process of the FMU {report.ending}{report.printed}")
+    (line,) = report.lines
     if "why" in line:
         raise FmuError(line["why"])
     return Bounds(**line)
 
 
 def _found_apart(task: CheckTask, deadline: float, tell: Tell) -> list[Finding]:
-    told = told_apart(say_findings, task, deadline, tell)
-    found = [Finding(**line) for line in told.lines]
-    if told.ending:
+    report = run_apart(say_findings, task, deadline, tell)
+    found = [Finding(**line) for line in report.lines]
+    if report.ending:
         after = f", after {found[-1].topic}: {found[-1].name}" if found else ""
-        text = f"the process of the FMU {told.ending} while {told.stage}{after}{told.printed}"
+        text = f"the process of the FMU {report.ending} while {report.stage}{after}{report.printed}"
         found.append(Finding("runs", "process", "fails", text))
     return found
 
@@ -104,7 +104,7 @@ def _say_p3(task: CheckTask, tell: Tell) -> Iterator[dict[str, Any]]:
         yield {"why": str(error)}
 
 
-def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> ProcessOutcome:
+def run_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> ProcessOutcome:
     """Run a function on a task in a process of its own.
 
     The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
@@ -130,13 +130,13 @@ def told_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard)
             start_new_session=True,
         )
         try:
-            told = _listen(process, deadline, tell)
+            report = _listen(process, deadline, tell)
         finally:
             _kill(process)
         printed.seek(max(0, printed.tell() - PRINTED))
         words = printed.read().decode(errors="replace").splitlines()
     words = [line.strip() for line in words if line.strip()]
-    return replace(told, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
+    return replace(report, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
 
 
 def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> ProcessOutcome:

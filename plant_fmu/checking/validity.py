@@ -64,7 +64,7 @@ def _grouped(problems: Sequence[str]) -> Iterator[str]:
     """Yield each problem once, whatever its line and the names in it, with how often it is."""
     kinds: dict[str, list[str]] = {}
     for problem in problems:
-        told = " ".join(problem.split())
-        kinds.setdefault(_VARYING.sub("", told), []).append(told)
+        line = " ".join(problem.split())
+        kinds.setdefault(_VARYING.sub("", line), []).append(line)
     for first, *more in kinds.values():
         yield f"{first} ({len(more) + 1} times alike)" if more else first

@@ -20,10 +20,10 @@ _TIME = Struct("<d")
 
 def encode(archive: Archive, numbers: Array, states: Sequence[bytes]) -> list[bytes]:
     """Return the checkpoints of rows of numbers (rows, count), of which the first is the time."""
-    digest, told = bytes.fromhex(archive.sha256), numbers.astype("<f8")
+    digest, rows = bytes.fromhex(archive.sha256), numbers.astype("<f8")
     return [
         HEAD.pack(digest, row.size, len(state)) + row.tobytes() + state
-        for row, state in zip(told, states, strict=True)
+        for row, state in zip(rows, states, strict=True)
     ]
 
 
@@ -49,8 +49,8 @@ def decode(
             )
         if len(row) != after + length:
             raise FmuError(f"{what} has {len(row)} bytes, expected {after + length}")
-    told = np.frombuffer(b"".join(row[HEAD.size : after] for row in data), "<f8")
-    return told.reshape(len(data), count).astype(float), [row[after:] for row in data]
+    values = np.frombuffer(b"".join(row[HEAD.size : after] for row in data), "<f8")
+    return values.reshape(len(data), count).astype(float), [row[after:] for row in data]
 
 
 def time_of(data: Sequence[bytes], n: int) -> float:

@@ -73,16 +73,16 @@ def offers(
     archive: Archive, names: Mapping[str, Spec], sizes: Mapping[int, int] = NO_SIZES
 ) -> tuple[Offer, ...]:
     """Return the ways that an FMU offers, the most accurate first."""
-    told = archive.description
+    description = archive.description
     has_state = has(archive, names, "q", "qd", sizes=sizes)
     torque = has_state and takes(archive, names, "tau", sizes=sizes)
-    steps, equations = told.coSimulation, told.modelExchange
+    steps, equations = description.coSimulation, description.modelExchange
     offered: list[Offer] = []
     references = takes(archive, names, "position_ref", "velocity_ref", sizes=sizes)
     if steps and has_state and references:
         reason = "it takes references and holds the PD law: exact to its own tolerance"
         offered.append(Offer("reference", "CoSimulation", reason))
-    if equations and not archive.clocks and torque and told.numberOfContinuousStates:
+    if equations and not archive.clocks and torque and description.numberOfContinuousStates:
         reason = (
             "it takes tau, so that the PD law is in the right-hand side: exact to the solver's "
         )
@@ -145,8 +145,8 @@ def _refusal(
     lacking += sorted({"CoSimulation", "ModelExchange"}.difference(archive.kinds))
     if archive.clocks:
         lacking.append(f"an environment that ticks its clocks {', '.join(archive.clocks)}")
-    told = archive.description.coSimulation
-    if told and not told.canGetAndSetFMUstate:
+    description = archive.description.coSimulation
+    if description and not description.canGetAndSetFMUstate:
         lacking.append("canGetAndSetFMUState")
     if driving.uneven and not archive.takes_uneven_steps:
         lacking.append("canHandleVariableCommunicationStepSize, for sampling times are aperiodic")

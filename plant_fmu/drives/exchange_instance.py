@@ -120,10 +120,10 @@ class Exchanged:
         self.arrive(time)
         if not self.tells_steps:
             return False
-        told = self._calls.complete_step(self._handle)
-        self._expect(told.status, "completing a step of the solver")
-        self._expect_to_go_on(told.terminate)
-        return told.event
+        completed = self._calls.complete_step(self._handle)
+        self._expect(completed.status, "completing a step of the solver")
+        self._expect_to_go_on(completed.terminate)
+        return completed.event
 
     def torque(self) -> Array:
         """Return the law's torque now, (m,), without the disturbance."""
@@ -144,14 +144,14 @@ class Exchanged:
         """Iterate the discrete states until they rest, and go on in continuous time."""
         handle, calls = self._handle, self._calls
         for _ in range(ITERATIONS):
-            told = calls.update(handle)
-            self._expect(told.status, "an event")
-            self._expect_to_go_on(told.terminate)
-            if not told.again:
+            update = calls.update(handle)
+            self._expect(update.status, "an event")
+            self._expect_to_go_on(update.terminate)
+            if not update.again:
                 break
         else:
             raise self.failure(f"an event did not come to rest in {ITERATIONS} iterations")
-        self.next_event = told.next_event
+        self.next_event = update.next_event
         status = max(
             calls.enter_continuous_time_mode(handle),
             calls.get_states(handle, self.states_at, self.states.size),

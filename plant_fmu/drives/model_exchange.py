@@ -81,7 +81,7 @@ class ModelExchangePlants:
     def save(self) -> list[bytes]:
         """Return each robot's time, next event, law and states; only where it is `exact`."""
         assert self._states is not None
-        told = [
+        numbers = [
             np.hstack(
                 [
                     robot.time,
@@ -95,17 +95,17 @@ class ModelExchangePlants:
             for robot, law in zip(self._robots, self._laws, strict=True)
         ]
         states = self._states.save(self._robots[0].time)
-        return encode(self._instances.library.archive, np.array(told), states)
+        return encode(self._instances.library.archive, np.array(numbers), states)
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned; only where it is `exact`."""
         assert self._states is not None
         m, instances = self.q.shape[1], self._instances
         count = 3 + 2 * m + self._robots[0].states.size
-        told, own = decode(instances.library.archive, instances.robots, data, count)
-        self._states.restore(own, float(told[0, 0]))
+        rows, own = decode(instances.library.archive, instances.robots, data, count)
+        self._states.restore(own, float(rows[0, 0]))
         for numbers, robot, law, solver in zip(
-            told, self._robots, self._laws, self._solvers, strict=True
+            rows, self._robots, self._laws, self._solvers, strict=True
         ):
             (time, next_event, since), position, velocity, states = np.split(
                 numbers, [3, 3 + m, 3 + 2 * m]
@@ -119,7 +119,7 @@ class ModelExchangePlants:
 
     def _start(self, bodies: Sequence[Body]) -> None:
         instances = self._instances
-        instances.initialise(bodies, [{} if self._free else _told(body) for body in bodies])
+        instances.initialise(bodies, [{} if self._free else _start_values(body) for body in bodies])
         self._laws = [Law([body]) for body in bodies]
         outputs, m = MOTION if self._free else STATE, self.q.shape[1]
         self._robots = [
@@ -152,5 +152,5 @@ def _move(robot: Exchanged, solver: Solver, end: float) -> None:
     raise robot.failure(f"more than {MAX_EVENTS} events in a step up to t = {end:g} s")
 
 
-def _told(body: Body) -> dict[str, Array]:
+def _start_values(body: Body) -> dict[str, Array]:
     return {"q": body.q, "qd": body.qd}

@@ -43,7 +43,7 @@ class ReferenceDrivenPlants:
         self._tells_torque = has(archive, names, "tau_applied")
         outputs = ("q", "qd", "tau_applied") if self._tells_torque else ("q", "qd")
         self._stepped = Stepped(
-            library, bodies, names, lambda body: _told(body, archive, names), outputs
+            library, bodies, names, lambda body: _start_values(body, archive, names), outputs
         )
         self.exact = self._stepped.exact
         m, state = self._stepped.m, self._stepped.outputs
@@ -80,7 +80,7 @@ class ReferenceDrivenPlants:
             self.tau[:] = stepped.law.torque(stepped.time, stepped.state)
 
 
-def _told(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
+def _start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
     """Return what one robot's FMU is told before its run, by our names of the variables."""
     gains = {gain: getattr(body, gain) for gain in GAINS if has(archive, names, gain)}
     return {
@@ -101,7 +101,7 @@ def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
             f"{archive.label}: cannot take the disturbance of robot {body.robot}: driven by "
             f"references, it has no variable {', '.join(lacking)}"
         )
-    told = {
+    values = {
         "disturbance_offset": body.disturbance.offset,
         "disturbance_rate": body.disturbance.rate,
     }
@@ -115,6 +115,6 @@ def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
                 f"{archive.label}: takes up to {terms} sines and cosines of a disturbance "
                 f"on an axis, got {p} for robot {body.robot}"
             )
-        told[ours] = np.zeros((m, terms))
-        told[ours][:, :p] = getattr(body.disturbance, wave)
-    return told
+        values[ours] = np.zeros((m, terms))
+        values[ours][:, :p] = getattr(body.disturbance, wave)
+    return values

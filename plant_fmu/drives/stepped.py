@@ -13,7 +13,7 @@ from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.states import States
 from nrs_cosim.plant_fmu.plants import Array, Body
 
-Told = Callable[[Body], Mapping[str, Any]]
+StartValues = Callable[[Body], Mapping[str, Any]]
 
 
 class Stepped:
@@ -24,14 +24,14 @@ class Stepped:
         library: Library,
         bodies: Sequence[Body],
         names: Mapping[str, Spec],
-        told: Told,
+        start_values: StartValues,
         outputs: Sequence[str],
     ) -> None:
-        """Instantiate and initialise; `told` says what an FMU is told of a body, by our names.
+        """Instantiate and initialise; `start_values` are those of a body, by our names.
 
         What is told nothing starts where it does.
         """
-        self._told = told
+        self._start_values = start_values
         self.m = len(bodies[0].q)
         self.outputs = np.zeros((len(bodies), len(outputs) * self.m))
         self.state = self.outputs[:, : 2 * self.m]
@@ -71,23 +71,23 @@ class Stepped:
         assert self._states is not None
         law, since = self.law, np.empty((len(self.state), 2))
         since[:] = self.time, self.law.since
-        told = np.hstack([since, law.position, law.velocity])
-        return encode(self.instances.library.archive, told, self._states.save(self.time))
+        numbers = np.hstack([since, law.position, law.velocity])
+        return encode(self.instances.library.archive, numbers, self._states.save(self.time))
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned; only where it is `exact`."""
         assert self._states is not None
         m, instances = self.m, self.instances
-        told, states = decode(instances.library.archive, instances.robots, data, 2 + 2 * m)
-        self.time = float(told[0, 0])
-        self.law.hold(float(told[0, 1]), told[:, 2 : 2 + m], told[:, 2 + m :])
+        numbers, states = decode(instances.library.archive, instances.robots, data, 2 + 2 * m)
+        self.time = float(numbers[0, 0])
+        self.law.hold(float(numbers[0, 1]), numbers[:, 2 : 2 + m], numbers[:, 2 + m :])
         self._states.restore(states, self.time)
         self.read()
 
     def _start(self, bodies: Sequence[Body]) -> None:
         self.law, self.time = Law(bodies), 0.0
-        told = [self._told(body) for body in bodies]
-        self.instances.initialise(bodies, told)
+        values = [self._start_values(body) for body in bodies]
+        self.instances.initialise(bodies, values)
         self.read()
-        if all(told):
+        if all(values):
             self.instances.expect_start(bodies, self.state)

@@ -34,7 +34,7 @@ class TorqueHeldPlants:
     ) -> None:
         """Instantiate and initialise one plant for each body; `FmuError` says what is wrong."""
         self.drive, self.why, self._control_step = drive, why, control_step
-        self._stepped = Stepped(library, bodies, names, _told, ("q", "qd"))
+        self._stepped = Stepped(library, bodies, names, _start_values, ("q", "qd"))
         self._states = States(self._stepped.instances) if heun else None
         self.exact = self._stepped.exact
         m, state = self._stepped.m, self._stepped.state
@@ -87,5 +87,5 @@ class TorqueHeldPlants:
         self.tau[:] = stepped.law.torque(stepped.time, stepped.state)
 
 
-def _told(body: Body) -> dict[str, Array]:
+def _start_values(body: Body) -> dict[str, Array]:
     return {"q": body.q, "qd": body.qd}

@@ -79,11 +79,11 @@ def bind_step(dll: Any, fmi: int) -> StepCall:
         do_step = bind(dll, "fmi2DoStep", *arguments, c_int)
         return StepCall(lambda handle, start, step: do_step(handle, start, step, 1))
     event, ended, early, reached = c_bool(), c_bool(), c_bool(), c_double()
-    told = tuple(byref(value) for value in (event, ended, early, reached))
+    out = tuple(byref(value) for value in (event, ended, early, reached))
     do_step = bind(dll, "fmi3DoStep", *arguments, c_bool, *[c_void_p] * 4)
 
     def step(handle: int, start: float, step: float) -> int:
-        status = do_step(handle, start, step, True, *told)
+        status = do_step(handle, start, step, True, *out)
         if status <= WARNING and (ended or early):
             return ENDED if ended else EARLY
         return status

@@ -51,14 +51,14 @@ class Instances:
     def initialise(self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]]) -> None:
         """Set each robot's parameters and its values of our quantities; end its initialisation."""
         calls = self.library.calls
-        for row, (body, told) in enumerate(zip(bodies, values, strict=True)):
+        for row, (body, start_values) in enumerate(zip(bodies, values, strict=True)):
             handle = self.handles[row]
             assigned = assignments(self.library.archive, body.parameters)
             for assignment in assigned:
                 for status in assignment.acts(calls, handle):
                     self._expect_ok(row, f"setting {assignment.name}", status)
-            if told:
-                self._start(row, told, assigned)
+            if start_values:
+                self._start(row, start_values, assigned)
             self._expect_ok(row, "initialisation", calls.enter_initialization(handle, 0.0))
             self._expect_ok(row, "initialisation", calls.exit_initialization(handle))
 
@@ -125,15 +125,16 @@ class Instances:
     def expect_start(self, bodies: Sequence[Body], state: Array) -> None:
         """Raise `FmuError` where a robot's q and qd (robots, 2 m) are not what it was told."""
         for name, got in zip(("q", "qd"), np.split(state, 2, axis=1), strict=True):
-            told = np.array([getattr(body, name) for body in bodies])
-            good = np.isclose(got, told, rtol=1e-9, atol=1e-9).all(axis=1)
+            start_values = np.array([getattr(body, name) for body in bodies])
+            good = np.isclose(got, start_values, rtol=1e-9, atol=1e-9).all(axis=1)
             if not good.all():
                 row = int(np.flatnonzero(~good)[0])
                 raise FmuError(
                     f"{self.library.archive.label}: {name} of robot {bodies[row].robot} was to "
-                    f"start at {told[row].tolist()} (initial.{name}), but starts at "
+                    f"start at {start_values[row].tolist()} (initial.{name}), but starts at "
                     f"{got[row].tolist()}; what stands for {name} must be a state whose start "
-                    f"can be set{self._instead(name, bodies[row].robot, got[row], told[row])}"
+                    f"can be set"
+                    f"{self._instead(name, bodies[row].robot, got[row], start_values[row])}"
                 )
 
     def _instead(self, name: str, robot: int, found: Array, wanted: Array) -> str:
@@ -165,11 +166,13 @@ class Instances:
         exchange = self.rounds.exchange(view, setting=setting)
         return lambda seconds: self.expect_all(exchange(), f"access to {what}", seconds)
 
-    def _start(self, row: int, told: Mapping[str, Any], assigned: Sequence[StartValues]) -> None:
+    def _start(
+        self, row: int, start_values: Mapping[str, Any], assigned: Sequence[StartValues]
+    ) -> None:
         """Set one robot's values of our quantities, in SI, all at once."""
         sizes = sizes_of(assigned)
         archive = self.library.archive
-        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in told.items()}
+        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in start_values.items()}
         quantities = [
             find_quantity(archive, ours, self._names, size=len(value), sizes=sizes)
             for ours, value in values.items()

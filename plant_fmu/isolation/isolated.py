@@ -66,8 +66,8 @@ class IsolatedPlants:
             own = bodies[self._shares[number]]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
-            told = ShareTask(archive, own, names, driving, path, place, number, alike)
-            task.write_bytes(pickle.dumps(told))
+            share_task = ShareTask(archive, own, names, driving, path, place, number, alike)
+            task.write_bytes(pickle.dumps(share_task))
             worker = FmuProcess(
                 task,
                 self._memory.progress[number],

@@ -81,7 +81,7 @@ class Share:
         )
         self._mirror()
 
-    def told(self) -> bytes:
+    def description(self) -> bytes:
         """Return what the user is told of the plants, as JSON."""
         plants = self._plants
         names = ("kind", "drive", "why", "exact")
@@ -121,7 +121,7 @@ def serve(task: ShareTask, requests: BinaryIO, replies: BinaryIO) -> None:
         try:
             share = Share(stack, task)
             acts = {ADVANCE: share.advance, SAVE: share.save, RESTORE: share.restore}
-            send(replies, envelope(DONE, share.told()))
+            send(replies, envelope(DONE, share.description()))
             while head := requests.read(HEAD.size):
                 kind, length = HEAD.unpack(head)
                 answer = acts[kind](requests.read(length))

@@ -63,10 +63,10 @@ def dataset(reader: Reader) -> xarray.Dataset:
     coordinate = units.pop() if len(units) == 1 else ""
 
     def variable(dims: tuple[str, ...], name: str, values: NDArray[np.float64]) -> _Variable:
-        told = {"long_name": _WHAT[name]}
+        attributes = {"long_name": _WHAT[name]}
         if unit := vector_unit(name, coordinate):
-            told["units"] = unit
-        return (*dims, "joint"), values, told
+            attributes["units"] = unit
+        return (*dims, "joint"), values, attributes
 
     variables = {
         name: variable(("time", "robot"), name, values[:, 1:]) for name, values in states.items()

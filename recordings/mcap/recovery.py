@@ -22,9 +22,9 @@ def recover(reader: Reader, path: str | PathLike[str]) -> None:
     when no tick is left.
     """
     reader.expect_ticks("recover")
-    told = {"file": str(reader.path), "status": reader.status, "reason": reader.reason}
-    told["damage"] = json.dumps(reader.damage)
-    with copy_of(reader, path, {RECOVERED: told}) as writer:
+    metadata = {"file": str(reader.path), "status": reader.status, "reason": reader.reason}
+    metadata["damage"] = json.dumps(reader.damage)
+    with copy_of(reader, path, {RECOVERED: metadata}) as writer:
         for chunk in reader.batches():
             writer.write(chunk)
         writer.finish(*ending(reader))

@@ -103,11 +103,11 @@ class Writer:
         self.path = path
         self._compression = compression
         channels = list(channels)
-        told = {
+        stored = {
             name: {key: storable(value) for key, value in record.items()}
             for name, record in metadata.items()
         }
-        begin, self._summary = head(version, channels, schemas, told, attachments)
+        begin, self._summary = head(version, channels, schemas, stored, attachments)
         topics = dict(enumerate((channel.topic for channel in channels), 1))
         self.numbers = {topic: number for number, topic in topics.items()}
         """Of each topic its channel."""

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 
 class Arrays:
-    """The arrays of a page by number; `told` is what the page decodes them from."""
+    """The arrays of a page by number; `encoded` is what the page decodes them from."""
 
     def __init__(self) -> None:
-        self.told: list[dict[str, str]] = []
+        self.encoded: list[dict[str, str]] = []
         self._known: dict[tuple[str, bytes], int] = {}
 
     def put(self, array: NDArray[Any]) -> int:
@@ -19,6 +19,6 @@ class Arrays:
         kind = "f4" if array.dtype == np.float32 else "f8"
         data = np.ascontiguousarray(array, f"<{kind}").tobytes()
         if (kind, data) not in self._known:
-            self._known[kind, data] = len(self.told)
-            self.told.append({"kind": kind, "data": b64encode(data).decode("ascii")})
+            self._known[kind, data] = len(self.encoded)
+            self.encoded.append({"kind": kind, "data": b64encode(data).decode("ascii")})
         return self._known[kind, data]

@@ -98,8 +98,8 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     drawn = np.unique(np.linspace(1, n, min(n, MOST_DRAWN)).astype(np.intp))
     row_of = np.full(n + 1, -1)
     row_of[drawn] = np.arange(len(drawn))
-    sampled, told = _times(subject.times, end)
-    t_k, t = sampled / 1e9, told / 1e9
+    sampled, output_times = _times(subject.times, end)
+    t_k, t = sampled / 1e9, output_times / 1e9
     vectors = {name: np.full((len(t), len(drawn), m), np.nan) for name in VECTORS}
     largest = {
         "position_estimate": np.full(len(t_k), -1.0),
@@ -133,7 +133,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         if STATE.name in tables:
             table = tables[STATE.name]
             position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = _places(reader, told, table["time_ns"])
+            at = _places(reader, output_times, table["time_ns"])
             note("position_tracking", at, table["position"] - position, 2)
             note("velocity_tracking", at, table["velocity"] - velocity, 2)
             rows = row_of[table["robot"]]
@@ -179,8 +179,8 @@ def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
     ticks = range(times.ticks + 1)
     sampled = takewhile(lambda time: time <= end, (times.t(k) for k in ticks[1:]))
     outputs = (time for k in ticks for time in times.outputs(k))
-    told = takewhile(lambda time: time <= end, outputs)
-    return np.fromiter(sampled, np.int64), np.fromiter(told, np.int64)
+    output = takewhile(lambda time: time <= end, outputs)
+    return np.fromiter(sampled, np.int64), np.fromiter(output, np.int64)
 
 
 def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.uint64]) -> NDArray[np.intp]:

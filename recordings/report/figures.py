@@ -72,10 +72,10 @@ def groups(stories: Sequence[Story]) -> list[Group]:
 
 def run_names(stories: Sequence[Story]) -> list[str]:
     """Return a name for each recording, numbered where several share theirs."""
-    told = [story.name for story in stories]
+    names = [story.name for story in stories]
     return [
-        name if told.count(name) == 1 else f"{name} ({told[: at + 1].count(name)})"
-        for at, name in enumerate(told)
+        name if names.count(name) == 1 else f"{name} ({names[: at + 1].count(name)})"
+        for at, name in enumerate(names)
     ]
 
 
@@ -230,7 +230,7 @@ def _slope(story: Story, factor: float, name: str, group: str, ink: int | None) 
     return [Curve(name, group, envelope.t[start:][rows], line[rows], ink, "dash")]
 
 
-_TOLD = {"lost": "lost", "outage": "in an outage", "late": "late", "altered": "noisy or rounded"}
+_LABELS = {"lost": "lost", "outage": "in an outage", "late": "late", "altered": "noisy or rounded"}
 _LOOKS = {"lost": (5, 5.0), "outage": (1, 5.0), "late": (0, 5.0), "altered": (7, 1.0)}
 """The colour and the width of each kind."""
 
@@ -266,10 +266,10 @@ def _fault_panel(story: Story, label: str) -> Panel:
             x += [*story.t_k[[first - 1, last - 1]], np.nan]
             y += [row, row, np.nan]
         if x:
-            told = _TOLD[KINDS[number]]
+            kind = _LABELS[KINDS[number]]
             ink, width = _LOOKS[KINDS[number]]
             mark = width > 1
-            line = Curve(told, told, np.array(x), np.array(y), ink, width=width, marks=mark)
+            line = Curve(kind, kind, np.array(x), np.array(y), ink, width=width, marks=mark)
             curves.append(line)
     return Panel(label, tuple(curves), legend=True, rows=rows)
 

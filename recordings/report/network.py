@@ -71,8 +71,8 @@ def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
         base = tip - into * head
         wings = [base + aside * head * 0.45, base - aside * head * 0.45]
         kind = "link pinning" if j == 0 else "link"
-        told = [f"robot {i} hears {f'robot {j}' if j else 'the target'}, weight {weight:g}"]
-        told += [f"{met[j, i, at]} {name}" for at, name in enumerate(KINDS) if met[j, i, at]]
+        lines = [f"robot {i} hears {f'robot {j}' if j else 'the target'}, weight {weight:g}"]
+        lines += [f"{met[j, i, at]} {name}" for at, name in enumerate(KINDS) if met[j, i, at]]
         middle = (start + 2 * control + tip) / 4
         label = (
             ""
@@ -81,7 +81,7 @@ def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
         )
         points = " ".join(f"{_n(x)},{_n(y)}" for x, y in (tip, *wings))
         yield (
-            f'<g class="{kind}" data-nodes="{j} {i}"><title>{"; ".join(told)}</title>'
+            f'<g class="{kind}" data-nodes="{j} {i}"><title>{"; ".join(lines)}</title>'
             f'<path d="M{_n(start[0])} {_n(start[1])}Q{_n(control[0])} {_n(control[1])} '
             f'{_n(base[0])} {_n(base[1])}" stroke-width="{width:.2g}"/>'
             f'<polygon points="{points}"/>{label}</g>'

@@ -61,7 +61,7 @@ def page_data(stories: Sequence[Story]) -> dict[str, Any]:
         ],
         "groups": [{"name": name, "ink": ink} for name, ink in groups(stories)],
         "figures": [_figure(figure, arrays) for figure in figures(stories)],
-        "arrays": arrays.told,
+        "arrays": arrays.encoded,
     }
 
 

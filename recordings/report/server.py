@@ -71,8 +71,8 @@ class LiveServer(ThreadingHTTPServer):
             now = self._version()
             if now and now != self._last[0] and monotonic() >= self._rest_until:
                 began = monotonic()
-                if told := self._tell():
-                    self._last = now, told
+                if state := self._tell():
+                    self._last = now, state
                 ended = monotonic()
                 self._rest_until = ended + 9 * (ended - began)
             known = self._last
@@ -113,8 +113,8 @@ class _Answer(BaseHTTPRequestHandler):
             if news is None:
                 self._send(204, b"", "application/json")
             else:
-                version, told = news
-                self._send(200, told, "application/json", version)
+                version, state = news
+                self._send(200, state, "application/json", version)
                 self.server.handed(version)
         else:
             self._send(404, b"", "text/plain")

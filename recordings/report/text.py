@@ -28,7 +28,7 @@ def lead(story: Story) -> str:
     robots = f"{story.n} robot{'s' * (story.n > 1)}"
     joints = f"{story.m} joint{'s' * (story.m > 1)}"
     seen = _listed(pinned)
-    told = [
+    sentences = [
         f"{robots} with {joints} each follow a target that {seen} hear{'s' * (len(pinned) == 1)}; "
         f"what they believe of it spreads over {_count(among, 'link')} among the robots.",
         *([subject.turns] if subject.turns else []),
@@ -37,8 +37,8 @@ def lead(story: Story) -> str:
         _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
     ]
     if len(story.drawn) < story.n:
-        told.append(f"{len(story.drawn)} of the robots are drawn; envelopes are over all.")
-    return " ".join(told)
+        sentences.append(f"{len(story.drawn)} of the robots are drawn; envelopes are over all.")
+    return " ".join(sentences)
 
 
 def measured(story: Story) -> Iterator[dict[str, Any]]:

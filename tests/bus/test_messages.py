@@ -121,8 +121,8 @@ def test_a_blobs_fields_are_declared():
     (file,) = descriptor_pb2.FileDescriptorSet.FromString(CHECKPOINT.descriptor()).file
     (message,) = file.message_type
     assert (file.package, message.name) == ("nrs", "Checkpoint")
-    told = [(field.name, field.number, field.proto3_optional) for field in message.field]
-    assert told == [("robot", 1, True), ("k", 2, True), ("time_ns", 3, True), ("data", 4, False)]
+    result = [(field.name, field.number, field.proto3_optional) for field in message.field]
+    assert result == [("robot", 1, True), ("k", 2, True), ("time_ns", 3, True), ("data", 4, False)]
 
 
 def test_a_blob_that_is_cut_or_is_another_message_is_refused():

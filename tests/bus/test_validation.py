@@ -87,19 +87,19 @@ def test_robots_that_are_silent_owe_nothing():
 @pytest.mark.parametrize("k", [0, 1, K, TICKS])
 def test_a_tick_is_what_was_put(k):
     wire = new_wire()
-    told = Tick(states_of(wire, k), wire.none, checkpoints_of(k=k, time_ns=100 * k))
-    got_k, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, told))
+    result = Tick(states_of(wire, k), wire.none, checkpoints_of(k=k, time_ns=100 * k))
+    got_k, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))
     assert got_k == k
-    assert got.states.tobytes() == told.states.tobytes()
+    assert got.states.tobytes() == result.states.tobytes()
     assert len(got.link_events) == 0
-    assert got.checkpoints == told.checkpoints
+    assert got.checkpoints == result.checkpoints
 
 
 def test_faults_are_what_was_put_and_checkpoints_may_be_missing():
     wire = new_wire()
-    told = Tick(states_of(wire), faults_of(wire), ())
-    _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, K, told))
-    assert got.link_events.tobytes() == told.link_events.tobytes()
+    result = Tick(states_of(wire), faults_of(wire), ())
+    _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, K, result))
+    assert got.link_events.tobytes() == result.link_events.tobytes()
     assert list(got.checkpoints) == []
 
 
@@ -248,8 +248,8 @@ def test_the_largest_batch_is_that_of_the_first_or_of_a_later_tick():
     """The grid has one output at t_0 and two in each interval; states of both are believed."""
     wire = new_wire()
     for k in (1, 0, K):
-        told = Tick(states_of(wire, k), wire.none, ())
-        assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, told))[0] == k
+        result = Tick(states_of(wire, k), wire.none, ())
+        assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))[0] == k
 
 
 def test_without_a_secret_there_is_no_seal():

@@ -79,7 +79,7 @@ class Told:
                 return line
         raise AssertionError(f"{text!r} is not among {self.lines}")
 
-    def told(self) -> list[str]:
+    def all_lines(self) -> list[str]:
         """Return all lines, up to the last."""
         while (line := self._coming.get(timeout=GUARD)) is not None:
             self.lines.append(line)
@@ -244,7 +244,7 @@ class Command(Told):
         status = self.process.wait(GUARD)
         self._guard.cancel()
         self._reader.shutdown()
-        self.told()
+        self.all_lines()
         for pipe in (self.process.stdin, self.process.stdout):
             pipe.close()
         return status, "\n".join(self.lines)
@@ -273,12 +273,14 @@ def commands():
 
 def main() -> None:
     """Run as a JSON object says: the arguments of `Run`, with paths as text."""
-    told = json.loads(sys.argv[1])
-    if told.get("tls"):
-        told["tls"] = Tls(*map(Path, told["tls"]))
+    arguments = json.loads(sys.argv[1])
+    if arguments.get("tls"):
+        arguments["tls"] = Tls(*map(Path, arguments["tls"]))
     for name in ("listen", "connect"):
-        told[name] = tuple(told.get(name, ()))
-    with Run(read_scenario(Path(told.pop("file"))), Path(told.pop("output")), **told) as directed:
+        arguments[name] = tuple(arguments.get(name, ()))
+    with Run(
+        read_scenario(Path(arguments.pop("file"))), Path(arguments.pop("output")), **arguments
+    ) as directed:
         while (line := directed._coming.get()) is not None:
             print(line)
             if line.startswith("paused"):

@@ -143,7 +143,7 @@ def test_plants_that_are_alike_are_told_once_whatever_worker_they_are_on():
     let_in(assignment, "b", (1, 3, 4))
     assignment["a"].plants = [{"fmu": "arm", "robots": [2, 5]}]
     assignment["b"].plants = [{"fmu": "arm", "robots": [1, 4]}, {"fmu": "other", "robots": [3]}]
-    assert assignment.told() == [
+    assert assignment.describe_plants() == [
         {"fmu": "arm", "robots": [1, 2, 4, 5]},
         {"fmu": "other", "robots": [3]},
     ]

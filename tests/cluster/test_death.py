@@ -43,7 +43,7 @@ def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.ticks) == ("completed", "", TICKS)
     assert outcome.restarts == 4
-    assert len([told for told in spread.said if "was ended by SIGKILL" in told]) == 4
+    assert len([result for result in spread.said if "was ended by SIGKILL" in result]) == 4
     assert story(outcome.path) == story(whole)
     assert digest(outcome.path) == digest(whole)
 
@@ -100,8 +100,8 @@ def test_a_plant_without_checkpoints_comes_back_from_the_beginning(tmp_path):
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 2)
     assert digest(outcome.path) == digest(tmp_path / "1.mcap")
     with Reader(outcome.path) as reader:
-        told = {m[1] for m in reader.messages() if m[1].endswith("/checkpoint")}
-    assert told == {f"/robot_{robot}/checkpoint" for robot in (1, 2, 5, 6)}
+        result = {m[1] for m in reader.messages() if m[1].endswith("/checkpoint")}
+    assert result == {f"/robot_{robot}/checkpoint" for robot in (1, 2, 5, 6)}
 
 
 def test_without_restart_a_death_ends_the_run(tmp_path):
@@ -170,10 +170,10 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     assert outcome.status == "failed"
     k = outcome.ticks
     assert 0 <= k <= 5
-    told = (
+    result = (
         rf"worker local-2 \(robots 2-3\) was ended by SIGSEGV; .*, after tick {k}, for the 4th time"
     )
-    assert re.match(told, outcome.reason), outcome.reason
+    assert re.match(result, outcome.reason), outcome.reason
     assert [line for line in spread.said if "it is started again" not in line] == []
     assert len(spread.said) == outcome.restarts
     assert all(re.search(rf"after tick {k};", line) for line in spread.said[-3:])

@@ -78,8 +78,8 @@ with open_session(Endpoints(connect=(meet,), insecure_tcp=True)) as session:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak is told by Linux only")
 def test_600_megabytes_of_a_stranger_are_never_held_together(nrs, tmp_path):
     path, meet = scenario(tmp_path, 20), f"tcp/127.0.0.1:{free_port()}"
-    told = {"file": str(path), "output": str(tmp_path / "x.mcap"), "listen": [meet]}
-    run = nrs(dumps(told | {"pauses": [10]}), program=PROCESS)
+    result = {"file": str(path), "output": str(tmp_path / "x.mcap"), "listen": [meet]}
+    run = nrs(dumps(result | {"pauses": [10]}), program=PROCESS)
     id_ = run.until("waits for workers").split()[1]
     worker = Worker(meet, "left")
     run.until("paused at tick 10")

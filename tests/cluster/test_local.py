@@ -86,6 +86,6 @@ def test_what_is_told_of_a_group_is_told_wherever_its_robots_are(tmp_path):
     )
     run(file, tmp_path / "1.mcap")
     Spread(file, 3).run(tmp_path / "3.mcap")
-    (told,) = plants(tmp_path / "1.mcap")
-    assert told["robots"] == [1, 2, 3, 4, 5, 6]
-    assert plants(tmp_path / "3.mcap") == [told]
+    (result,) = plants(tmp_path / "1.mcap")
+    assert result["robots"] == [1, 2, 3, 4, 5, 6]
+    assert plants(tmp_path / "3.mcap") == [result]

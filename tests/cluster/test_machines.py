@@ -31,9 +31,9 @@ def test_workers_of_another_machine_run_to_the_same_bits_also_when_cut(protocol,
                 tls = authority.issue(name, wire.right.address)
                 others[name] = ["--tls-ca", tls.ca, "--tls-certificate", tls.certificate]
                 others[name] += ["--tls-key", tls.key]
-        told = {"file": str(path), "output": str(tmp_path / "run.mcap"), "listen": [meet]}
-        told |= {"pauses": [PAUSE], "expected": 2, **own}
-        run = nrs(json.dumps(told), program=wire.left.command(*PROCESS))
+        result = {"file": str(path), "output": str(tmp_path / "run.mcap"), "listen": [meet]}
+        result |= {"pauses": [PAUSE], "expected": 2, **own}
+        run = nrs(json.dumps(result), program=wire.left.command(*PROCESS))
         workers = [
             nrs(
                 "worker", "--connect", meet, "--name", name, *more, program=wire.right.command(*NRS)

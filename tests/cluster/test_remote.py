@@ -155,9 +155,11 @@ def test_plain_tcp_is_to_be_asked_for_on_loopback_too(command, address, monkeypa
     monkeypatch.setattr(sys, "argv", ["nrs", *command, f"tcp/{address}:7447"])
     with pytest.raises(SystemExit, match="2"):
         main()
-    told = " ".join(capsys.readouterr().err.split())
-    assert f"{command[-1]}: 'tcp/{address}:7447' is plain TCP, where anyone who reaches it" in told
-    assert "--insecure-tcp" in told
+    result = " ".join(capsys.readouterr().err.split())
+    assert (
+        f"{command[-1]}: 'tcp/{address}:7447' is plain TCP, where anyone who reaches it" in result
+    )
+    assert "--insecure-tcp" in result
 
 
 def test_of_two_runs_on_one_router_a_worker_says_which(short, meet, nrs, tmp_path):
@@ -221,7 +223,7 @@ def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
             worker = Worker(cable.endpoint, "worker")
             assert run.digest() == digest
         worker.end()
-    assert any("the orchestrator is gone; looking for it again" in line for line in worker.told())
+    assert any("the orchestrator is gone; looking for it again" in line for line in worker.lines())
 
 
 def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
@@ -258,8 +260,8 @@ def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
 ):
     _, digest = long
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
-    told = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
-    run = nrs(json.dumps({**told, "listen": [meet], "pauses": [100]}), program=PROCESS)
+    result = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
+    run = nrs(json.dumps({**result, "listen": [meet], "pauses": [100]}), program=PROCESS)
     workers = [
         nrs("worker", "--insecure-tcp", "--connect", meet, "--name", name, "--robots", robots)
         for name, robots in (("left", "1-3"), ("right", "4-6"))

@@ -239,8 +239,10 @@ def test_fmus_are_found_where_the_scenario_was_and_must_be_the_same(tmp_path, mo
     rewritten(tmp_path / "arm.fmu", 3, lambda text: text.replace("planar", "Planar") + " ")
     done = nrs("resume", cut, "-o", tmp_path / "again.mcap")
     assert done.returncode == 2
-    told = f"error: plant: {tmp_path}/arm.fmu is not the FMU that the recording was made with: its"
-    assert done.stderr.startswith(told)
+    result = (
+        f"error: plant: {tmp_path}/arm.fmu is not the FMU that the recording was made with: its"
+    )
+    assert done.stderr.startswith(result)
     assert not (tmp_path / "again.mcap").exists()
 
 

@@ -37,8 +37,8 @@ def meet():
 
 def hello(public, incarnation="its-session", robots=ASSIGNMENT["left"]):
     """Return what a worker says to be let in."""
-    told = {"version": version("nrs-cosim"), "incarnation": incarnation, "robots": robots}
-    return Hello(**told, public=public).written()
+    result = {"version": version("nrs-cosim"), "incarnation": incarnation, "robots": robots}
+    return Hello(**result, public=public).written()
 
 
 def ask(intruder, key, payload):

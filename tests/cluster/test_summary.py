@@ -59,12 +59,12 @@ def test_where_the_time_went(toml, tmp_path, workers):
     """Shares of the wall time, on average over workers; with --profile, seconds of each process."""
     done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--workers", workers, "--profile")
     assert done.returncode == 0, done.stderr
-    told, (title, *rows) = lines_of(done.stdout)
-    assert told.keys().isdisjoint({"refused", "restarts"})
-    wall = float(re.search(r" in ([\d.]+) s,", told["ticks"])[1])
+    result, (title, *rows) = lines_of(done.stdout)
+    assert result.keys().isdisjoint({"refused", "restarts"})
+    wall = float(re.search(r" in ([\d.]+) s,", result["ticks"])[1])
     whose = "," if workers == 1 else " of a worker's on average;"
     shares = rf"(\d+) % plants, (\d+) % bus, (\d+) % waiting{whose} (\d+) % recording"
-    assert 0 <= sum(map(int, re.fullmatch(shares, told["time"]).groups())) <= 200
+    assert 0 <= sum(map(int, re.fullmatch(shares, result["time"]).groups())) <= 200
     assert title.split()[4:] == ["plants", "bus", "recording", "waiting", "other"]
     names = ["here"] if workers == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
     assert [row.split()[0] for row in rows] == names

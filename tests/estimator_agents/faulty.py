@@ -110,7 +110,7 @@ def simulate(network, jump, start, targets, h, ticks):
         left = {i: [[x + h * v for x, v in zip(*now[i], strict=True)], now[i][1]] for i in now}
         sent = {0: targets[k], **left}
         zeros = [0.0] * network.m
-        told = [(i, i, 0, 1, 0, zeros, zeros) for i in now if network.silent(i, k)]
+        result = [(i, i, 0, 1, 0, zeros, zeros) for i in now if network.silent(i, k)]
         there = {}
         for (j, i), samples in on_way.items():
             if network.has(j, i, k):
@@ -118,7 +118,7 @@ def simulate(network, jump, start, targets, h, ticks):
                 if not (lost or outage):
                     samples.append((k + delay, k, arriving))
                 if lost or outage or delay or arriving != sent[j]:
-                    told.append((i, j, int(lost), int(outage), delay, *arriving))
+                    result.append((i, j, int(lost), int(outage), delay, *arriving))
             newest = max((s for s in samples if s[0] == k), key=lambda s: s[1], default=None)
             delivered = newest and (last[j, i] is None or newest[1] > last[j, i][1])
             if delivered:
@@ -129,7 +129,7 @@ def simulate(network, jump, start, targets, h, ticks):
                 there[j, i] = last[j, i] and last[j, i][2]
         weights = network.weights(k)
         now = {i: jump(left[i], *_disagreement(weights, i, left[i], there)) for i in now}
-        story.append((left, now, sorted(told)))
+        story.append((left, now, sorted(result)))
     return story
 
 

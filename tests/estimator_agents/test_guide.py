@@ -74,9 +74,9 @@ def test_the_guide_s_algorithm_checks_and_runs(installed):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    told = json.loads(nrs("check", "s.toml", "--json"))
-    assert told["spectral_radius"] < 1
-    assert [c["name"] for c in told["conditions"]][:1] == ["alpha"]
+    result = json.loads(nrs("check", "s.toml", "--json"))
+    assert result["spectral_radius"] < 1
+    assert [c["name"] for c in result["conditions"]][:1] == ["alpha"]
     nrs("run", "s.toml", "-o", "s.mcap")
     theory = json.loads(nrs("info", "s.mcap", "--json"))["theory"]
     position = theory["quantities"][0]
@@ -118,7 +118,7 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
 
 @pytest.mark.parametrize("command", ["check", "run"])
 @pytest.mark.parametrize(
-    ("scenario", "was", "now", "told", "line"),
+    ("scenario", "was", "now", "result", "line"),
     [
         (
             HETERO,
@@ -162,9 +162,9 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
     ],
     ids=["third argument", "typo", "fields", "import", "shape"],
 )  # fmt: skip
-def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, told, line):
+def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, result, line):
     done, place = broken(command, scenario, was, now)
-    assert done.stderr.replace("\n", "") == f"error: algorithm.name: {told}, {place[line]}"
+    assert done.stderr.replace("\n", "") == f"error: algorithm.name: {result}, {place[line]}"
     assert done.returncode == 2
 
 

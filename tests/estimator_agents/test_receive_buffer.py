@@ -148,7 +148,7 @@ def together(parts):
     return rows[np.argsort(robots)].swapaxes(0, 1)
 
 
-def told(faults):
+def fault_records(faults):
     """Return fault records as tuples, sorted by robot and source."""
     names = ("robot", "source", "lost", "outage", "delay", "position", "velocity")
     return sorted(tuple(record[name].tolist() for name in names) for record in faults)
@@ -168,7 +168,7 @@ def test_agents_do_what_plain_python_does_to_the_bit(network, order):
         advance([agents], k, targets[k])
         theirs = np.array([now[i] for i in range(1, n + 1)]).swapaxes(0, 1)
         assert together([agents]).tolist() == theirs.tolist(), f"at k = {k}"
-        assert told(agents.link_events) == faults
+        assert fault_records(agents.link_events) == faults
         assert set(agents.link_events["k"].tolist()) <= {k}
         assert set(agents.link_events["time_ns"].tolist()) <= {network.t(k)}
 
@@ -215,9 +215,12 @@ def test_any_partition_and_any_restart_give_the_same_bits(network, data):
         bits = together(whole).tobytes()
         assert together(apart).tobytes() == bits, f"at k = {k}"
         assert together(mixed).tobytes() == bits, f"at k = {k}"
-        faults = told(whole[0].link_events)
+        faults = fault_records(whole[0].link_events)
         for parts in (apart, mixed):
-            assert sorted(fault for part in parts for fault in told(part.link_events)) == faults
+            assert (
+                sorted(fault for part in parts for fault in fault_records(part.link_events))
+                == faults
+            )
 
 
 def plain(missing="hold", **given):

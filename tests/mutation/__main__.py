@@ -54,15 +54,15 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=SAMPLE, help=f"how many, {SAMPLE}")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--all", action="store_true", help="each of them, which takes hours")
-    told = parser.parse_args()
+    result = parser.parse_args()
     known, found, tests = equivalents(), mutations(), modules()
-    if unknown := set(told.modules) - set(found):
+    if unknown := set(result.modules) - set(found):
         parser.error(f"{min(unknown)}: is not in tests/mutation/modules.toml")
-    each = max(1, -(-told.sample // len(found)))
+    each = max(1, -(-result.sample // len(found)))
     chosen = {
-        module: of if told.all else drawn(of, each, told.seed)
+        module: of if result.all else drawn(of, each, result.seed)
         for module, of in found.items()
-        if not told.modules or module in told.modules
+        if not result.modules or module in result.modules
     }
     with tempfile.TemporaryDirectory(prefix="nrs-mutants-") as folder:
         results = _tried(Tree.copied(ROOT, Path(folder)), chosen, tests, known)

@@ -20,12 +20,12 @@ from pathlib import Path
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Endpoints
 
-told = json.loads(sys.argv[1])
-if told.get("tls"):
-    told["tls"] = Tls(*map(Path, told["tls"]))
+arguments = json.loads(sys.argv[1])
+if arguments.get("tls"):
+    arguments["tls"] = Tls(*map(Path, arguments["tls"]))
 for side in ("listen", "connect"):
-    told[side] = tuple(told.get(side, ()))
-endpoints = Endpoints(**told)
+    arguments[side] = tuple(arguments.get(side, ()))
+endpoints = Endpoints(**arguments)
 """
 
 NODE = (
@@ -99,7 +99,7 @@ sys.stdin.readline()
 )
 
 
-def told(tls=None, **endpoints):
+def settings_of(tls=None, **endpoints):
     """Return what a node of the test is told: fields of its `Endpoints`."""
     return json.dumps({**endpoints, "tls": tls and [str(path) for path in asdict(tls).values()]})
 
@@ -117,8 +117,8 @@ def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path)
             hub_tls = authority.issue("orchestrator", address)
             client_tls = authority.issue("left", wire.right.address)
         meet = [f"{protocol}/{address}:{PORT}"]
-        listen = told(hub_tls, listen=meet, insecure_tcp=True, lease=LEASE)
-        connect = told(client_tls, connect=meet, insecure_tcp=True, lease=LEASE, wait=GUARD)
+        listen = settings_of(hub_tls, listen=meet, insecure_tcp=True, lease=LEASE)
+        connect = settings_of(client_tls, connect=meet, insecure_tcp=True, lease=LEASE, wait=GUARD)
         with wire.left.python(HUB, listen) as hub:
             assert hub.stdout.readline() == "open\n"
             with wire.right.python(CLIENT, connect, str(MESSAGES)) as client:
@@ -138,9 +138,11 @@ def test_a_cut_is_told_to_senders_whom_it_stops(tmp_path):
     """Zenoh closes a link over TLS only when all that was put into it has left, or TCP gives up."""
     with two_machines() as wire:
         authority, meet = Authority(tmp_path), [f"tls/{wire.left.address}:{PORT}"]
-        listen = told(authority.issue("orchestrator", wire.left.address), listen=meet, lease=LEASE)
+        listen = settings_of(
+            authority.issue("orchestrator", wire.left.address), listen=meet, lease=LEASE
+        )
         client = authority.issue("left", wire.right.address)
-        connect = told(client, connect=meet, lease=LEASE, wait=GUARD)
+        connect = settings_of(client, connect=meet, lease=LEASE, wait=GUARD)
         with wire.left.python(FLOOD, listen) as hub:
             assert hub.stdout.readline()
             with wire.right.python(FLOOD, connect) as client:

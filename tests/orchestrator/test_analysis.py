@@ -136,9 +136,9 @@ def test_a_verdict_says_what_it_is_within(measured, verdict, above, word):
     assert row.above == above
     assert word.startswith(row.status)
     assert Judgement("", (row,), None, None).as_json()["quantities"][0]["status"] == row.status
-    told = replace(row, bound=replace(bound, unproven=True))
-    assert "0.1675, unproven" in shown(Judgement("", (told,), None, None))
-    assert Judgement("", (told,), None, None).as_json()["quantities"][0]["unproven"] == ["paper"]
+    result = replace(row, bound=replace(bound, unproven=True))
+    assert "0.1675, unproven" in shown(Judgement("", (result,), None, None))
+    assert Judgement("", (result,), None, None).as_json()["quantities"][0]["unproven"] == ["paper"]
     assert Judgement("", (row,), None, None).as_json()["quantities"][0]["unproven"] == []
     words = shown(Judgement("", (row,), 0.1, 0.1021))
     assert "0.1675, unproven" not in words
@@ -365,10 +365,10 @@ def test_a_target_that_rests_is_reached():
     text = PAPER.read_text("utf-8")
     start, end = text.index("axes = ["), text.index("[plant]")
     text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
-    told = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
-    assert (told.gamma_1, told.gamma_2) == (0, 0)
-    assert told.exact == told.sharp == told.paper.bound == EstimateBounds(0, 0)
-    assert told.tracking.paper.position < 0.2
+    result = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
+    assert (result.gamma_1, result.gamma_2) == (0, 0)
+    assert result.exact == result.sharp == result.paper.bound == EstimateBounds(0, 0)
+    assert result.tracking.paper.position < 0.2
 
 
 def test_check_says_that_bounds_of_short_periods_are_not_computed():
@@ -376,10 +376,10 @@ def test_check_says_that_bounds_of_short_periods_are_not_computed():
     asked = ("check", SCENARIOS / "paper_example_3a.toml", "--accuracy", "0.1", "0.5")
     shown = " ".join(nrs(*asked).stdout.split())
     assert re.search(r"proven kp = \S+ kd = \S+ h not computed: of 0.001 s and more none", shown)
-    told = json.loads(nrs(*asked, "--json").stdout)["design"]
-    assert told["proven"]["status"] == "not computed"
-    assert told["proven"]["bounds_from"] == pytest.approx(1e-3)
-    assert told["paper"]["status"] == "no period is short enough"
+    result = json.loads(nrs(*asked, "--json").stdout)["design"]
+    assert result["proven"]["status"] == "not computed"
+    assert result["proven"]["bounds_from"] == pytest.approx(1e-3)
+    assert result["paper"]["status"] == "no period is short enough"
 
 
 def test_check_shows_and_tells_what_an_accuracy_takes():
@@ -388,18 +388,18 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     assert re.search(r"paper +kp = 359.341, .* \(equations 6.1, 6.2\): unproven", shown)
     assert re.search(r"proven +kp = ", shown)
     assert len(re.findall(r"\|2 .*, unproven", shown)) == 2
-    told = json.loads(nrs(*asked, "--json").stdout)
-    assert told["design"]["paper"]["kp"] == pytest.approx(359.3407, abs=1e-3)
-    assert told["design"]["paper"]["status"] == told["design"]["proven"]["status"] == "found"
-    assert told["tracking"]["unproven"] == ["paper", "sharp"]
-    assert told.keys() >= {
+    result = json.loads(nrs(*asked, "--json").stdout)
+    assert result["design"]["paper"]["kp"] == pytest.approx(359.3407, abs=1e-3)
+    assert result["design"]["paper"]["status"] == result["design"]["proven"]["status"] == "found"
+    assert result["tracking"]["unproven"] == ["paper", "sharp"]
+    assert result.keys() >= {
         "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
         "conditions", "network", "rate", "settling_time", "gamma_1", "gamma_2", "norms",
         "estimates", "plants", "tracking",
     }  # fmt: skip
-    assert told["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
-    assert told["settling_time"] == pytest.approx(np.log(1e6) / told["rate"])
-    assert told["millionth"] == pytest.approx(11.1)
+    assert result["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
+    assert result["settling_time"] == pytest.approx(np.log(1e6) / result["rate"])
+    assert result["millionth"] == pytest.approx(11.1)
 
 
 @pytest.mark.parametrize(

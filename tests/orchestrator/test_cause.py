@@ -25,8 +25,8 @@ def cause_of(path):
     """Return what `nrs info --json` tells of it."""
     done = nrs("info", path, "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    return told["cause"], told
+    result = json.loads(done.stdout)
+    return result["cause"], result
 
 
 def test_a_completed_run_has_none(paper, tmp_path):
@@ -41,13 +41,13 @@ def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_
     path = tmp_path / "run.mcap"
     done = nrs("run", tmp_path / "s.toml", "-o", path, "--workers", workers)
     assert done.returncode == 1
-    cause, told = cause_of(path)
+    cause, result = cause_of(path)
     assert cause["kind"] == "diverged"
-    assert cause["tick"] == told["ticks"] + 1
+    assert cause["tick"] == result["ticks"] + 1
     assert (cause["tick"] - 1) * 10**8 < cause["time_ns"] <= cause["tick"] * 10**8
     assert cause["quantity"] in QUANTITIES
     said = f"diverged at t = {cause['time_ns'] / 1e9:g} s: robot {cause['robot']}'s "
-    assert told["reason"].startswith(said + cause["quantity"])
+    assert result["reason"].startswith(said + cause["quantity"])
 
 
 @pytest.mark.parametrize("isolate", ["true", "false"])
@@ -57,11 +57,11 @@ def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
     (tmp_path / "s.toml").write_text(text, "utf-8")
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "run.mcap")
     assert done.returncode == 1, done.stderr
-    cause, told = cause_of(tmp_path / "run.mcap")
-    at = re.search(r"at t = ([\d.]+) s", told["reason"])
+    cause, result = cause_of(tmp_path / "run.mcap")
+    at = re.search(r"at t = ([\d.]+) s", result["reason"])
     assert (cause["kind"], cause["robot"], cause["quantity"]) == ("plant", 2, None)
     assert cause["time_ns"] == round(float(at[1]) * 1e9)
-    assert cause["tick"] == told["ticks"] + 1
+    assert cause["tick"] == result["ticks"] + 1
 
 
 def test_a_run_that_the_user_stopped_has_the_last_tick(paper, tmp_path):
@@ -89,9 +89,9 @@ def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(pap
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert done.returncode == 1, done.stderr
-    cause, told = cause_of(path)
-    assert (told["status"], cause["kind"]) == ("failed", "disk")
-    assert cause["tick"] == told["ticks"] + 1 > 1
+    cause, result = cause_of(path)
+    assert (result["status"], cause["kind"]) == ("failed", "disk")
+    assert cause["tick"] == result["ticks"] + 1 > 1
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_robots_are_named_like_pages_wherever_they_stand():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "result"),
     [
         ("fmu", "--plant: expected key=value, got 'fmu'"),
         ("", "--plant: expected key=value, got ''"),
@@ -85,10 +85,10 @@ def test_robots_are_named_like_pages_wherever_they_stand():
         ("plant.parameters={m1=1},plant.parameters.m1=2", "plant.parameters.m1: is given twice"),
     ],
 )
-def test_what_is_no_change_is_named(text, told):
+def test_what_is_no_change_is_named(text, result):
     with pytest.raises(InputError) as error:
         Change.of("--plant", text)
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 def after(file, text):

@@ -54,22 +54,22 @@ def test_run_ends_with_a_summary(recording):
 
 def test_info_tells_in_json_what_the_contract_names(recording):
     path, printed = recording
-    told = json.loads(nrs("info", path, "--json").stdout)
-    assert told.keys() >= {
+    result = json.loads(nrs("info", path, "--json").stdout)
+    assert result.keys() >= {
         "status", "reason", "digest", "ticks", "robots", "messages", "duration", "scenario",
         "plants", "versions",
     }  # fmt: skip
-    assert (told["status"], told["reason"], told["ticks"]) == ("completed", "", 10)
-    assert (told["robots"], told["messages"], told["duration"]) == (6, 376, 1.0)
-    assert told["digest"] in printed
-    (plant,) = told["plants"]
+    assert (result["status"], result["reason"], result["ticks"]) == ("completed", "", 10)
+    assert (result["robots"], result["messages"], result["duration"]) == (6, 376, 1.0)
+    assert result["digest"] in printed
+    (plant,) = result["plants"]
     assert (plant["name"], plant["fmi_version"], plant["kind"]) == (
         "two_link_arm",
         "3.0",
         "CoSimulation",
     )
     assert re.fullmatch("[0-9a-f]{64}", plant["sha256"])
-    assert "sampling_period = 0.1" in told["scenario"]
+    assert "sampling_period = 0.1" in result["scenario"]
 
 
 def test_info_of_a_cut_recording_says_so_and_exits_0(recording, tmp_path):
@@ -77,10 +77,10 @@ def test_info_of_a_cut_recording_says_so_and_exits_0(recording, tmp_path):
     whole = recording[0].read_bytes()
     cut.write_bytes(whole[: whole.index(b"nrs.end")])
     done = nrs("info", cut, "--json")
-    told = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     assert done.returncode == 0
-    assert told["status"] == "unfinished"
-    assert told["damage"]
+    assert result["status"] == "unfinished"
+    assert result["damage"]
     assert nrs("info", cut).returncode == 0
 
 
@@ -140,16 +140,16 @@ def test_export_writes_tables_that_read_back_to_the_same_bits(recording, tmp_pat
 
 
 def test_check_tells_in_json_what_the_contract_names():
-    told = json.loads(nrs("check", SCENARIOS / "paper_example_3a.toml", "--json").stdout)
-    assert told["spanning_tree"] is True
-    assert told["h_bound"] == pytest.approx(0.493769, abs=5e-7)
-    assert told["alpha_beta_bound"] == pytest.approx(1.171573, abs=5e-7)
-    assert told["spectral_radius"] == pytest.approx(0.883173, abs=5e-7)
-    assert sorted(told["spectrum"]) == [
+    result = json.loads(nrs("check", SCENARIOS / "paper_example_3a.toml", "--json").stdout)
+    assert result["spanning_tree"] is True
+    assert result["h_bound"] == pytest.approx(0.493769, abs=5e-7)
+    assert result["alpha_beta_bound"] == pytest.approx(1.171573, abs=5e-7)
+    assert result["spectral_radius"] == pytest.approx(0.883173, abs=5e-7)
+    assert sorted(result["spectrum"]) == [
         [pytest.approx(-(0.5**0.5)), 0], [0, 0], [0, 0], [0, 0], [0, 0],
         [pytest.approx(0.5**0.5), 0],
     ]  # fmt: skip
-    for condition in told["conditions"]:
+    for condition in result["conditions"]:
         value, bound, margin = (condition[name] for name in ("value", "bound", "margin"))
         assert margin == (value - bound if condition["relation"] == ">" else bound - value)
         assert condition["status"] == ("holds" if margin > 0 else "violated")
@@ -173,11 +173,11 @@ def test_a_bound_that_no_number_reaches_is_null(tmp_path):
 
 
 def test_check_outside_the_bound_says_so():
-    told = nrs("check", SCENARIOS / "paper_example_1c.toml")
-    assert told.returncode == 0
-    assert "the estimates diverge" in told.stdout
-    assert "1.171573" in told.stdout
-    assert "fails" in told.stdout
+    result = nrs("check", SCENARIOS / "paper_example_1c.toml")
+    assert result.returncode == 0
+    assert "the estimates diverge" in result.stdout
+    assert "1.171573" in result.stdout
+    assert "fails" in result.stdout
 
 
 def test_run_outside_the_bound_warns_and_names_it(tmp_path):
@@ -195,9 +195,9 @@ def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
     done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
     assert done.returncode == 1
     assert "failed: diverged at t = " in done.stderr
-    told = json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)
-    assert told["status"] == "failed"
-    assert told["reason"] in done.stderr.replace("\n", " ")
+    result = json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)
+    assert result["status"] == "failed"
+    assert result["reason"] in done.stderr.replace("\n", " ")
 
 
 @pytest.mark.parametrize(
@@ -255,8 +255,8 @@ def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkey
     monkeypatch.setattr(terminal_run, "run_scenario", run)
     (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap", "--profile")
-    told = "profile: what a worker did before it was gone is under other\n"
-    assert (done.returncode, done.stderr) == (0, told * restarts)
+    result = "profile: what a worker did before it was gone is under other\n"
+    assert (done.returncode, done.stderr) == (0, result * restarts)
 
 
 def test_wrong_options_exit_2():
@@ -283,10 +283,10 @@ def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
     text = PAPER.read_text("utf-8").replace(*SHORT)
     scenario.write_text(text, "utf-8")
     (tmp_path / "thesis").write_text(text, "utf-8")
-    for output, told in ((scenario, "is the name of a scenario"), ("thesis", "is no recording")):
+    for output, result in ((scenario, "is the name of a scenario"), ("thesis", "is no recording")):
         done = nrs("run", scenario, "-o", tmp_path / output)
         assert done.returncode == 2
-        assert told in done.stderr
+        assert result in done.stderr
     assert scenario.read_text("utf-8") == text
     assert nrs("run", scenario, "-o", "/dev/null").returncode == 2
     for force in ((), ("--force",)):
@@ -346,9 +346,9 @@ def test_fmu_list_info_and_build(tmp_path):
     for fmi, version in ((2, "2.0"), (3, "3.0")):
         path = tmp_path / f"arm{fmi}.fmu"
         assert nrs("fmu", "build", "two_link_arm", "-o", path, "--fmi", fmi).returncode == 0
-        told = json.loads(nrs("fmu", "info", path, "--json").stdout)
-        assert (told["name"], told["fmi_version"]) == ("two_link_arm", version)
-        assert told["kinds"] == ["CoSimulation", "ModelExchange"]
+        result = json.loads(nrs("fmu", "info", path, "--json").stdout)
+        assert (result["name"], result["fmi_version"]) == ("two_link_arm", version)
+        assert result["kinds"] == ["CoSimulation", "ModelExchange"]
 
 
 def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
@@ -389,11 +389,11 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
     assert process.wait(GUARD) == 130
     os.close(master)
     assert b"of 36000 s" in seen
-    told = json.loads(nrs("info", tmp_path / "long.mcap", "--json").stdout)
-    assert told["status"] == "interrupted"
-    assert told["reason"] == f"stopped by the user after t = {told['duration']:g} s"
-    assert told["damage"] == []
-    assert told["ticks"] > 0
+    result = json.loads(nrs("info", tmp_path / "long.mcap", "--json").stdout)
+    assert result["status"] == "interrupted"
+    assert result["reason"] == f"stopped by the user after t = {result['duration']:g} s"
+    assert result["damage"] == []
+    assert result["ticks"] > 0
 
 
 def test_a_cut_recording_is_recovered_and_says_so(recording, tmp_path):
@@ -403,11 +403,11 @@ def test_a_cut_recording_is_recovered_and_says_so(recording, tmp_path):
     done = nrs("recover", cut, "-o", new)
     assert done.returncode == 0, done.stderr
     assert "damage: the file ends inside a record" in done.stderr
-    told = json.loads(nrs("info", new, "--json").stdout)
-    assert (told["status"], told["ticks"], told["damage"]) == ("failed", 10, [])
-    assert told["reason"].startswith(f"recovered from {cut}: unfinished; never closed")
-    assert told["digest"] is None
-    assert told["digest_here"] in recording[1]
+    result = json.loads(nrs("info", new, "--json").stdout)
+    assert (result["status"], result["ticks"], result["damage"]) == ("failed", 10, [])
+    assert result["reason"].startswith(f"recovered from {cut}: unfinished; never closed")
+    assert result["digest"] is None
+    assert result["digest_here"] in recording[1]
     for target in (new, cut):
         done = nrs("recover", cut, "-o", target)
         assert done.returncode == 2
@@ -427,8 +427,8 @@ def test_scene_keeps_the_digest(recording, tmp_path):
     new = tmp_path / "scene.mcap"
     done = nrs("scene", recording[0], "-o", new)
     assert (done.returncode, done.stderr) == (0, "")
-    told = json.loads(nrs("info", new, "--json").stdout)
-    assert (told["status"], told["ticks"]) == ("completed", 10)
-    assert told["digest"] in recording[1]
-    assert told["messages"] > 376
+    result = json.loads(nrs("info", new, "--json").stdout)
+    assert (result["status"], result["ticks"]) == ("completed", 10)
+    assert result["digest"] in recording[1]
+    assert result["messages"] > 376
     assert nrs("scene", recording[0], "-o", new).returncode == 2

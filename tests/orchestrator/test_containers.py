@@ -113,8 +113,8 @@ def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
     folder = tmp_path / "own"
     folder.mkdir()
     assert library._advice(folder) == ""
-    told = SimpleNamespace(f_flag=os.ST_NOEXEC)
-    monkeypatch.setattr(library.os, "statvfs", lambda _path: told)
+    result = SimpleNamespace(f_flag=os.ST_NOEXEC)
+    monkeypatch.setattr(library.os, "statvfs", lambda _path: result)
     assert library._advice(folder) == (
         f"; {tmp_path} is mounted noexec: set TMPDIR to a folder on another disk"
     )

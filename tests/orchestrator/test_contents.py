@@ -90,12 +90,12 @@ def test_a_field_that_contradicts_its_message_is_the_damage_of_its_tick(
     if (field, robot) == ("no robot", 0):
         value, says = 1, "its robot is 1, expected {robot}"
     path = bad(whole, tmp_path / "bad.mcap", topic, with_field(at, form, value))
-    told = f"a message of {topic} at tick {K}, t = 0.7 s: {says.format(robot=robot)}"
+    result = f"a message of {topic} at tick {K}, t = 0.7 s: {says.format(robot=robot)}"
     with Reader(path, verify=True) as reader:
-        assert told in reader.damage[0]
+        assert result in reader.damage[0]
         assert reader.ticks == 9
         assert f"tick {K} is missing" in reader.damage
-    with Reader(path) as reader, pytest.raises(UnreadableError, match=re.escape(told)):
+    with Reader(path) as reader, pytest.raises(UnreadableError, match=re.escape(result)):
         list(reader.columns())
 
 

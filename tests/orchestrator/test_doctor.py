@@ -74,9 +74,9 @@ class TestMachine:
         shown = nrs("doctor", *given)
         assert (shown.returncode, shown.stderr) == (1, "")
         assert "dates               fails    expired on 2021-01-01" in shown.stdout
-        told = nrs("doctor", *given, "--json")
-        assert told.returncode == 1
-        report = json.loads(told.stdout)
+        result = nrs("doctor", *given, "--json")
+        assert result.returncode == 1
+        report = json.loads(result.stdout)
         assert not report["fit"]
         assert [s["name"] for s in report["symptoms"] if s["verdict"] == "fails"] == ["dates"]
 

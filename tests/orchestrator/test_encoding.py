@@ -41,10 +41,10 @@ def test_a_name_that_is_no_utf8_is_recorded_with_its_bytes_as_escapes(odd, worke
     recording = odd.parent / "run.mcap"
     done = nrs("run", odd, "-o", recording, *workers)
     assert done.returncode == 0, done.stderr
-    told = json.loads(nrs("info", recording, "--json").stdout)
-    assert told["name"] == r"bad\udcff"
-    assert told["file"] == str(recording).encode(errors="backslashreplace").decode()
-    json.dumps(told, ensure_ascii=False).encode()
+    result = json.loads(nrs("info", recording, "--json").stdout)
+    assert result["name"] == r"bad\udcff"
+    assert result["file"] == str(recording).encode(errors="backslashreplace").decode()
+    json.dumps(result, ensure_ascii=False).encode()
     assert "identical" in nrs("replay", recording, "--verify").stdout
     new = odd.parent / "new.mcap"
     assert nrs("scene", recording, "-o", new).returncode == 0

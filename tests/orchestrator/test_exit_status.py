@@ -176,13 +176,13 @@ def test_a_command_ends_with_the_status_of_what_it_came_to(folder, tmp_path, sta
 
 
 def test_each_command_is_among_those_that_end_well_and_badly():
-    def told(status):
+    def exits(status):
         return {
             command for command in COMMANDS for line in STATUSES[status] if line.startswith(command)
         }
 
-    assert told(2) == set(COMMANDS)
-    assert told(0) == {*COMMANDS} - {"worker"}  # which ends well with the run that it joins
+    assert exits(2) == set(COMMANDS)
+    assert exits(0) == {*COMMANDS} - {"worker"}  # which ends well with the run that it joins
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS, "fmu"])

@@ -89,11 +89,11 @@ def checked(tables):
     """Ask the theory of tables all that `nrs check` shows."""
     text = tomlkit.dumps(tables)
     scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml")
-    told = check(scenario)
-    promised = promises(scenario, told.growth)
+    result = check(scenario)
+    promised = promises(scenario, result.growth)
     bounds(promised)
-    told.warnings()
-    json.dumps([told.as_json(), promised.as_json()], allow_nan=False)
+    result.warnings()
+    json.dumps([result.as_json(), promised.as_json()], allow_nan=False)
 
 
 def ran(tables):

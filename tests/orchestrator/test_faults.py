@@ -122,7 +122,7 @@ def decoded(reader, topic):
         yield message
 
 
-def told(reader):
+def link_events_of(reader):
     """Return the recorded faults by tick, as the oracle tells them."""
     by_tick = {}
     for channel in reader.channels:
@@ -155,7 +155,7 @@ def agree_with_plain_python(file, path, order=1):
         assert reader.damage == []
         first = next(iter(states(reader)))[:6]
         sampled = np.concatenate(list(samples(reader)))
-        faults = told(reader)
+        faults = link_events_of(reader)
         ticks = reader.ticks
     start = {
         row["robot"]: (row["reference_position"].tolist(), row["reference_velocity"].tolist())
@@ -197,8 +197,12 @@ def test_the_seed_decides_what_is_lost(paper, tmp_path):
             SHORT, ("seed = 1", f"seed = {seed}"), with_faults("[[faults.links]]\nloss = 0.5")
         )
         with Reader(run(file, tmp_path / f"{seed}.mcap").path) as reader:
-            lost.append({(k, f[0], f[1]) for k, told_at in told(reader).items() for f in told_at})
-            assert all(f[2:5] == (1, 0, 0) for told_at in told(reader).values() for f in told_at)
+            lost.append(
+                {(k, f[0], f[1]) for k, told_at in link_events_of(reader).items() for f in told_at}
+            )
+            assert all(
+                f[2:5] == (1, 0, 0) for told_at in link_events_of(reader).values() for f in told_at
+            )
     assert lost[0] != lost[1]
 
 
@@ -218,7 +222,7 @@ def test_with_all_links_cut_the_estimates_fly_on(paper, tmp_path):
     file = paper(SHORT, with_faults("[[faults.links]]\nloss = 1"))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         sampled = np.concatenate(list(samples(reader)))
-        assert all(len(faults) == 10 for faults in told(reader).values())
+        assert all(len(faults) == 10 for faults in link_events_of(reader).values())
     for robot in range(1, 7):
         mine = sampled[sampled["robot"] == robot]["velocity"]
         assert (mine == mine[0]).all()

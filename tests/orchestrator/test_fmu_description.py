@@ -47,8 +47,8 @@ def test_units_and_starts_are_shown_and_long_names_stay_apart(tmp_path):
         ["y", "local", "2", "7"],
         ["file", "parameter", "1", "'a b'"],
     ]
-    told = json.loads(nrs("fmu", "info", path, "--json").stdout)
-    assert told["variables"][0]["unit"] == "rad"
+    result = json.loads(nrs("fmu", "info", path, "--json").stdout)
+    assert result["variables"][0]["unit"] == "rad"
 
 
 def test_a_bundled_models_start_values_and_structural_parameter_are_shown():
@@ -72,8 +72,8 @@ def test_an_fmu_for_another_machine_is_described_as_any_other(tmp_path, fmi):
     assert other == here
     assert "cannot run here: has no library binaries/" in text
     assert "it has libraries for win32" in text
-    told = json.loads(nrs("fmu", "info", tmp_path / "a.fmu", "--json").stdout)
-    assert "libraries for win32" in told["cannot_run_here"]
+    result = json.loads(nrs("fmu", "info", tmp_path / "a.fmu", "--json").stdout)
+    assert "libraries for win32" in result["cannot_run_here"]
     assert nrs("fmu", "check", tmp_path / "a.fmu").returncode == 2
 
 

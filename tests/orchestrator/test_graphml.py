@@ -122,7 +122,7 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "result"),
     [
         (
             document(MARKED, key("Weight")),
@@ -276,10 +276,10 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         ("<graphml><no", "net.graphml: not valid GraphML: "),
     ],
 )
-def test_what_might_be_meant_otherwise_is_refused_by_name(text, told):
+def test_what_might_be_meant_otherwise_is_refused_by_name(text, result):
     with pytest.raises(ScenarioError) as error:
         edges_of(text)
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 def test_an_error_names_the_line_of_a_construct():

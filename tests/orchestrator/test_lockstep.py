@@ -12,7 +12,7 @@ from nrs_cosim.bus.transport import Message, Presence
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.orchestrator.engine import lockstep
 from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode, window
-from tests.batches import ASSIGNMENT, H, recorder_of, samples, told, whole, wire_of
+from tests.batches import ASSIGNMENT, H, recorder_of, samples, tick_batch, whole, wire_of
 
 DEADLINE = 2.0
 """s of the made-up clock."""
@@ -217,7 +217,7 @@ def test_each_new_batch_begins_the_silence_anew(case):
     assert run.time.now == pytest.approx(len(messages) * 0.9 * DEADLINE)
 
 
-@pytest.mark.parametrize("say", [samples, told])
+@pytest.mark.parametrize("say", [samples, tick_batch])
 def test_what_is_refused_or_said_again_is_silence(case, say):
     run = case(ticks=1)
     again = say(run.wire, "left", 1)
@@ -286,13 +286,13 @@ class Paced:
     """A pace that keeps what it is asked."""
 
     def __init__(self):
-        self.told = []
+        self.calls = []
 
     def start(self, time_ns):
-        self.told.append(("start", time_ns))
+        self.calls.append(("start", time_ns))
 
     def wait(self, time_ns, ask):
-        self.told.append(("wait", time_ns))
+        self.calls.append(("wait", time_ns))
         ask()
 
 
@@ -306,7 +306,7 @@ def test_a_tick_closes_at_its_pace_and_the_workers_are_looked_after_meanwhile(ca
     for k in (2, 3):
         run.workers.at(0.0, *run.robots(k))
     run.run()
-    assert pace.told == [("start", H), ("wait", 2 * H), ("wait", 3 * H)]
+    assert pace.calls == [("start", H), ("wait", 2 * H), ("wait", 3 * H)]
     assert run.workers.asked == [(2, False), (3, False)]
 
 

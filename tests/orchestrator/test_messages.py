@@ -44,9 +44,9 @@ def test_sentences_end_their_lines_between_words_on_a_terminal_alone():
     for terminal in (True, False):
         screen = console(terminal=terminal)
         prose(screen, WORDS)
-        told = plain(screen).splitlines()
-        assert len(told) == (3 if terminal else 1)
-        assert " ".join(line.strip() for line in told) == WORDS
+        described = plain(screen).splitlines()
+        assert len(described) == (3 if terminal else 1)
+        assert " ".join(line.strip() for line in described) == WORDS
 
 
 def test_recordings_that_differ_in_words_alone_have_no_table():
@@ -56,7 +56,7 @@ def test_recordings_that_differ_in_words_alone_have_no_table():
     assert plain(screen).splitlines() == ["run.seed: 1 -> 2", "first tick 1: text"]
 
 
-def told(*plants):
+def described(*plants):
     """Return the summary's line on how plants are driven, and that on robots."""
     about = {
         "plants": [
@@ -79,8 +79,8 @@ def told(*plants):
 
 
 def test_a_mixed_fleet_says_which_fmu_is_driven_how():
-    assert told(("a", "held"), ("b", "held"), ("c", "exact")) == "a, b: held; c: exact"
-    assert told(("a", "held"), ("b", "held")) == "held"
+    assert described(("a", "held"), ("b", "held"), ("c", "exact")) == "a, b: held; c: exact"
+    assert described(("a", "held"), ("b", "held")) == "held"
 
 
 @pytest.mark.parametrize(
@@ -140,10 +140,10 @@ def test_a_recording_and_a_scenario_are_not_taken_for_one_another(tmp_path, reco
     scenario = tmp_path / "s.toml"
     scenario.write_text("[run]\n", "utf-8")
     done = nrs("info", scenario)
-    told = (
+    described = (
         f"error: {scenario}: is a scenario (TOML), not a recording; `nrs check` reads scenarios\n"
     )
-    assert (done.returncode, done.stderr) == (2, told)
+    assert (done.returncode, done.stderr) == (2, described)
 
 
 @pytest.fixture

@@ -89,10 +89,10 @@ def test_the_recording_alone_repeats_the_run(ran):
     file = experiment_of(ran[1])
     digest = hashlib.sha256(build("planar_robot").read_bytes()).hexdigest()
     assert file.scenario.target.sha256 == digest
-    told = describe(ran[1], experiment_of(ran[1]))
-    assert told["target"] == {"fmu": "planar_robot", "sha256": digest}
+    result = describe(ran[1], experiment_of(ran[1]))
+    assert result["target"] == {"fmu": "planar_robot", "sha256": digest}
     assert (
-        lines(told, measure(ran[1], experiment_of(ran[1])))["target"]
+        lines(result, measure(ran[1], experiment_of(ran[1])))["target"]
         == f"planar_robot, SHA-256 {digest}"
     )
     assert describe(ran[0], experiment_of(ran[0]))["target"] is None
@@ -114,11 +114,11 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
 def test_it_is_judged_as_any_target_is(ran):
     """γ1 and γ2 are of the cubics: those of the formula, to h²/192 with a quarter of h."""
     scenario = experiment_of(ran[1])
-    told = promises(scenario)
-    assert told.exact is None
-    assert told.gamma_1 == pytest.approx(3.0, abs=1e-9)
-    assert told.gamma_2 == pytest.approx(1.0, abs=1e-4)
-    assert told.source == "of the cubics through 1501 samples of planar_robot"
+    result = promises(scenario)
+    assert result.exact is None
+    assert result.gamma_1 == pytest.approx(3.0, abs=1e-9)
+    assert result.gamma_2 == pytest.approx(1.0, abs=1e-4)
+    assert result.source == "of the cubics through 1501 samples of planar_robot"
     judged = judge(ran[1], scenario, measure(ran[1], experiment_of(ran[1])))
     assert [row.verdict for row in judged.quantities] == ["within"] * 4
 

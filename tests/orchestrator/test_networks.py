@@ -29,8 +29,8 @@ def experiment_of(network, seed=1):
 
 
 def generator(**keys):
-    told = ", ".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
-    return f"generator = {{ {told} }}"
+    result = ", ".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
+    return f"generator = {{ {result} }}"
 
 
 def edges_of(scenario):
@@ -196,7 +196,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
     networkx.write_graphml(networkx.path_graph(4), tmp_path / "net.graphml")
     both = {(0, 1), (1, 2), (2, 1), (2, 3), (3, 2)}
     assert edges_of(read_scenario(path)).keys() == both
-    for wrong, told in {
+    for wrong, result in {
         "a": "expected 0, the target, or the number of a robot, got 'a'",
         "-1": "a robot, got '-1'",
         "7": "no edge leads to robot 7",
@@ -204,7 +204,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         graph = networkx.DiGraph(PAPERS)
         graph.add_node(wrong)
         networkx.write_graphml(graph, tmp_path / "net.graphml")
-        with pytest.raises(ScenarioError, match=told):
+        with pytest.raises(ScenarioError, match=result):
             read_scenario(path)
     networkx.write_graphml(networkx.DiGraph([*PAPERS, (1, 0)]), tmp_path / "net.graphml")
     with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, hears nobody"):
@@ -215,7 +215,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "result"),
     [
         (
             "",
@@ -242,20 +242,20 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         ),
     ],
 )
-def test_a_wrong_table_of_edges_names_the_line(tmp_path, lines, told):
+def test_a_wrong_table_of_edges_names_the_line(tmp_path, lines, result):
     (tmp_path / "net.csv").write_text(lines, "utf-8")
     path = tmp_path / "net.toml"
     path.write_text(text_of('edges = "net.csv"'), "utf-8")
     with pytest.raises(ScenarioError) as error:
         read_scenario(path)
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
 
 
 @pytest.mark.parametrize(
-    ("network", "told"),
+    ("network", "result"),
     [
         ("", "expected one of adjacency (with pinning), generator, edge_list, edges, graphml, p"),
         ("edge_list = [[0, 1]]\npinning = [1]", "got pinning and edge_list; keep one of them"),
@@ -286,10 +286,10 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         (generator(kind="random_k_in", n=100_000, k=5000), "expected n k of at most 10000000"),
     ],
 )
-def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, told):
+def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, result):
     with pytest.raises(ScenarioError) as error:
         experiment_of(network)
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 def test_a_topology_is_made_once_and_cannot_be_written():

@@ -107,18 +107,18 @@ class TestVerify:
 
 class TestDiff:
     def both(self, a, b):
-        told = json.loads(nrs("diff", a, b, "--json").stdout)
+        info = json.loads(nrs("diff", a, b, "--json").stdout)
         done = nrs("diff", a, b)
-        assert done.returncode == (0 if told["same"] else 1)
-        return told, " ".join((done.stdout + done.stderr).split())
+        assert done.returncode == (0 if info["same"] else 1)
+        return info, " ".join((done.stdout + done.stderr).split())
 
     def test_two_that_lack_the_same_messages_are_not_said_to_be_the_same_run(self, whole, tmp_path):
         one, other = flipped_in(whole, tmp_path / "a.mcap", 6), tmp_path / "b.mcap"
         data = bytearray(whole.read_bytes())
         data[chunks(whole)[6] + 310] ^= 4
         other.write_bytes(data)
-        told, said = self.both(one, other)
-        assert (told["same"], told["first"], told["partial"]) == (False, None, ["A", "B"])
+        info, said = self.both(one, other)
+        assert (info["same"], info["first"], info["partial"]) == (False, None, ["A", "B"])
         assert "the same samples and states, to the last bit, as far as both are here" in said
         assert f"damage: {one}: " in said
         assert "the same run" not in said
@@ -129,26 +129,26 @@ class TestDiff:
         cut = tmp_path / "cut.mcap"
         data = whole.read_bytes()
         cut.write_bytes(data[: data.rindex(b"nrs.end", 0, data.rindex(b"nrs.end"))])
-        told, said = self.both(whole, cut)
-        assert (told["same"], told["first"], told["partial"]) == (False, None, ["B"])
+        info, said = self.both(whole, cut)
+        assert (info["same"], info["first"], info["partial"]) == (False, None, ["B"])
         assert "B lacks messages of its run: they are not compared" in said
 
     def test_two_whole_ones_are(self, whole, tmp_path):
         copy = tmp_path / "copy.mcap"
         copy.write_bytes(whole.read_bytes())
-        told, said = self.both(whole, copy)
-        assert (told["same"], told["partial"]) == (True, [])
+        info, said = self.both(whole, copy)
+        assert (info["same"], info["partial"]) == (True, [])
         assert said == "the same run: scenario, samples and states, to the last bit"
 
 
 class TestDigest:
-    def told(self, path):
+    def info(self, path):
         return json.loads(nrs("info", path, "--json").stdout)
 
     def test_a_whole_recording_has_the_runs(self, whole):
-        told = self.told(whole)
-        assert told["digest"] == told["digest_here"]
-        assert len(told["digest"]) == 64
+        info = self.info(whole)
+        assert info["digest"] == info["digest_here"]
+        assert len(info["digest"]) == 64
 
     @pytest.mark.parametrize("how", ["flipped", "cut", "recovered"])
     def test_a_part_of_a_run_has_none(self, whole, tmp_path, how):
@@ -160,11 +160,11 @@ class TestDigest:
         if how == "recovered":
             assert nrs("recover", path, "-o", tmp_path / "b.mcap").returncode == 0
             path = tmp_path / "b.mcap"
-        told = self.told(path)
-        assert told["digest"] is None
-        assert told["digest_here"] not in {None, self.told(whole)["digest"]}
+        info = self.info(path)
+        assert info["digest"] is None
+        assert info["digest_here"] not in {None, self.info(whole)["digest"]}
         text = nrs("info", path).stdout
-        assert told["digest_here"] not in text
+        assert info["digest_here"] not in text
         assert "none of the run: messages of it are missing here" in text
 
 
@@ -204,9 +204,9 @@ class TestNoTick:
         assert "no message could be looked at: tick 0 is not here" in " ".join(done.stderr.split())
 
     def test_no_error_was_measured(self, path):
-        told = json.loads(nrs("info", path, "--json").stdout)
-        assert [row["measured"] for row in told["theory"]["quantities"]] == [None] * 4
-        assert {row["status"] for row in told["theory"]["quantities"]} == {"not measured"}
+        info = json.loads(nrs("info", path, "--json").stdout)
+        assert [row["measured"] for row in info["theory"]["quantities"]] == [None] * 4
+        assert {row["status"] for row in info["theory"]["quantities"]} == {"not measured"}
         text = nrs("info", path).stdout
         assert text.count("not measured: no tick is here") == 2
         assert "inf = 0" not in text

@@ -122,14 +122,14 @@ def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_
 
 def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(paper, tmp_path):
     file = paper(OWN)
-    told = "robots 1, 3-4, 6 in rad, robots 2, 5 in m; a number over all robots mixes them"
-    assert mixed_units(file).endswith(told)
+    result = "robots 1, 3-4, 6 in rad, robots 2, 5 in m; a number over all robots mixes them"
+    assert mixed_units(file).endswith(result)
     scenario = tmp_path / "s.toml"
     scenario.write_text(file.text.replace(*SHORT), "utf-8")
     for command in (["check", scenario], ["run", scenario, "-o", tmp_path / "s.mcap"]):
         done = nrs(*command)
         assert done.returncode == 0, done.stderr
-        assert told in done.stderr
+        assert result in done.stderr
 
 
 @pytest.mark.parametrize("own", ["", "[[robots]]\nid = 2\nplant.parameters.m2 = 3.0\n"])

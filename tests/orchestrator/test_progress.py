@@ -28,9 +28,9 @@ def shown(clock, parts, *, terminal=True):
 
 
 def test_what_takes_two_seconds_shows_its_name_and_its_part():
-    told = shown([0.0, 1.0, 2.5, 3.0], [0.25, 0.5, 0.75])
-    assert "reading long [1].mcap" in told
-    assert "75%" in told
+    result = shown([0.0, 1.0, 2.5, 3.0], [0.25, 0.5, 0.75])
+    assert "reading long [1].mcap" in result
+    assert "75%" in result
 
 
 def test_after_its_work_a_bar_does_not_come_back():
@@ -87,16 +87,16 @@ def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(paper, tmp_pa
 
 
 def test_check_tells_each_of_its_stages(monkeypatch):
-    told = []
+    result = []
 
     @contextmanager
     def listening(_screen):
-        yield told.append
+        yield result.append
 
     monkeypatch.setattr("nrs_cosim.orchestrator.cli.progress.stages", listening)
     paper = Path(__file__).parents[2] / "scenarios" / "paper_first_order.toml"
     assert nrs("check", paper, "--accuracy", "0.5", "0.5").returncode == 0
-    assert told == [
+    assert result == [
         "opening the plants",
         "whether the estimates converge",
         "bounds of the long run",

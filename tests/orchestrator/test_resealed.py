@@ -89,7 +89,7 @@ def sealed(tmp_path_factory):
     return Sealed(folder / "child.mcap")
 
 
-def told(path):
+def info(path):
     done = nrs("info", path, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -138,7 +138,7 @@ def expect_no_worse(path, folder, sealed, key, commands=all_commands):
                 continue
             expect_refused(done, path)
         return False
-    was, now = told(sealed.path), json.loads(with_info.stdout)
+    was, now = info(sealed.path), json.loads(with_info.stdout)
     key_of_info = "parent" if key in FIELDS[PARENT] else key
     for name in was.keys() - {"file", "theory", key_of_info}:
         if name not in {"status", "reason", "digest", "digest_here", "damage", "duration"}:

@@ -220,10 +220,10 @@ plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
     for name, file in (("driven", driven), ("alone", paper(SHORT))):
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
             q[name] = rows_of(states(reader), 6)["position"]
-            told = describe(reader, experiment_of(reader))
-            lines_of = lines(told, measure(reader, experiment_of(reader)))
+            result = describe(reader, experiment_of(reader))
+            lines_of = lines(result, measure(reader, experiment_of(reader)))
         if name == "driven":
-            by_robots = {tuple(plant["robots"]): plant for plant in told["plants"]}
+            by_robots = {tuple(plant["robots"]): plant for plant in result["plants"]}
             assert {robots: plant["kind"] for robots, plant in by_robots.items()} == {
                 (1, 3, 4, 6): "ModelExchange",
                 (2,): "ModelExchange",

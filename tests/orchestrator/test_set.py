@@ -89,9 +89,9 @@ def test_a_run_prints_the_result_that_info_prints_and_nothing_else(tmp_path, wor
 def test_a_run_that_fails_prints_its_result_and_exits_1(tmp_path):
     path = tmp_path / "run.mcap"
     done = nrs("run", PAPER, "-o", path, "--set", "run.divergence_limit=1e-3", "--json")
-    told = json.loads(done.stdout)
-    assert (done.returncode, told["status"]) == (1, "failed")
-    assert told == json.loads(nrs("info", path, "--json").stdout)
+    result = json.loads(done.stdout)
+    assert (done.returncode, result["status"]) == (1, "failed")
+    assert result == json.loads(nrs("info", path, "--json").stdout)
 
 
 @pytest.mark.parametrize(
@@ -159,9 +159,9 @@ def test_a_completed_run_goes_on_for_longer_as_if_it_had_been_so_from_the_first(
     ran(short, "--set", SHORT)
     done = nrs("resume", short, "-o", longer, "--set", "run.duration=2.5", "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert (told["status"], told["ticks"]) == ("completed", 25)
-    assert told["digest"] == ran(tmp_path / "whole.mcap", "--set", "run.duration=2.5")
+    result = json.loads(done.stdout)
+    assert (result["status"], result["ticks"]) == ("completed", 25)
+    assert result["digest"] == ran(tmp_path / "whole.mcap", "--set", "run.duration=2.5")
     assert nrs("replay", longer, "--verify").returncode == 0
 
 

@@ -101,7 +101,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("network", "told"),
+    ("network", "result"),
     [
         (turns((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
         (turns((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entri"),
@@ -143,10 +143,10 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
         (apart(PAPER, "edges = 'a.csv'"), "network.velocity.edges: a file is read when a scenario"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, told):
+def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, result):
     with pytest.raises(ScenarioError) as error:
         networked(network)
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -176,9 +176,11 @@ def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for
     text = text.replace('name = "dcea1"\nalpha = 0.9\nbeta = 1.5', f'name = "{name}"\n{gains}')
     with pytest.raises(ScenarioError) as error:
         parse_scenario(text, "a", SCENARIOS, "a.toml")
-    told = str(error.value)
-    assert told.startswith(f"a.toml: network.velocity: {name} cannot hear positions and velocities")
-    assert why in told
+    result = str(error.value)
+    assert result.startswith(
+        f"a.toml: network.velocity: {name} cannot hear positions and velocities"
+    )
+    assert why in result
     sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
     assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).turns[0].digraphs[1:]
 
@@ -271,19 +273,19 @@ def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole
 def test_a_period_is_promised_and_kept(tmp_path):
     file = read_scenario(SCENARIOS / "switching.toml")
     checked = check(file)
-    told = checked.as_json()
-    assert told["spanning_tree"] is True
-    assert told["network"] is None
-    assert [turn["from"] for turn in told["topologies"]] == [1, 11, 21]
-    assert [turn["digraphs"][0]["network"]["pinned"] for turn in told["topologies"]] == [
+    result = checked.as_json()
+    assert result["spanning_tree"] is True
+    assert result["network"] is None
+    assert [turn["from"] for turn in result["topologies"]] == [1, 11, 21]
+    assert [turn["digraphs"][0]["network"]["pinned"] for turn in result["topologies"]] == [
         (3,), (1,), (6,),
     ]  # fmt: skip
-    radii = [turn["spectral_radius"] for turn in told["topologies"]]
+    radii = [turn["spectral_radius"] for turn in result["topologies"]]
     assert radii == pytest.approx([0.2 + 0.8 * 0.5**0.5, 0.2, 0.2])
-    assert told["alpha_beta_bound"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
-    assert told["switching"]["repeat"] == 25
-    assert told["switching"]["any_order"]["verdict"] == "proven"
-    assert told["switching"]["any_order"]["by_gains"] is True
+    assert result["alpha_beta_bound"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
+    assert result["switching"]["repeat"] == 25
+    assert result["switching"]["any_order"]["verdict"] == "proven"
+    assert result["switching"]["any_order"]["by_gains"] is True
     promised = promises(file, checked.growth)
     assert promised.paper is None
     path = run(file, tmp_path / "run.mcap").path
@@ -292,7 +294,7 @@ def test_a_period_is_promised_and_kept(tmp_path):
     for row in found.quantities[:2]:
         assert 0.99 * row.bound.exact < row.measured <= row.bound.exact * (1 + 1e-6)
         assert row.bound.exact < row.bound.sharp
-    assert found.measured_factor == pytest.approx(told["spectral_radius"], abs=0.01)
+    assert found.measured_factor == pytest.approx(result["spectral_radius"], abs=0.01)
 
 
 def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
@@ -394,12 +396,12 @@ def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles)
 
 def test_a_check_says_it_in_words():
     nrs = CliRunner()
-    told = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
-    assert "3 in turn, over and over after 25 ticks" in told
-    assert "converge in any order of these digraphs, for both gains are below 1" in told
-    assert "no small-value norm is of digraphs in turn" in told
-    told = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
-    assert len(json.loads(told)["topologies"]) == 1
+    result = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
+    assert "3 in turn, over and over after 25 ticks" in result
+    assert "converge in any order of these digraphs, for both gains are below 1" in result
+    assert "no small-value norm is of digraphs in turn" in result
+    result = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
+    assert len(json.loads(result)["topologies"]) == 1
 
 
 def test_a_design_of_turns_goes_by_their_period():

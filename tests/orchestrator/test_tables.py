@@ -85,10 +85,10 @@ def screen_of(width, command):
     env = {**outside, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 
     def run(*words):
-        told = subprocess.run(
+        result = subprocess.run(
             [*tmux, *words], env=env, check=True, capture_output=True, text=True, timeout=GUARD
         )
-        return told.stdout
+        return result.stdout
 
     run("new-session", "-d", "-x", str(width), "-y", "200", program)
     try:

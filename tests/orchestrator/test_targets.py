@@ -286,12 +286,12 @@ def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
 
 def test_promises_are_of_any_target_and_are_kept(ran):
     file = experiment_of(ran[1])
-    told = promises(file)
+    result = promises(file)
     harmonic = promises(experiment_of(ran[0]))
-    assert told.exact is None
-    assert told.source == "of the spline through its 601 samples"
-    assert told.as_json()["estimates"]["exact"] is None
-    for row, other in zip(bounds(told), bounds(harmonic), strict=True):
+    assert result.exact is None
+    assert result.source == "of the spline through its 601 samples"
+    assert result.as_json()["estimates"]["exact"] is None
+    for row, other in zip(bounds(result), bounds(harmonic), strict=True):
         assert row.exact is None
         assert row.sharp == pytest.approx(other.sharp, rel=1e-2)
         assert row.paper == pytest.approx(other.paper, rel=1e-2)

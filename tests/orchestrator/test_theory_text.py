@@ -62,9 +62,9 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     text += "\n[[faults.links]]\ndelay = 1\n"
     scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml")
     checked = check(scenario)
-    told = checked.as_json()
-    assert (told["convergence"], told["of"]) == ("unknown", "links without faults")
-    assert (told["settling_time"], told["millionth"]) == (None, None)
+    result = checked.as_json()
+    assert (result["convergence"], result["of"]) == ("unknown", "links without faults")
+    assert (result["settling_time"], result["millionth"]) == (None, None)
     assert {v.source[-23:] for v in subject_of(scenario, "rad").verdicts} == {
         "of links without faults"
     }
@@ -94,16 +94,17 @@ def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
 
 
 def test_gains_of_1_on_a_path_settle_without_limit_once_the_news_is_there():
-    told = said(along_a_path(1))["rate"]
-    assert told == "without limit in the long run; any error has fallen to a millionth in 3 s"
+    result = said(along_a_path(1))["rate"]
+    assert result == "without limit in the long run; any error has fallen to a millionth in 3 s"
 
 
 def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
-    told = said(read_scenario(SCENARIOS / "switching.toml"))
+    result = said(read_scenario(SCENARIOS / "switching.toml"))
     assert (
-        told["rate"] == "4.363 per s in the long run; how long the beginning lasts is not computed"
+        result["rate"]
+        == "4.363 per s in the long run; how long the beginning lasts is not computed"
     )
-    assert told["any order"].startswith(
+    assert result["any order"].startswith(
         "0.996294 to below 1 at worst: the estimates converge in any"
     )
 
@@ -157,18 +158,18 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
 
 
 def test_one_is_no_plural_and_nothing_is_said_twice():
-    told = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
-    assert told["parts"].startswith(
+    result = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
+    assert result["parts"].startswith(
         "1 strongly connected component, of several robots: robots 1, 2"
     )
-    assert "at most 2 links leads" in told["network"]
+    assert "at most 2 links leads" in result["network"]
     assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]
     long = said(networked(turns((1, PATH), (5, PATH))))["k >= 5"]
     assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
 
 
 @pytest.mark.parametrize(
-    ("factor", "told"),
+    ("factor", "result"),
     [
         (0.8778174593, "0.877817"),
         (1.0, "1.000000"),
@@ -177,8 +178,8 @@ def test_one_is_no_plural_and_nothing_is_said_twice():
         (1.70710678e300, "1.70711e+300"),
     ],
 )
-def test_a_factor_is_short_and_never_that_of_another_verdict(factor, told):
-    assert multiple(factor) == told
+def test_a_factor_is_short_and_never_that_of_another_verdict(factor, result):
+    assert multiple(factor) == result
 
 
 def test_what_is_to_be_above_a_bound_stands_there_as_that():

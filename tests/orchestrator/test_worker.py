@@ -116,7 +116,7 @@ class Case:
     def run(self, recorded=-1, watch=lambda _t: None):
         return list(self.worker.run(recorded, watch, self))
 
-    def told(self):
+    def closed_ticks(self):
         """Return what it said beside samples, by tick."""
         payloads = self.bus.put[wire_key(RECORDS, "here")]
         return dict(self.wire.unpack_tick("here", payload) for payload in payloads)
@@ -137,9 +137,9 @@ def test_a_worker_says_each_tick_whole_and_its_plants_advance_on_the_grid():
     case, reached = Case(), []
     assert case.run(watch=reached.append) == [*range(TICKS + 1)]
     assert sorted(case.samples()) == [*range(1, TICKS + 1)]
-    told = case.told()
-    assert sorted(told) == [*range(TICKS + 1)]
-    assert [k for k, tick in told.items() if tick.checkpoints] == [2, 4, 6]
+    closed_ticks = case.closed_ticks()
+    assert sorted(closed_ticks) == [*range(TICKS + 1)]
+    assert [k for k, tick in closed_ticks.items() if tick.checkpoints] == [2, 4, 6]
     assert reached == [part * H // 2 for part in range(1, 2 * TICKS + 1)]
     assert case.plants.calls == [(seconds(t - H // 2), seconds(H // 2)) for t in reached]
     assert case.lacks == [(k, ["here", TARGET, "there"]) for k in range(1, TICKS + 1)]
@@ -156,8 +156,8 @@ def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
     for row, sources in ((0, (0, 2)), (1, (None, 2))):
         d = np.zeros((2, M))
         for j in sources:
-            told = left[0] if j is None else (heard[j]["position"], heard[j]["velocity"])
-            d += (np.array(told) - np.array(left[row])) / 2
+            closed_ticks = left[0] if j is None else (heard[j]["position"], heard[j]["velocity"])
+            d += (np.array(closed_ticks) - np.array(left[row])) / 2
         after = case.worker.agents.estimate
         np.testing.assert_allclose(after.position[row], position[row] + 0.9 * d[0])
         np.testing.assert_allclose(after.velocity[row], velocity[row] + 1.1 * d[1])
@@ -169,7 +169,7 @@ def test_a_worker_that_was_restored_says_the_same_bits_and_only_what_is_new(star
     first = Case()
     first.run()
     again = Case()
-    again.worker.restore(start, first.told()[start].checkpoints)
+    again.worker.restore(start, first.closed_ticks()[start].checkpoints)
     own = first.bus.put[wire_key(SAMPLES, "here")]
 
     def lack(k, missing):
@@ -192,7 +192,7 @@ def test_a_worker_that_was_restored_says_the_same_bits_and_only_what_is_new(star
 def test_a_damaged_checkpoint_is_refused_and_its_robot_named(parts):
     first = Case()
     first.run()
-    good = first.told()[2].checkpoints[0]
+    good = first.closed_ticks()[2].checkpoints[0]
     damaged = CHECKPOINT.encode(Blob(3, 2, 2 * H, joined([bytes(16)] * parts)))
     with pytest.raises(FmuError, match="robot 3's checkpoint is damaged"):
         Case().worker.restore(2, [good, damaged])
@@ -203,7 +203,7 @@ def test_no_checkpoint_is_taken_where_none_is_due_or_none_would_be_exact(every, 
     case = Case(every)
     case.plants.exact = exact
     case.run()
-    assert not any(tick.checkpoints for tick in case.told().values())
+    assert not any(tick.checkpoints for tick in case.closed_ticks().values())
 
 
 def test_samples_come_in_any_order_and_what_is_not_believed_is_passed_over():

@@ -322,9 +322,9 @@ def test_a_description_too_large(tmp_path, monkeypatch):
     ],
 )
 def test_a_description_that_cannot_be_used(tmp_path, fmi, edit, message):
-    told = refused(rewritten(tmp_path / "arm.fmu", fmi, edit))
+    result = refused(rewritten(tmp_path / "arm.fmu", fmi, edit))
     assert re.match(
-        f"its modelDescription.xml (cannot be used|is not valid XML): .*{message}", told
+        f"its modelDescription.xml (cannot be used|is not valid XML): .*{message}", result
     )
 
 
@@ -338,9 +338,9 @@ def test_entities_are_not_expanded_and_nothing_is_fetched(tmp_path):
             text = text.replace("<fmiModel", f"{doctype}<fmiModel", 1)
             return text.replace('modelName="', 'modelName="&b;', 1)
 
-        told = refused(rewritten(tmp_path / "arm.fmu", 3, expanding))
-        assert "secret" not in told
-        assert told.startswith("its modelDescription.xml ")
+        result = refused(rewritten(tmp_path / "arm.fmu", 3, expanding))
+        assert "secret" not in result
+        assert result.startswith("its modelDescription.xml ")
 
 
 EACH_PLATFORM = pytest.mark.parametrize(
@@ -413,10 +413,10 @@ def test_a_library_that_cannot_be_loaded_names_no_temporary_file(tmp_path, fmi, 
     archive = open_archive(path, "arm.fmu")
     with unpacked(archive) as folder, pytest.raises(FmuError) as error:
         Library(archive, folder, "CoSimulation")
-    told = str(error.value)
-    assert told.startswith("arm.fmu: its library cannot be loaded: ")
-    assert f"binaries/{here}/{LIBRARY}" in told
-    assert str(folder) not in told
+    result = str(error.value)
+    assert result.startswith("arm.fmu: its library cannot be loaded: ")
+    assert f"binaries/{here}/{LIBRARY}" in result
+    assert str(folder) not in result
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
@@ -427,7 +427,7 @@ def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
 
     path = rewritten(tmp_path / "arm.fmu", fmi, needing)
     archive = open_archive(path, "arm.fmu")
-    assert archive.told()["needs_execution_tool"] == "Arms 7"
+    assert archive.describe()["needs_execution_tool"] == "Arms 7"
     loads = [found.text for found in check(CheckTask(archive)).findings if found.topic == "loads"]
     assert len(loads) == 2
     assert all("; it needs Arms 7 on this machine (needsExecutionTool)" in text for text in loads)

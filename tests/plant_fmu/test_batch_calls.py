@@ -181,15 +181,15 @@ def failure(archive: Archive, fault: str) -> str:
 @pytest.mark.parametrize("fault", ["discard", "error", "fatal", "nan", "end", "early", "no status"])
 def test_both_ways_fail_alike(faulty: Path, fault: str) -> None:
     archive = open_archive(faulty)
-    told = failure(archive, fault)
-    assert "robot 2 " in told
+    result = failure(archive, fault)
+    assert "robot 2 " in result
     with from_python():
-        assert failure(archive, fault) == told
+        assert failure(archive, fault) == result
 
 
 @each_version
 def test_both_ways_pass_on_an_fmus_last_words(fmi: int) -> None:
-    archive, told = open_archive(build("two_link_arm", fmi)), []
+    archive, result = open_archive(build("two_link_arm", fmi)), []
     wild = np.array([[0.0, 0.0], [0.0, np.nan], [np.nan, 0.0]])
 
     def refused() -> str:
@@ -199,12 +199,12 @@ def test_both_ways_pass_on_an_fmus_last_words(fmi: int) -> None:
                 plants.hold(wild, wild)
         return str(error.value)
 
-    told.append(refused())
+    result.append(refused())
     with from_python():
-        told.append(refused())
-    assert told[0] == told[1]
-    assert "robot 2 " in told[0]
-    assert told[0].endswith("ended with Error: setting position_ref to nan") or fmi == 2
+        result.append(refused())
+    assert result[0] == result[1]
+    assert "robot 2 " in result[0]
+    assert result[0].endswith("ended with Error: setting position_ref to nan") or fmi == 2
 
 
 @pytest.fixture

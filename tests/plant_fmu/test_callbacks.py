@@ -76,7 +76,7 @@ def words():
 TELL = "\nprint(json.dumps(words()))\n"
 
 
-def told(script, *paths):
+def printed_by(script, *paths):
     """Run a script in a process of its own, and return what it printed."""
     command = [sys.executable, "-c", BEGIN + script + TELL, *map(str, paths)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=GUARD, check=False)
@@ -104,7 +104,7 @@ load(sys.argv[1], "robot 1", "robot 3")
 stack.close()
 """
     freed = said(fmi, "freed")
-    assert told(script, talker(fmi)) == [
+    assert printed_by(script, talker(fmi)) == [
         {"robot 1": freed, "robot 2": freed},
         {"robot 1": freed, "robot 3": freed},
     ]
@@ -132,7 +132,7 @@ with ThreadPoolExecutor(4) as threads:
 words = lambda: lives
 """
     said_of_each = sorted(said(fmi, what) for what in ("born", "refused", "freed"))
-    assert told(script, talker(fmi)) == [said_of_each] * 4
+    assert printed_by(script, talker(fmi)) == [said_of_each] * 4
 
 
 @pytest.mark.parametrize("first", [2, 3])
@@ -147,7 +147,7 @@ with stack.pop_all():
 words = lambda: heard
 """
     second = 5 - first
-    assert told(script, talker(first), talker(second)) == [
+    assert printed_by(script, talker(first), talker(second)) == [
         {"robot 1": said(first, "refused"), "robot 2": said(first, "born")},
         {"robot 1": said(second, "freed")},
     ]
@@ -159,7 +159,7 @@ def test_the_words_of_robot_1_are_not_those_of_robot_2(talker, fmi):
 library, handles = load(sys.argv[1], "robot 1", "robot 2")
 refuse(library, handles[0])
 """
-    assert told(script, talker(fmi)) == [
+    assert printed_by(script, talker(fmi)) == [
         {"robot 1": said(fmi, "refused"), "robot 2": said(fmi, "born")}
     ]
 
@@ -177,7 +177,7 @@ del other
 stack.close()
 """
     freed = said(2, "freed")
-    assert told(script, talker(2)) == [{"robot 1": freed, "robot 2": freed}]
+    assert printed_by(script, talker(2)) == [{"robot 1": freed, "robot 2": freed}]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ library, handles = load(sys.argv[1], "robot 1", "robot 2")
 refuse(library, handles[0])
 """
     expected = {robot: said(2, what) if what else "" for robot, what in heard.items()}
-    assert told(script, path) == [expected]
+    assert printed_by(script, path) == [expected]
 
 
 @pytest.fixture(scope="module")

@@ -223,8 +223,8 @@ def test_what_is_missing_is_told_once_and_only_where_it_is_needed(tmp_path):
 
     path = rewritten(tmp_path / "a.fmu", 2, edit)
     plain = check(CheckTask(open_archive(path)))
-    told = [f for f in plain.findings if f.topic in {"variables", "drives"}]
-    assert sum("; it has " in f.text or "did you mean" in f.text for f in told) == 1
+    result = [f for f in plain.findings if f.topic in {"variables", "drives"}]
+    assert sum("; it has " in f.text or "did you mean" in f.text for f in result) == 1
     assert found(plain, "tau").text == "not found either; write variables.tau as well, as of q"
     assert found(plain, "position_ref").text == "not there, nor needed: tau would do"
     assert "variables.q" not in found(plain, "chosen").text
@@ -249,10 +249,10 @@ def test_a_scenario_tells_names_gains_and_driving(tmp_path):
 
 
 def test_json_has_each_finding():
-    told = json.loads(nrs("fmu", "check", "planar_robot", "--json").stdout)
-    assert set(told) == {"fmu", "sha256", "passes", "findings"}
-    assert all(set(f) == {"topic", "name", "verdict", "text", "value"} for f in told["findings"])
-    topics = list(dict.fromkeys(f["topic"] for f in told["findings"]))
+    result = json.loads(nrs("fmu", "check", "planar_robot", "--json").stdout)
+    assert set(result) == {"fmu", "sha256", "passes", "findings"}
+    assert all(set(f) == {"topic", "name", "verdict", "text", "value"} for f in result["findings"])
+    topics = list(dict.fromkeys(f["topic"] for f in result["findings"]))
     assert topics == ["valid", "loads", "variables", "drives", "physics", "runs"]
 
 

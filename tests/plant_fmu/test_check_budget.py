@@ -29,11 +29,11 @@ def test_a_stage_that_is_given_up_is_unknown_and_the_others_are_not():
     """By a clock that goes by 1 s at each look: mechanics wants thousands, running alone 100."""
     ticks = count()
     budget = Budget(limit=1000.0, clock=lambda: float(next(ticks)))
-    told = {f.name: f for f in findings(CheckTask(open_archive(build("two_link_arm"))), budget)}
-    assert told["M symmetric"].verdict == "holds"
-    assert told["rests"].verdict == "unknown"
-    assert told["rests"].text == "cannot be probed: given up after 1000 s of processor time"
-    assert told["alone"].verdict == told["resumed"].verdict == "holds"
+    result = {f.name: f for f in findings(CheckTask(open_archive(build("two_link_arm"))), budget)}
+    assert result["M symmetric"].verdict == "holds"
+    assert result["rests"].verdict == "unknown"
+    assert result["rests"].text == "cannot be probed: given up after 1000 s of processor time"
+    assert result["alone"].verdict == result["resumed"].verdict == "holds"
 
 
 @pytest.mark.parametrize("damping", [0.0, 2e4])
@@ -74,11 +74,11 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
         raise OutOfTime
 
     monkeypatch.setattr("nrs_cosim.plant_fmu.checking.validity.validate_fmu", endless)
-    told = list(findings(CheckTask(open_archive(build("planar_robot"))), Budget(limit=20.0)))
-    (valid,) = (f for f in told if f.topic == "valid")
+    result = list(findings(CheckTask(open_archive(build("planar_robot"))), Budget(limit=20.0)))
+    (valid,) = (f for f in result if f.topic == "valid")
     assert valid.verdict == "unknown"
     assert valid.text == "not validated: took longer than 20 s of processor time"
-    assert {f.verdict for f in told if f.topic == "physics"} == {"holds"}
+    assert {f.verdict for f in result if f.topic == "physics"} == {"holds"}
 
 
 def test_problems_of_one_kind_are_told_once_with_how_many_they_are(tmp_path):

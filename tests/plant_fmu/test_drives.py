@@ -392,8 +392,8 @@ def test_a_torque_that_is_not_told_is_the_laws(
         silent = open_plants(
             stack, altered(fmi, ('"tau_applied', '"something')), bodies(), {}, Driving()
         )
-        told = play(opened(fmi, Driving(), bodies()), held, 0, 2)
-        np.testing.assert_allclose(play(silent, held, 0, 2), told, rtol=1e-10, atol=1e-9)
+        result = play(opened(fmi, Driving(), bodies()), held, 0, 2)
+        np.testing.assert_allclose(play(silent, held, 0, 2), result, rtol=1e-10, atol=1e-9)
 
 
 def test_a_disturbance_that_it_cannot_take_is_refused(altered: Callable[..., Archive]) -> None:

@@ -55,11 +55,11 @@ def test_the_inertia_of_joints_that_step_is_right(tmp_path, step, fmi):
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
 def test_sound_joints_that_step_pass(tmp_path, step):
     checked = check(CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step))))
-    told = dict.fromkeys(PHYSICS, "holds")
+    result = dict.fromkeys(PHYSICS, "holds")
     if step > 1e-3:  # q̈ is known to d times its rate, which is more than the tolerance
-        told["power"] = "unknown"
+        result["power"] = "unknown"
         assert f"as its internal step of {step:g} s alone" in found(checked, "power").text
-    assert verdicts(checked) == told
+    assert verdicts(checked) == result
     assert checked.passes
     ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
@@ -79,8 +79,8 @@ def test_joints_that_a_torque_of_one_holds_where_they_start_are_probed(tmp_path,
 def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_path):
     path = build_stepping(tmp_path / "a.fmu", 1e-3, lasting=True)
     checked = check(CheckTask(open_archive(path)))
-    told = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
-    assert verdicts(checked) == told
+    result = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
+    assert verdicts(checked) == result
     for name in ("rests", "power"):
         assert "nothing moves by a torque on joints 1, 2" in found(checked, name).text
         assert found(checked, name).text.endswith("does a reset start it anew?")

@@ -197,10 +197,10 @@ def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at
     assert f"failed: {expected}" in done.stderr
     assert "Traceback" not in done.stderr
     nothing_left(place, life.until(None))
-    told = json.loads(nrs("info", place / "run.mcap", "--json").stdout)
-    assert (told["status"], told["ticks"], told["damage"]) == ("failed", 5, [])
-    assert told["messages"] == 3 * 6 + 4 * 5
-    assert told["reason"].startswith(expected)
+    result = json.loads(nrs("info", place / "run.mcap", "--json").stdout)
+    assert (result["status"], result["ticks"], result["damage"]) == ("failed", 5, [])
+    assert result["messages"] == 3 * 6 + 4 * 5
+    assert result["reason"].startswith(expected)
     assert "failed" in done.stdout
 
 
@@ -237,8 +237,8 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, lif
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     done = run_here(scenario())
     assert done.returncode == 2
-    told = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
-    assert done.stderr == f"error: s.toml: {told}\n"
+    result = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
+    assert done.stderr == f"error: s.toml: {result}\n"
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
 

@@ -148,12 +148,12 @@ def state(robot: Robot) -> Array:
     return np.concatenate([robot.get("q"), robot.get("qd")])
 
 
-def start(robot: Robot, x: Array, *told: Arm | Drive) -> None:
+def start(robot: Robot, x: Array, *result: Arm | Drive) -> None:
     """Initializes at the state x (2 n,) after n and all that is told have been set."""
     q, qd = np.split(x, 2)
     if robot.fmi == 3:
         robot.configure("n", len(q))
-    settings = {name: value for each in told for name, value in each.settings().items()}
+    settings = {name: value for each in result for name, value in each.settings().items()}
     robot.initialize(**settings, q=q, qd=qd)
 
 
@@ -236,10 +236,10 @@ def test_two_links_can_be_those_of_two_link_arm(robot: Open) -> None:
     x, drive = some_state(2), some_drive(2)
     masses = Arm(*np.array([[0.5, 1.5], [1.0, 0.8], [1.0, 0.8], [0.0, 0.0], [5.0, 5.0]]))
     ends = []
-    for model, told in (("n_link_arm", (masses, drive)), ("two_link_arm", (drive,))):
+    for model, result in (("n_link_arm", (masses, drive)), ("two_link_arm", (drive,))):
         with robot(model, 3) as r:
             if model == "n_link_arm":
-                start(r, x, *told)
+                start(r, x, *result)
             else:
                 q, qd = np.split(x, 2)
                 r.initialize(**drive.settings(), q=q, qd=qd)

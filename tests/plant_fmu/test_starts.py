@@ -54,7 +54,7 @@ def started(archive: Archive, q: float, parameters: dict[str, Any], names: dict[
         return float(open_plants(stack, archive, [body], names).q[0, 0])
 
 
-def told(archive: Archive, q: float, names: dict[str, str]) -> str:
+def start_text(archive: Archive, q: float, names: dict[str, str]) -> str:
     with pytest.raises(FmuError) as error:
         started(archive, q, {}, names)
     message = str(error.value)
@@ -90,7 +90,7 @@ CASES: dict[str, tuple[int, tuple[Any, ...], dict[str, str], dict[str, str], str
 def test_the_parameter_that_is_told_brings_the_start_about(tmp_path: Path, case: str) -> None:
     fmi, parameters, more, names, name = CASES[case]
     archive = talker(tmp_path, fmi, *parameters, **more)
-    message = told(archive, 0.3, names)
+    message = start_text(archive, 0.3, names)
     assert "; its start seems to be a parameter's: leave initial.q as it is, and give " in message
     (table,) = re.findall(r"give robot 7 plant\.(parameters = \{ .* \})$", message)
     given = tomllib.loads(table)["parameters"]
@@ -131,4 +131,4 @@ def test_a_parameter_is_told_in_its_own_unit(tmp_path: Path) -> None:
 def test_where_no_parameter_stands_out_none_is_told(
     tmp_path: Path, parameters: tuple[Any, ...]
 ) -> None:
-    assert told(talker(tmp_path, 2, *parameters), 0.3, {}).endswith("can be set")
+    assert start_text(talker(tmp_path, 2, *parameters), 0.3, {}).endswith("can be set")

@@ -422,9 +422,9 @@ def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
         f"warning: {GANTRY}: joint 'left slide': its dry friction of 0.1 is left out\n"
     )
     assert output.read_bytes() == build_urdf(read_urdf(GANTRY), 2).read_bytes()
-    told = json.loads(nrs("fmu", "info", str(output), "--json").stdout)
-    assert (told["name"], told["fmi_version"]) == ("robot_3_armed_gantry", "2.0")
-    assert told["kinds"] == ["CoSimulation", "ModelExchange"]
+    result = json.loads(nrs("fmu", "info", str(output), "--json").stdout)
+    assert (result["name"], result["fmi_version"]) == ("robot_3_armed_gantry", "2.0")
+    assert result["kinds"] == ["CoSimulation", "ModelExchange"]
 
 
 def test_an_fmu_that_is_no_mechanics_is_not_written(

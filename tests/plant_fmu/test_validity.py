@@ -22,8 +22,8 @@ BAD = (
 def by_fmpy(name):
     """Whether FMPy's own grammar takes a name."""
     variable = SimpleNamespace(name=name, sourceline=1)
-    told = SimpleNamespace(variableNamingConvention="structured", modelVariables=[variable])
-    return not _validate_variable_names(told)
+    result = SimpleNamespace(variableNamingConvention="structured", modelVariables=[variable])
+    return not _validate_variable_names(result)
 
 
 @pytest.mark.parametrize("name", [*GOOD.replace("a b", "a_b").split(), "'a b'.q"])

@@ -159,9 +159,9 @@ def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, whi
 
     def check_info() -> None:
         with Reader(path) as reader:
-            told = describe(reader, experiment_of(reader))
-            assert json.loads(json.dumps(told))["ticks"] <= TICKS
-            assert told["messages"] <= sum(map(len, places.values()))
+            result = describe(reader, experiment_of(reader))
+            assert json.loads(json.dumps(result))["ticks"] <= TICKS
+            assert result["messages"] <= sum(map(len, places.values()))
             measure(reader, experiment_of(reader))
 
     def check_export() -> None:

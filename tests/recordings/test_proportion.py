@@ -53,7 +53,7 @@ from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.mcap.reader import Reader
 path = Path(sys.argv[1])
 
-def told():
+def info():
     with Reader(path) as reader:
         describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))
 
@@ -65,7 +65,7 @@ def arrays():
     with Recording(path) as recording:
         recording.states(), recording.dataset()
 
-for read in (told, tables, arrays):
+for read in (info, tables, arrays):
     try:
         read()
     except InputError as error:

@@ -8,7 +8,7 @@ from nrs_cosim.bus.keys import EVERYONE, TARGET, sample_topic, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
 from nrs_cosim.recordings.recorder import channels
-from tests.batches import H, recorder_of, samples, told, whole, wire_of
+from tests.batches import H, recorder_of, samples, tick_batch, whole, wire_of
 
 TICKS = 40
 
@@ -29,10 +29,10 @@ def closed(recorder, wire, until, **what):
 def test_tick_0_lacks_records_alone(wire):
     recorder, _ = recorder_of(wire)
     assert recorder.missing(0) == {"left": ["records"], "right": ["records"]}
-    recorder.take(told(wire, "right", 0))
+    recorder.take(tick_batch(wire, "right", 0))
     assert recorder.missing(0) == {"left": ["records"]}
     assert not recorder.is_whole(0)
-    recorder.take(told(wire, "left", 0))
+    recorder.take(tick_batch(wire, "left", 0))
     assert recorder.missing(0) == {}
     assert recorder.is_whole(0)
 
@@ -82,7 +82,7 @@ def test_a_tick_is_written_whole_with_its_faults_and_checkpoints(wire):
 )
 def test_a_message_without_a_channel_is_refused(wire, what, room):
     recorder, _ = recorder_of(wire, **room)
-    recorder.take(told(wire, "left", 1, **what))
+    recorder.take(tick_batch(wire, "left", 1, **what))
     assert recorder.refused == {"topic": 1}
     assert recorder.taken == 0
 
@@ -110,7 +110,7 @@ def test_what_is_said_again_in_the_same_words_is_kept_once(wire):
     assert [len(tick) for tick in writer.ticks] == [2, 5]
 
 
-@pytest.mark.parametrize("say", [samples, told])
+@pytest.mark.parametrize("say", [samples, tick_batch])
 def test_what_is_said_again_in_other_words_ends_the_run(wire, say):
     recorder, _ = recorder_of(wire)
     recorder.take(say(wire, "left", 1))
@@ -123,7 +123,7 @@ def test_the_last_that_was_heard_of_a_worker(wire):
     closed(recorder, wire, 2)
     for k in (5, 3):
         recorder.take(samples(wire, "left", k))
-    recorder.take(told(wire, "right", 4))
+    recorder.take(tick_batch(wire, "right", 4))
     assert recorder.last_heard("left") == 5
     assert recorder.last_heard("right") == 2
 

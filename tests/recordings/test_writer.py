@@ -176,8 +176,8 @@ def test_an_end_that_has_another_digest_is_told_when_it_is_verified(path, monkey
         writer.finish("completed")
     monkeypatch.undo()
     with Reader(path, verify=verify) as reader:
-        told = [f"the messages had the digest {'0' * 64} when written"]
-        assert reader.damage == (told if verify else [])
+        result = [f"the messages had the digest {'0' * 64} when written"]
+        assert reader.damage == (result if verify else [])
         assert (reader.digest == "0" * 64) != verify
 
 
@@ -202,18 +202,18 @@ def test_chunks_that_changed_places_are_out_of_order(path):
 
 
 @pytest.mark.parametrize(
-    ("ticks", "told"),
+    ("ticks", "result"),
     [
         ((1, 2, 3), []),
         ((1, 2, 6, 7), ["ticks 3 to 5 are missing"]),
         ((2, 3, 5), ["tick 1 is missing", "tick 4 is missing"]),
     ],
 )
-def test_ticks_that_a_damaged_recording_lacks_are_named(path, ticks, told):
+def test_ticks_that_a_damaged_recording_lacks_are_named(path, ticks, result):
     with new(path, chunk_bytes=1) as writer:
         for k in (0, *ticks):
             writer.write([(k, "a", k, b"")])
         writer.finish("completed")
     path.write_bytes(path.read_bytes()[:-1])
     with Reader(path, verify=True) as reader:
-        assert [line for line in reader.damage if line.endswith("missing")] == told
+        assert [line for line in reader.damage if line.endswith("missing")] == result

@@ -15,8 +15,8 @@ class Look:
         browser.get(address)
 
     def size(self, width):
-        told = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
-        self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", told)
+        result = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", result)
 
     def prefer(self, dark):
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}

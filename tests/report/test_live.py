@@ -79,9 +79,9 @@ def test_the_page_stays_until_ctrl_c(paper, tmp_path):
     with Run("-o", str(out), "--live", "--stay") as live:
         while "stays until Ctrl-C" not in live.process.stderr.readline():
             pass
-        status, version, told = get(live.address, "/data.json")
+        status, version, shown = get(live.address, "/data.json")
         assert (status, bool(version)) == (200, True)
-        assert json.loads(told)["runs"][0]["status"] == "completed"
+        assert json.loads(shown)["runs"][0]["status"] == "completed"
         os.kill(live.process.pid, signal.SIGINT)
         assert live.process.wait(GUARD) == 0
     with pytest.raises(ConnectionRefusedError):
@@ -94,8 +94,8 @@ def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
     out = tmp_path / "again.mcap"
     out.write_bytes(b"")
     with Run("-o", str(out), "--live", "--realtime", "0.01") as live:
-        status, _, told = get(live.address, "/data.json")
-        assert status == 204 or json.loads(told)["runs"][0]["status"] == "unfinished"
+        status, _, shown = get(live.address, "/data.json")
+        assert status == 204 or json.loads(shown)["runs"][0]["status"] == "unfinished"
         os.kill(live.process.pid, signal.SIGINT)
         assert live.process.wait(GUARD) == 130
     with Reader(out) as reader:
@@ -116,11 +116,11 @@ def get(address, path, **headers):
 @pytest.fixture
 def served():
     """Return an address, and what is told there."""
-    state = {"version": "", "told": b"{}", "asked": 0}
+    state = {"version": "", "answer": b"{}", "asked": 0}
 
     def tell():
         state["asked"] += 1
-        return state["told"]
+        return state["answer"]
 
     listening = socket.create_server(("127.0.0.1", 0))
     with LiveServer(listening, lambda: state["version"], tell) as server:
@@ -139,7 +139,7 @@ def test_what_is_known_is_not_told_again(served):
     assert get(address, "/data.json?since=a")[0] == 204
     assert state["asked"] == 1
     server.linger(0.0)
-    state["version"], state["told"] = "b", b"[]"
+    state["version"], state["answer"] = "b", b"[]"
     assert get(address, "/data.json?since=a") == (200, "b", b"[]")
 
 

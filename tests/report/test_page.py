@@ -26,7 +26,7 @@ from tests.report.conftest import story
 nrs = CliRunner()
 
 
-def told(text):
+def sentences_of(text):
     """Return what a page's script is told."""
     (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text)
     return json.loads(data)
@@ -44,7 +44,7 @@ def table_of(path, read):
 
 def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
     path = recorded("fine", ("output_step = 0.02", "output_step = 0.005"))
-    data, rows = told(page([story(path)])), table_of(path, states)
+    data, rows = sentences_of(page([story(path)])), table_of(path, states)
     seen = 0
     for figure, name in (("estimates", "reference_position"), ("estimates", "reference_velocity")):
         panels = next(f for f in data["figures"] if f["name"] == figure)["panels"]
@@ -66,7 +66,7 @@ def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
 
 
 def test_tracking_errors_are_joints_less_the_target(paper):
-    data, rows = told(page([story(paper)])), table_of(paper, states)
+    data, rows = sentences_of(page([story(paper)])), table_of(paper, states)
     t = rows["time_ns"] / 1e9
     target = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
     (panels,) = (f["panels"] for f in data["figures"] if f["name"] == "tracking")
@@ -113,13 +113,15 @@ def test_a_page_is_small_and_refers_to_nothing_outside(paper, tmp_path):
 
 
 def test_words_and_numbers_are_those_of_the_run(paper):
-    (run,) = told(page([story(paper)]))["runs"]
+    (run,) = sentences_of(page([story(paper)]))["runs"]
     assert "6 robots with 2 joints each" in run["lead"]
     assert "robot 3 alone" in run["lead"]
     assert "dcea1 with α = 0.9 and β = 1.1" in run["lead"]
     measured = [row["value"] for row in run["measured"]]
     assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
-    counted = {name: told for name, told in run["counted"].items() if "spent" not in name}
+    counted = {
+        name: sentences_of for name, sentences_of in run["counted"].items() if "spent" not in name
+    }
     assert counted == {"samples": "2,100", "states": "9,006"}
     assert run["counted"].keys() - counted.keys() >= {"spent, here, plants", "spent, here, bus"}
     assert [v["name"] for v in run["verdicts"]] == [
@@ -135,7 +137,7 @@ def test_words_and_numbers_are_those_of_the_run(paper):
 
 def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faults(paper, lossy):
     for path, there in ((paper, True), (lossy, False)):
-        data = told(page([story(path)]))
+        data = sentences_of(page([story(path)]))
         (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
         drawn = [c["name"] for panel in figure["panels"] for c in panel["curves"]]
         assert any("slope of ρ" in name for name in drawn) == there
@@ -145,7 +147,7 @@ def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faul
 
 
 def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
-    (run,) = told(page([story(paper)]))["runs"]
+    (run,) = sentences_of(page([story(paper)]))["runs"]
     rows = {v["name"]: v for v in run["verdicts"]}
     assert [v["at_least"] for v in rows.values()] == [False, False, *[True] * 4]
     assert (rows["kp"]["value"], rows["kp"]["bound"]) == (200, 0)
@@ -154,7 +156,7 @@ def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
 
 def test_what_a_run_says_at_its_end_is_told(paper):
     spent = replace(story(paper), ending={"time": '{"worker": {"plants": 0.5}}', "note": "a word"})
-    (run,) = told(page([spent]))["runs"]
+    (run,) = sentences_of(page([spent]))["runs"]
     assert run["counted"]["time, worker, plants"] == "0.5"
     assert run["counted"]["note"] == "a word"
 
@@ -162,7 +164,7 @@ def test_what_a_run_says_at_its_end_is_told(paper):
 def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
     plain = story(paper)
     bounds = {"position_estimate": {"sharp": 0.2, "paper’s": float("inf")}}
-    data = told(page([replace(plain, subject=replace(plain.subject, bounds=bounds))]))
+    data = sentences_of(page([replace(plain, subject=replace(plain.subject, bounds=bounds))]))
     (run,) = data["runs"]
     assert run["measured"][0]["bounds"] == {"sharp": 0.2}
     (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
@@ -171,7 +173,7 @@ def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
 
 
 def test_faults_are_those_of_the_recording(lossy):
-    data = told(page([story(lossy)]))
+    data = sentences_of(page([story(lossy)]))
     (figure,) = (f for f in data["figures"] if f["name"] == "link_events")
     (panel,) = figure["panels"]
     with Reader(lossy) as reader:
@@ -191,7 +193,7 @@ def test_faults_are_those_of_the_recording(lossy):
 
 
 def test_several_recordings_lie_over_one_another(paper, lossy):
-    data = told(page([story(paper), story(lossy), story(paper)]))
+    data = sentences_of(page([story(paper), story(lossy), story(paper)]))
     names = ["paper_first_order (1)", "paper_lossy_links", "paper_first_order (2)"]
     assert [group["name"] for group in data["groups"]] == [*names, "target"]
     first = data["figures"][0]["panels"][0]
@@ -206,7 +208,7 @@ def test_a_cut_recording_is_drawn_as_far_as_it_goes_and_says_so(paper, tmp_path)
     cut.write_bytes(paper.read_bytes()[:300_000])
     result = nrs.invoke(app, ["report", str(cut), "-o", str(tmp_path / "page.html")])
     assert result.exit_code == 0
-    (run,) = told((tmp_path / "page.html").read_text("utf-8"))["runs"]
+    (run,) = sentences_of((tmp_path / "page.html").read_text("utf-8"))["runs"]
     assert run["status"] == "unfinished"
     assert "the file ends inside a record" in run["damage"][0]
     assert "of 300 sampling times" in run["lead"]
@@ -226,7 +228,7 @@ def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
 
 
 def test_a_run_whose_first_tick_is_to_come_has_a_page(empty):
-    data = told(page([story(empty)]))
+    data = sentences_of(page([story(empty)]))
     (run,) = data["runs"]
     assert data["figures"] == []
     assert run["motion"] is None
@@ -237,7 +239,7 @@ def test_names_from_a_recording_cannot_leave_the_data(recorded):
     path = recorded("</script><b>{{plotly}}", ("duration = 30.0", "duration = 1.0"))
     text = page([story(path)])
     assert "</script><b>" not in text
-    assert told(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
+    assert sentences_of(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
 
 
 def test_arms_have_the_lengths_that_their_plants_tell():
@@ -283,7 +285,7 @@ def test_axes_have_the_unit_that_all_joints_have_and_no_other(paper, units, labe
     of = story(paper)
     assert of.subject.unit == "rad"
     of = replace(of, subject=replace(of.subject, unit=unit_over(units)))
-    data = told(page([of]))
+    data = sentences_of(page([of]))
     position, velocity, both = labels
     for name, expected in (
         ("estimates", [position] * 2 + [velocity] * 2),

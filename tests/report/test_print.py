@@ -32,7 +32,7 @@ def test_the_ending_of_its_name_says_what_a_report_is(paper, tmp_path, form):
 
 
 @pytest.mark.parametrize(
-    ("name", "form", "told"),
+    ("name", "form", "shown"),
     [
         ("a.png", "pdf", "--format pdf: -o {} ends in .png; leave one of them out"),
         ("a.html", "pdf", "ends in .html"),
@@ -42,13 +42,13 @@ def test_the_ending_of_its_name_says_what_a_report_is(paper, tmp_path, form):
     ],
 )
 def test_a_format_that_contradicts_a_name_is_refused_before_anything_is_read(
-    tmp_path, name, form, told
+    tmp_path, name, form, shown
 ):
     out = tmp_path / name
     more = ["--format", form] if form else []
     result = nrs.invoke(app, ["report", str(tmp_path / "none.mcap"), "-o", str(out), *more])
     assert isinstance(result.exception, InputError)
-    assert told.format(out) in str(result.exception)
+    assert shown.format(out) in str(result.exception)
     assert not out.exists()
 
 
@@ -61,7 +61,7 @@ def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "shown"),
     [
         (["run", "s.toml", "-o", "a.html"], "is the name of a page, and a recording would be w"),
         (["resume", "a.mcap", "-o", "a.csv"], "is the name of a table, and a recording would"),
@@ -72,10 +72,10 @@ def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path
         (["diff", "a.mcap", "b.mcap", "--picture", "a.pdf"], "and a picture would be written"),
     ],
 )
-def test_no_file_is_named_as_another_kind_of_file(arguments, told):
+def test_no_file_is_named_as_another_kind_of_file(arguments, shown):
     result = nrs.invoke(app, arguments)
     assert isinstance(result.exception, InputError)
-    assert told in str(result.exception)
+    assert shown in str(result.exception)
 
 
 @pytest.mark.parametrize("name", ["paper", "lossy"])

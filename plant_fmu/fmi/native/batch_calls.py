@@ -94,11 +94,14 @@ class NativeRounds:
         self._native, self._library = native, library
         instances = (c_void_p * len(handles))(*handles)
         fields = b"".join(name.encode()[:WHO].ljust(WHO, b"\0") for name in names)
-        told = create_string_buffer(fields) if library.progress else None
+        progress = create_string_buffer(fields) if library.progress else None
         self._all = _Instances(
-            len(handles), addressof(instances), library.progress, addressof(told) if told else 0
+            len(handles),
+            addressof(instances),
+            library.progress,
+            addressof(progress) if progress else 0,
         )
-        self._all.kept = instances, told
+        self._all.kept = instances, progress
 
     def exchange(self, view: View, *, setting: bool) -> Round:
         """Return a round of setting or getting; see `Rounds`."""
@@ -108,10 +111,10 @@ class NativeRounds:
         """Return a round of steps; see `Rounds`."""
         advance, n, answer = self._native.advance, self._all.n, _Answer()
         calls, rows = self._bound({**_NUMBERS, "step": ("DoStep", "DoStep")}), _rows(view)
-        whom, told = (byref(calls), byref(self._all), byref(rows)), byref(answer)
+        whom, out = (byref(calls), byref(self._all), byref(rows)), byref(answer)
 
         def step(start: float, step: float) -> EarlyEnd | None:
-            row = advance(*whom, start, step, told)
+            row = advance(*whom, start, step, out)
             return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
 
         return step
@@ -122,10 +125,10 @@ class NativeRounds:
 
     def _round(self, function: Call, calls: _Calls, what: Any, way: bool) -> Round:
         n, answer = self._all.n, _Answer()
-        told = byref(calls), byref(self._all), byref(what), way, byref(answer)
+        arguments = byref(calls), byref(self._all), byref(what), way, byref(answer)
 
         def go() -> EarlyEnd | None:
-            row = function(*told)
+            row = function(*arguments)
             return None if row == n else EarlyEnd(row, answer.status)
 
         return go
