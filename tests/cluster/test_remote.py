@@ -223,7 +223,7 @@ def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
             worker = Worker(cable.endpoint, "worker")
             assert run.digest() == digest
         worker.end()
-    assert any("the orchestrator is gone; looking for it again" in line for line in worker.lines())
+    assert any("the orchestrator is gone; looking for it again" in line for line in worker.all_lines())
 
 
 def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
