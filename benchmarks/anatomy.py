@@ -43,11 +43,11 @@ PARTS: Mapping[str, Sequence[str]] = {
         "nrs_cosim.bus.validation:Wire.pack_samples",
         "nrs_cosim.bus.validation:Wire.pack_tick",
     ],
-    "wire: sealed and opened": [
-        "nrs_cosim.bus.signature:Seal.closed",
-        "nrs_cosim.bus.signature:Seal.opened",
+    "wire: signed and verified": [
+        "nrs_cosim.bus.signature:Signer.sign",
+        "nrs_cosim.bus.signature:Signer.verify",
     ],
-    "wire: batches vetted": [
+    "wire: batches validated": [
         "nrs_cosim.bus.validation:Wire.unpack_samples",
         "nrs_cosim.bus.validation:Wire.unpack_tick",
     ],

@@ -63,7 +63,7 @@ with the stop in them. On {machine}.
 """
 
 
-def expected(file: Experiment) -> dict[str, int]:
+def expected_messages(file: Experiment) -> dict[str, int]:
     """Return how many messages of each kind a whole recording has."""
     clock, n = file.clock, file.n
     states = len(clock.outputs(0)) + clock.ticks * len(clock.outputs(1))
@@ -170,7 +170,7 @@ def _row(name: str, outcome: Outcome, about: Row) -> Row:
         "run": name,
         "status": status,
         "seconds": round(outcome.wall_seconds, 1),
-        "batches refused": sum(outcome.refused.values()),
+        "batches rejected": sum(outcome.rejected.values()),
         "peak MB, orchestrator": round(peak(os.getpid()) / MB),
         **about,
     }
@@ -179,7 +179,7 @@ def _row(name: str, outcome: Outcome, about: Row) -> Row:
 def soak(robots: int, ticks: int, folder: Path) -> list[Row]:
     """Return what is to be told of each run."""
     file = scenario(robots, ticks)
-    owed = expected(file)
+    expected = expected_messages(file)
     rows: list[Row] = []
     for perform in (in_one_process, at_a_socket, over_tcp):
         path = folder / "soak.mcap"
@@ -188,8 +188,8 @@ def soak(robots: int, ticks: int, folder: Path) -> list[Row]:
         with ProcessPoolExecutor(1, mp_context=spawn) as apart:
             row = apart.submit(perform, file, path).result()
         has, digest, damage = counted(path)
-        row |= {f"{kind}s expected": count for kind, count in owed.items()}
-        row |= {f"{kind}s recorded": has.get(kind, 0) for kind in owed}
+        row |= {f"{kind}s expected": count for kind, count in expected.items()}
+        row |= {f"{kind}s recorded": has.get(kind, 0) for kind in expected}
         row |= {"digest": digest, "damage": "; ".join(damage) or "none"}
         rows.append(row)
         print(f"    {row}", flush=True)
@@ -202,7 +202,7 @@ def passed(row: Row, digest: str) -> bool:
         row[f"{kind}s expected"] == row[f"{kind}s recorded"]
         for kind in ("sample", "state", "checkpoint")
     )
-    clean = row["status"] == "completed" and row["damage"] == "none" and not row["batches refused"]
+    clean = row["status"] == "completed" and row["damage"] == "none" and not row["batches rejected"]
     return whole and clean and row["digest"] == digest
 
 

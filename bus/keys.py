@@ -9,7 +9,7 @@ TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
 """Who puts the target's samples; who is present for the run as a whole; all of them."""
 SAMPLES, RECORDS, REPORT, ORDERS = "samples", "records", "report", "orders"
 """What workers put: for one another, for the recorder, for the orchestrator; what they are told."""
-JOIN, START, HEARD, FMU = "join", "start", "heard", "fmu"
+JOIN, START, MISSED, FMU = "join", "start", "missed", "fmu"
 """What workers ask for: to be let in; to begin; samples they missed; an FMU by its SHA-256."""
 ALIVE = "alive"
 

@@ -1,8 +1,7 @@
-"""A seal says that bytes were put on a key by one who was let into the run.
+"""A keyed MAC over (key, payload) proves that its sender holds the run's secret.
 
-It is a BLAKE2b of the key and the bytes under the run's secret, which a worker is told when it
-joins (RFC 7693, keyed hashing). Where no socket is open there is no secret, and nothing to seal
-against.
+It is a BLAKE2b of the key and the bytes under the run's secret, which a worker is given when it
+joins (RFC 7693, keyed hashing). Where no socket is open there is no secret, and nothing is signed.
 """
 
 from hashlib import blake2b
@@ -11,19 +10,19 @@ from hmac import compare_digest
 SIZE = 16
 
 
-class Seal:
-    """Seals and opens what travels in one run."""
+class Signer:
+    """Signs and verifies what travels in one run."""
 
     def __init__(self, secret: bytes = b"") -> None:
         """Take the run's secret, at most 64 bytes; none where nobody else can put anything."""
         self._secret = secret
 
-    def closed(self, key: str, data: bytes) -> bytes:
+    def sign(self, key: str, data: bytes) -> bytes:
         """Return what is to be put on a key."""
         return self._over(key, data) + data if self._secret else data
 
-    def opened(self, key: str, payload: bytes) -> bytes | None:
-        """Return what was put on a key, None when it was not sealed for it."""
+    def verify(self, key: str, payload: bytes) -> bytes | None:
+        """Return what was put on a key, None when its signature is not of it."""
         if not self._secret:
             return payload
         data = payload[SIZE:]

@@ -43,8 +43,8 @@ class Topology:
     def in_neighbours(self, robot: int) -> NDArray[np.intp]:
         """Return the nodes that a robot hears, ascending."""
         first, end = np.searchsorted(self.sink, [robot, robot + 1])
-        heard: NDArray[np.intp] = self.source[first:end]
-        return heard
+        received: NDArray[np.intp] = self.source[first:end]
+        return received
 
     @property
     def in_degree(self) -> NDArray[np.float64]:

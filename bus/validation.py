@@ -1,11 +1,11 @@
-"""What workers put on the wire, and what of it is believed.
+"""What workers put on the wire, and what of it is accepted.
 
 A worker puts two batches a tick: `samples/<worker>`, the samples of its robots at t_k, for the
 other workers and the recorder; and `records/<worker>`, all else that is recorded of the tick: its
 states of (t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages
-as they will stand in the recording, under a seal. A batch is believed when it is sealed for its
-key, comes from a worker that the run has, and holds exactly what that worker owes: its robots, its
-times, finite numbers. Any other is refused with the reason, and never mixed in.
+as they will stand in the recording, signed. A batch is accepted when it is signed for its
+key, comes from a worker that the run has, and holds exactly what is expected of it: its robots, its
+times, finite numbers. Any other is rejected with the reason, and never mixed in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
 from nrs_cosim.bus.messages import HEADER, LINK_EVENT, SAMPLE, STATE, Codec
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 
 Records = NDArray[np.void]
 Nodes = NDArray[np.integer]
@@ -30,8 +30,8 @@ _K = Struct("<I")
 _WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
 
 
-class RefusedError(BusError):
-    """A batch that is not believed; the text says why, in few words and without its numbers."""
+class RejectedError(BusError):
+    """A batch that is not accepted; the text says why, in few words and without its numbers."""
 
 
 class Times(Protocol):
@@ -70,7 +70,7 @@ class Wire:
         m: int,
         times: Times,
         assignment: Mapping[str, Nodes],
-        seal: Seal,
+        signer: Signer,
         silent: Callable[[int], Nodes] = _none_silent,
     ) -> None:
         """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
@@ -79,117 +79,117 @@ class Wire:
         )
         self.assignment = dict(assignment)
         self.times = times
-        self._seal, self._silent = seal, silent
+        self._signer, self._silent = signer, silent
         self.none = self.link_events.blank(np.empty(0, np.int64))
         """No link events."""
-        self._believed_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
+        self._accepted_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
         """Of each worker the last samples, as they came and as what they are."""
         most = max(len(times.outputs(0)), len(times.outputs(1)))
-        self._owed_samples = {
+        self._expected_samples = {
             worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
         }
-        self._owed_states = {
+        self._expected_states = {
             worker: self.states.blank(np.tile(nodes, most)) for worker, nodes in assignment.items()
         }
 
     def pack_samples(self, worker: str, k: int, records: Records) -> bytes:
         """Return the batch of a worker's samples of t_k."""
-        return self._seal.closed(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
+        return self._signer.sign(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
 
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
-        """Return k and the samples that a worker put; `RefusedError` when they are not believed.
+        """Return k and the samples that a worker put; `RejectedError` when they are not accepted.
 
         Bytes that two hear on one wire are judged once.
         """
-        known, believed = self._believed_last.get(worker, (b"", None))
-        if believed and payload == known:
-            return believed
+        known, accepted = self._accepted_last.get(worker, (b"", None))
+        if accepted and payload == known:
+            return accepted
         data, nodes = self._open(SAMPLES, worker, payload)
         k = self._tick(data, 1)
         silent = self._silent(k)
-        owed = self._owed_samples[worker]
+        expected = self._expected_samples[worker]
         if silent.size:
-            owed = owed[~np.isin(nodes, silent)]
-        owed["k"], owed["time_ns"] = k, self.times.t(k)
-        believed = k, self._believed(self.samples, data[_K.size :], owed)
-        self._believed_last[worker] = payload, believed
-        return believed
+            expected = expected[~np.isin(nodes, silent)]
+        expected["k"], expected["time_ns"] = k, self.times.t(k)
+        accepted = k, self._accepted(self.samples, data[_K.size :], expected)
+        self._accepted_last[worker] = payload, accepted
+        return accepted
 
     def pack_tick(self, worker: str, k: int, tick: Tick) -> bytes:
         """Return the batch of all else that is recorded of a worker's tick."""
         parts = [tick.states.tobytes(), tick.link_events.tobytes(), *tick.checkpoints]
-        return self._seal.closed(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
+        return self._signer.sign(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
 
     def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
-        """Return k and what a worker told of it; `RefusedError` when it is not believed."""
+        """Return k and a worker's records of it; `RejectedError` when they are not accepted."""
         data, robots = self._open(RECORDS, worker, payload)
         k = self._tick(data, 0)
         parts = parted(data[_K.size :])
         if parts is None or len(parts) < 2:
-            raise RefusedError("size")
+            raise RejectedError("size")
         state_bytes, met, *checkpoints = parts
-        owed, outputs = self._owed_states[worker], self.times.outputs(k)
-        owed = owed[: len(robots) * len(outputs)]
-        owed["k"] = k
-        owed["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
-        states = self._believed(self.states, state_bytes, owed)
+        expected, outputs = self._expected_states[worker], self.times.outputs(k)
+        expected = expected[: len(robots) * len(outputs)]
+        expected["k"] = k
+        expected["time_ns"].reshape(len(outputs), -1)[:] = np.array(outputs)[:, None]
+        states = self._accepted(self.states, state_bytes, expected)
         events = self._decoded(self.link_events, met) if met else self.none
         if (events["k"] != k).any():
-            raise RefusedError("tick")
+            raise RejectedError("tick")
         if len(events) and not np.isin(events["robot"], robots).all():
-            raise RefusedError("robot")
+            raise RejectedError("robot")
         headers = [_header(checkpoint) for checkpoint in checkpoints]
         if checkpoints and [robot for robot, _, _ in headers] != robots.tolist():
-            raise RefusedError("robot")
+            raise RejectedError("robot")
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
-            raise RefusedError("tick")
+            raise RejectedError("tick")
         return k, Tick(states, events, checkpoints)
 
     def _open(self, kind: str, worker: str, payload: bytes) -> tuple[bytes, Nodes]:
         nodes = self.assignment.get(worker)
         if nodes is None:
-            raise RefusedError("worker")
-        data = self._seal.opened(wire_key(kind, worker), payload)
+            raise RejectedError("worker")
+        data = self._signer.verify(wire_key(kind, worker), payload)
         if data is None:
-            raise RefusedError("seal")
+            raise RejectedError("signature")
         return data, nodes
 
     def _tick(self, data: bytes, first: int) -> int:
         if len(data) < _K.size:
-            raise RefusedError("size")
+            raise RejectedError("size")
         k: int = _K.unpack_from(data)[0]
         if not first <= k <= self.times.ticks:
-            raise RefusedError("tick")
+            raise RejectedError("tick")
         return k
 
     def _decoded(self, codec: Codec, data: bytes) -> Records:
         if len(data) % codec.size:
-            raise RefusedError("size")
+            raise RejectedError("size")
         try:
             return codec.parsed(data)
         except BusError:
-            raise RefusedError("value") from None
+            raise RejectedError("value") from None
 
-    def _believed(self, codec: Codec, data: bytes, owed: Records) -> Records:
-        """Return messages as records if they are those owed, whatever finite numbers they hold.
+    def _accepted(self, codec: Codec, data: bytes, expected: Records) -> Records:
+        """Return messages as records if they are those expected, whatever finite numbers they hold.
 
-        With the numbers that came, the messages that are owed must be the very bytes that came.
+        With the numbers that came, the expected messages must be the very bytes that came.
         """
-        if len(data) != owed.nbytes:
-            raise RefusedError("size")
+        if len(data) != expected.nbytes:
+            raise RejectedError("size")
         records = np.frombuffer(data, codec.dtype)
         for name in codec.kind.vectors:
-            owed[name] = records[name]
+            expected[name] = records[name]
             if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
-                raise RefusedError("value")
-        if owed.tobytes() != data:
-            wrong = (why for name, why in _WRONG.items() if (records[name] != owed[name]).any())
-            raise RefusedError(next(wrong, "form"))
+                raise RejectedError("value")
+        if expected.tobytes() != data:
+            wrong = (why for name, why in _WRONG.items() if (records[name] != expected[name]).any())
+            raise RejectedError(next(wrong, "form"))
         return records
 
 
 def _header(message: bytes) -> tuple[int, int, int]:
     if len(message) < HEADER.size:
-        raise RefusedError("size")
+        raise RejectedError("size")
     robot, k, time_ns = HEADER.unpack_from(message)
     return robot, k, time_ns

@@ -1,1 +1,1 @@
-"""What a robot believes of the target: algorithms, agents, and the theory of both."""
+"""The estimators of the target: algorithms, agents, and the theory of both."""

@@ -29,8 +29,8 @@ from nrs_cosim.recordings.mcap.container import Closing
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
 VERSIONS = "nrs.versions"
-SPENT, REFUSED, CAUSE = "spent", "refused", "cause"
-"""What is said at the end, as JSON: where wall time went, what was not believed, and what ended the
+SPENT, REJECTED, CAUSE = "spent", "rejected", "cause"
+"""What is said at the end, as JSON: where wall time went, what was rejected, and what ended the
 run early."""
 PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
@@ -111,7 +111,7 @@ class EndRecord(_Record):
     spent: Json[dict[str, dict[str, FiniteFloat]]] | None = None
     part_of: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] | None = None
     """Of what was recovered: the digest of all of the run, empty if unknown."""
-    refused: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
+    rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """The recorder writes what workers say, a closed tick at a time, in the very bytes that travelled.
 
 Tick k closes with the samples of t_k and all that the workers told of it: their states of
-(t_{k−1}, t_k], link events, checkpoints. It is counted by worker: a batch is believed only when it
-holds all that its worker owes. What cannot be believed is counted by its reason and passed over;
+(t_{k−1}, t_k], link events, checkpoints. It is counted by worker: a batch is accepted only when it
+holds all that is expected of its worker. What is rejected is counted by its reason and passed over;
 what is said twice is kept once.
 """
 
@@ -30,7 +30,7 @@ from nrs_cosim.bus.keys import (
 )
 from nrs_cosim.bus.messages import CHECKPOINT, HEADER, LINK_EVENT, SAMPLE, STATE, MessageType
 from nrs_cosim.bus.transport import Message
-from nrs_cosim.bus.validation import Records, RefusedError, Tick, Wire
+from nrs_cosim.bus.validation import Records, RejectedError, Tick, Wire
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Channel, Schema
 from nrs_cosim.recordings.mcap.container import Message as Recorded
@@ -118,7 +118,7 @@ class TickWriter(Protocol):
 class Recorder:
     """Writes what the workers of a run say.
 
-    `refused` counts what was not believed, by reason; `repeated` what was said again, as a worker
+    `rejected` counts batches by reason; `repeated` what was said again, as a worker
     does that was restored.
     """
 
@@ -128,10 +128,10 @@ class Recorder:
         A batch with a message on a topic that has no channel is refused.
         """
         self.messages = 0
-        self.refused: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
         self.repeated = 0
         self.taken = 0
-        """How many batches were believed and new."""
+        """How many batches were accepted and new."""
         self.closed = -1
         """The last tick that was written."""
         self.checkpoints: dict[int, tuple[int, bytes]] = {}
@@ -161,13 +161,13 @@ class Recorder:
             elif kind == RECORDS:
                 k, tick = self._wire.unpack_tick(worker, message.payload)
             else:
-                self.refused["key"] += 1
+                self.rejected["key"] += 1
                 return
-        except RefusedError as refused:
-            self.refused[str(refused)] += 1
+        except RejectedError as error:
+            self.rejected[str(error)] += 1
             return
         if kind == RECORDS and not self._has_channels(tick):
-            self.refused["topic"] += 1
+            self.rejected["topic"] += 1
             return
         if k <= self.closed:
             new = False

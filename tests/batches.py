@@ -5,7 +5,7 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Tick, Wire
 from nrs_cosim.recordings.recorder import Recorder, channels
@@ -18,7 +18,7 @@ ASSIGNMENT = {worker: [robot] for worker, robot in ROBOTS.items()}
 def wire_of(ticks: int) -> Wire:
     """Return the wire of a run of two robots and the target."""
     assignment = {worker: np.array(robots) for worker, robots in ASSIGNMENT.items()}
-    return Wire(M, Clock((H,), 1, ticks), {**assignment, TARGET: np.array([0])}, Seal())
+    return Wire(M, Clock((H,), 1, ticks), {**assignment, TARGET: np.array([0])}, Signer())
 
 
 def samples(wire: Wire, worker: str, k: int, value: float = 1.0) -> Message:

@@ -5,7 +5,7 @@ denied but, from the holder of CN,
 
     put               nrs/*/samples/CN, nrs/*/records/CN, nrs/*/report/CN
     liveliness token  nrs/*/alive/CN/*
-    query             nrs/*/join/CN, nrs/*/start/CN, nrs/*/heard/CN, nrs/*/fmu/*
+    query             nrs/*/join/CN, nrs/*/start/CN, nrs/*/missed/CN, nrs/*/fmu/*
 
 and what every worker may hear: `nrs/*/samples/*`, `nrs/*/orders/CN`, whether the orchestrator is
 there, and the answers to its own queries. So no worker can put the target's samples or an order.
@@ -24,7 +24,7 @@ _ALL = (
     *("put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"),
     *("liveliness_token", "declare_liveliness_subscriber", "liveliness_query"),
 )
-_PUTS, _QUERIES = ("samples", "records", "report"), ("join", "start", "heard")
+_PUTS, _QUERIES = ("samples", "records", "report"), ("join", "start", "missed")
 _ORCHESTRATOR = "nrs/*/alive/orchestrator"
 
 

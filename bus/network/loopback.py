@@ -18,12 +18,12 @@ def try_loopback() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     endpoint = (f"tcp/127.0.0.1:{port}",)
-    heard: queue.Queue[bytes] = queue.Queue()
+    received: queue.Queue[bytes] = queue.Queue()
     with open_session(Endpoints(listen=endpoint, insecure_tcp=True)) as hub:
-        hub.declare_subscriber(_KEY, lambda sample: heard.put(sample.payload.to_bytes()))
+        hub.declare_subscriber(_KEY, lambda sample: received.put(sample.payload.to_bytes()))
         with open_session(Endpoints(connect=endpoint, insecure_tcp=True)) as client:
             client.put(_KEY, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
             try:
-                heard.get(timeout=_PATIENCE)
+                received.get(timeout=_PATIENCE)
             except queue.Empty:
                 raise BusError(f"nothing is heard over loopback in {_PATIENCE:g} s") from None

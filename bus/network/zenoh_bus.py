@@ -36,7 +36,7 @@ _NOBODY = 3600.0
 class ZenohInbox:
     """A party's inbox; a C callable fills it, and no Python runs in Zenoh's threads.
 
-    With a screen Python does: what nobody is to believe is dropped there and counted, before any
+    With a screen Python does: what would be rejected is dropped there and counted, before any
     number of such messages fills the memory; a `Rejected` of a few bytes stands for each.
     """
 
@@ -145,15 +145,15 @@ class ZenohBus:
 
     def wait_for_listener(self, key: str, seconds: float) -> bool:
         """Wait until somebody listens on a key that is put on; return whether that was in time."""
-        heard: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
+        received: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
         publisher = self._session.declare_publisher(self._prefix + key)
-        listener = publisher.declare_matching_listener(Callback(heard.put, indirect=False))
+        listener = publisher.declare_matching_listener(Callback(received.put, indirect=False))
         self._declared += [publisher, listener]
         status: Any = publisher.matching_status  # typed as a truth, which it is not
         if status.matching:
             return True
         try:
-            return heard.get(timeout=seconds).matching
+            return received.get(timeout=seconds).matching
         except Empty:
             return False
 

@@ -158,8 +158,8 @@ def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace
     rows["time"] = summary_text.shares(outcome.profile, took)
     if outcome.restarts:
         rows["lost"] = f"{outcome.restarts} x a worker was gone"
-    if outcome.refused:
-        rows["refused"] = _counted(outcome)
+    if outcome.rejected:
+        rows["rejected"] = _counted(outcome)
     grid(out, rows | last)
     summary_text.judgement(out, result.judged)
 
@@ -175,8 +175,8 @@ def pace_of(factor: float | None) -> Pace:
 
 def _counted(outcome: Outcome) -> str:
     """Say what was refused, and why."""
-    reasons = ", ".join(f"{count} {why}" for why, count in sorted(outcome.refused.items()))
-    return f"{sum(outcome.refused.values())} messages that were not believed ({reasons})"
+    reasons = ", ".join(f"{count} {why}" for why, count in sorted(outcome.rejected.items()))
+    return f"{sum(outcome.rejected.values())} messages that were not accepted ({reasons})"
 
 
 CONTINUED = (

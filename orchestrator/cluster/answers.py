@@ -1,6 +1,6 @@
 """What workers that were let in ask for: where to begin, samples that they missed, and FMUs.
 
-All of it is under the run's seal. What is not, or has no place in the state of its slot, raises
+All of it is signed. What is not, or has no place in the state of its slot, raises
 `NotExpectedError`: it is not answered.
 """
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.framing import joined
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Question
 from nrs_cosim.orchestrator.cluster.admission import Admission
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, WorkerSlot
@@ -24,7 +24,7 @@ class Answers:
     """Answers the workers of a run."""
 
     slots: Assignment
-    seal: Seal
+    signer: Signer
     supervision: Supervision
     admission: Admission
     asked: Counter[str] = field(default_factory=Counter)
@@ -47,7 +47,7 @@ class Answers:
             raise NotExpectedError(f"{name} is not expected to be ready with robots {robots}")
         key = f"{question.key}/{ready.incarnation}"
         slot.plants = [plant.model_dump() | {"robots": [*plant.robots]} for plant in ready.plants]
-        slot.begin, slot.report = lambda go: question.answer(self.seal.closed(key, go)), None
+        slot.begin, slot.report = lambda go: question.answer(self.signer.sign(key, go)), None
         self.send_off(slot)
 
     def send_off(self, slot: WorkerSlot) -> None:
@@ -76,7 +76,7 @@ class Answers:
             for k, records, worker in known
             for part in (TICK.pack(k), records.tobytes(), worker.encode())
         )
-        question.answer(self.seal.closed(f"{question.key}/answer", joined(parts)))
+        question.answer(self.signer.sign(f"{question.key}/answer", joined(parts)))
 
     def fmu(self, sha256: str, question: Question) -> None:
         """Answer with the bytes of an FMU of the scenario; with none where it cannot be read."""
@@ -93,7 +93,7 @@ class Answers:
         question.answer(content)
 
     def _opened(self, question: Question) -> bytes:
-        data = self.seal.opened(question.key, question.payload)
+        data = self.signer.verify(question.key, question.payload)
         if data is None:
-            raise NotExpectedError(f"{question.key}: what is asked is not sealed")
+            raise NotExpectedError(f"{question.key}: the request is not signed")
         return data

@@ -17,8 +17,8 @@ from nrs_cosim.bus.errors import BusError, InputError, RunError
 from nrs_cosim.bus.keys import (
     ALIVE,
     FMU,
-    HEARD,
     JOIN,
+    MISSED,
     ORCHESTRATOR,
     ORDERS,
     RECORDS,
@@ -28,7 +28,7 @@ from nrs_cosim.bus.keys import (
     wire_key,
 )
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus, ZenohInbox
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Cut, Item, Message, Presence, Question, Rejected
 from nrs_cosim.bus.validation import Wire
 from nrs_cosim.orchestrator.cluster.admission import Admission, Fmu
@@ -75,15 +75,15 @@ class Coordinator:
         ask.
         """
         self.inbox = inbox
-        self.refused: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
         self._slots = Assignment(file.n, policy.expected)
         self._bus, self._file, self._policy = bus, file, policy
-        self._seal = Seal(secret)
+        self._signer = Signer(secret)
         self._admission = Admission(bus.run_id, file, fmus, secret, self._slots)
         self._supervision = Supervision(self._slots, policy, start)
-        self._answers = Answers(self._slots, self._seal, self._supervision, self._admission)
+        self._answers = Answers(self._slots, self._signer, self._supervision, self._admission)
         self._is_over = False
-        for kind in (JOIN, START, HEARD, FMU):
+        for kind in (JOIN, START, MISSED, FMU):
             bus.serve(wire_key(kind, "*"), inbox)
         bus.watch(wire_key(ALIVE, "*/*"), inbox)
         bus.watch_links(inbox)
@@ -121,7 +121,7 @@ class Coordinator:
 
     def wire(self) -> Wire:
         """Return the wire between the workers that were gathered."""
-        return wire_of(self._file, self.assignment, self._seal)
+        return wire_of(self._file, self.assignment, self._signer)
 
     def describe_plants(self) -> list[dict[str, Any]]:
         """Return what the user is told of the plants, by group, whatever worker they are on."""
@@ -155,14 +155,14 @@ class Coordinator:
         elif isinstance(item, Message):
             self._read_report(item)
         elif isinstance(item, Rejected):
-            self.refused[item.why] += 1
+            self.rejected[item.why] += 1
 
     def _answer(self, question: Question) -> None:
         kind, _, name = question.key.partition("/")
         answers = {
             JOIN: self._join,
             START: self._answers.start,
-            HEARD: self._answers.samples,
+            MISSED: self._answers.samples,
             FMU: self._answers.fmu,
         }
         if self._is_over:
@@ -174,9 +174,9 @@ class Coordinator:
             try:
                 answers[kind](name, question)
             except NotExpectedError:
-                self.refused[kind] += 1
+                self.rejected[kind] += 1
         else:
-            self.refused["question"] += 1
+            self.rejected["question"] += 1
 
     def look_after(self, k: int, at_last: bool = False) -> bool:
         """Look whether the workers are well; return whether all are, and none is catching up.
@@ -208,7 +208,7 @@ class Coordinator:
             self._hear_out(lambda: all(s.report or s.state is not State.ENDING for s in slots))
         for name in self._slots:
             key = wire_key(ORDERS, name)
-            self._bus.publisher(key)(self._seal.closed(key, END))
+            self._bus.publisher(key)(self._signer.sign(key, END))
         remote = [slot for slot in slots if not slot.process]
         self._hear_out(lambda: all(slot.state is State.LEFT for slot in remote))
         until = monotonic() + _GRACE
@@ -244,11 +244,11 @@ class Coordinator:
         slot = self._slots.get(name) or self._supervision.departed.get(name)
         slot = slot if kind in (REPORT, ORDERS) else None
         if slot is None:
-            self.refused["key"] += 1
+            self.rejected["key"] += 1
             return
-        data = self._seal.opened(message.key, message.payload)
+        data = self._signer.verify(message.key, message.payload)
         if data is None:
-            self.refused["seal"] += 1
+            self.rejected["signature"] += 1
             return
         if kind == ORDERS:  # one's own
             return
@@ -258,7 +258,7 @@ class Coordinator:
         try:
             report: Report = Report.read(data)
         except BusError:
-            self.refused["form"] += 1
+            self.rejected["form"] += 1
             return
         if name in self._slots:
             self._take_report(name, slot, report)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nrs_cosim.bus.keys import FMU, wire_key
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Answer
 from nrs_cosim.orchestrator.cluster.missed_samples import SILENCE, AbandonedError
 from nrs_cosim.orchestrator.cluster.protocol import Welcome
@@ -25,12 +25,12 @@ class FmuFinder:
         bus: ZenohBus,
         welcome: Welcome,
         folder: Path,
-        seal: Seal,
+        signer: Signer,
         is_own: bool,
         allow_fmus: bool,
     ) -> None:
         """Find them where the scenario was, `folder`, if it `is_own`, or the user allows it."""
-        self._bus, self._welcome, self._folder, self._seal = bus, welcome, folder, seal
+        self._bus, self._welcome, self._folder, self._signer = bus, welcome, folder, signer
         self._is_own, self._allow_fmus = is_own, allow_fmus
 
     def find(self, fmu: str) -> Archive:
@@ -59,7 +59,7 @@ class FmuFinder:
                 "names"
             )
         inbox, key = self._bus.listen(), wire_key(FMU, sha256)
-        self._bus.ask(key, self._seal.closed(key, b""), inbox)
+        self._bus.ask(key, self._signer.sign(key, b""), inbox)
         while True:
             for item in inbox.take(SILENCE):
                 if isinstance(item, Answer):

@@ -12,7 +12,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import RECORDS, REPORT, SAMPLES, wire_key
 from nrs_cosim.bus.network.endpoints import Address, Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.cluster.admission import Fmu
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
@@ -95,9 +95,9 @@ def _coordinator(
     if start:  # nobody but this user reaches the socket
         inbox = bus.listen_to_all()
     elif endpoints.listen:
-        inbox = bus.listen_to_all(screen_of(Seal(secret)))
+        inbox = bus.listen_to_all(screen_of(Signer(secret)))
     else:
-        inbox = bus.listen(*batches, screen=screen_of(Seal(secret)))
+        inbox = bus.listen(*batches, screen=screen_of(Signer(secret)))
     coordinator = Coordinator(bus, inbox, file, fmus, assignment, policy, start, secret)
     stack.callback(coordinator.close)
     coordinator.gather()

@@ -2,7 +2,7 @@
 
 A worker asks to be let in (`Hello`, `Welcome` or `Refusal`), opens its robots, says so (`Ready`)
 and is told to begin (`Go`); at its end, or when it fails, it says how that was (`Report`). All but
-the first two steps are under the run's seal. Those cannot be; but a `Welcome`, which holds the
+the first two steps are signed. Those cannot be; but a `Welcome`, which holds the
 run's secret, is encrypted to a key of which the `Hello` has the public half alone: whoever repeats
 a `Hello` gets nothing that it can read. Where anyone may speak, on plain TCP, a stranger may be let
 in while robots are free, and may lure a worker into a run of its own.

@@ -29,7 +29,7 @@ from nrs_cosim.bus.keys import (
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Answer, Item, Presence
 from nrs_cosim.orchestrator.cluster.fmu_finder import FmuFinder
 from nrs_cosim.orchestrator.cluster.missed_samples import AbandonedError, EndedError, MissedSamples
@@ -164,12 +164,12 @@ def _welcome_or_refusal(own: KeyPair, where: str, data: bytes) -> Welcome | Refu
 
 def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome: Welcome) -> None:
     """Open the robots, and run them from where the orchestrator says, until it ends the run."""
-    name, seal = options.name, Seal(welcome.secret)
+    name, signer = options.name, Signer(welcome.secret)
     report_key = wire_key(REPORT, name)
     put_report = bus.publisher(report_key)
 
     def report(note: Report) -> None:
-        put_report(seal.closed(report_key, note.written()))
+        put_report(signer.sign(report_key, note.written()))
 
     options.show(f"joined {welcome.name} with {named(welcome.robots)}")
     _LOG.info("%s joined %s with %s", name, welcome.name, named(welcome.robots))
@@ -179,12 +179,12 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     bus.watch(wire_key(ALIVE, ORCHESTRATOR), inbox)
     bus.watch_links(inbox)
     bus.announce(wire_key(ALIVE, f"{name}/{bus.id}"))
-    listening = MissedSamples(bus, inbox, name, seal)
+    listening = MissedSamples(bus, inbox, name, signer)
     try:
         own = welcome.folder if options.is_own else None
         folder = Path(own) if own else Path("/nonexistent")
         file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
-        finder = FmuFinder(bus, welcome, folder, seal, options.is_own, options.allow_fmus)
+        finder = FmuFinder(bus, welcome, folder, signer, options.is_own, options.allow_fmus)
         robots = Robots.opened(stack, file, welcome.robots, finder.find)
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
@@ -193,7 +193,7 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     go, checkpoints = Go.and_checkpoints(
         listening.ask_to_begin(Ready(incarnation=bus.id, plants=plants))
     )
-    listening.wire = wire = wire_of(file, go.assignment, seal)
+    listening.wire = wire = wire_of(file, go.assignment, signer)
     listening.recorded = go.recorded
     worker = robots.worker(name, bus, inbox, wire)
     if go.start:

@@ -9,13 +9,13 @@ from uuid import uuid4
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus, Item
 from nrs_cosim.bus.validation import Wire
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
-from nrs_cosim.orchestrator.engine.worker import Heard, Spent, Watch, Worker
+from nrs_cosim.orchestrator.engine.worker import ReceivedSamples, Spent, Watch, Worker
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.recorder import Recorder
 
@@ -28,11 +28,11 @@ class InProcess:
     def __init__(self, bus: Bus, robots: Robots, watch: Watch) -> None:
         self.assignment = {NAME: robots.numbers}
         self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
-        self.refused: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
         self.restarts = 0
-        self._wire = wire_of(robots.experiment, self.assignment, Seal())
-        heard = bus.listen(wire_key(SAMPLES, "*"))
-        self._worker: Worker = robots.worker(NAME, bus, heard, self._wire)
+        self._wire = wire_of(robots.experiment, self.assignment, Signer())
+        received = bus.listen(wire_key(SAMPLES, "*"))
+        self._worker: Worker = robots.worker(NAME, bus, received, self._wire)
         self._robots, self._watch = robots, watch
         self._ticks: Iterator[int] = iter(())
 
@@ -82,13 +82,13 @@ class _RecordedSamples:
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
 
-    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[ReceivedSamples]:
         """Return the samples that the recording has; `BusError` when it has none of tick k."""
         if k > self._recorder.closed:
             raise BusError(f"tick {k}: no samples came from {', '.join(missing)}")
         return self._recorder.samples(k, k + AT_ONCE - 1)
 
-    def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
+    def handle(self, item: Item) -> Iterable[ReceivedSamples]:  # noqa: ARG002
         """Pass over what no worker of the run put; the recorder counts it."""
         return ()
 

@@ -71,8 +71,8 @@ class Workers(Protocol):
         """Where all comes that they say."""
 
     @property
-    def refused(self) -> Counter[str]:
-        """What came and was not believed, by reason."""
+    def rejected(self) -> Counter[str]:
+        """What came and was rejected, by reason."""
 
     @property
     def restarts(self) -> int:

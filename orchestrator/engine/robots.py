@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.keys import TARGET
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus, Inbox
 from nrs_cosim.bus.validation import Nodes, Wire
 from nrs_cosim.estimator_agents.agents import Agents
@@ -103,8 +103,10 @@ def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
     )
 
 
-def wire_of(experiment: Experiment, assignment: Mapping[str, Sequence[int]], seal: Seal) -> Wire:
+def wire_of(
+    experiment: Experiment, assignment: Mapping[str, Sequence[int]], signer: Signer
+) -> Wire:
     """Return the wire of a run whose robots are assigned to workers."""
     nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
-    return Wire(experiment.m, experiment.clock, nodes, seal, experiment.outages.at)
+    return Wire(experiment.m, experiment.clock, nodes, signer, experiment.outages.at)

@@ -29,7 +29,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.container import MOST_CHANNELS, Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.metadata import CAUSE, REFUSED, RUN, SCENARIO, SPENT, VERSIONS
+from nrs_cosim.recordings.metadata import CAUSE, REJECTED, RUN, SCENARIO, SPENT, VERSIONS
 from nrs_cosim.recordings.recorder import Recorder, channels, schemas
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
@@ -64,8 +64,8 @@ class Outcome:
     wall_seconds: float
     """From the states at t_0 to the last tick; set-up and closing are apart."""
     profile: Profile
-    refused: Mapping[str, int]
-    """How many batches were not believed, by reason."""
+    rejected: Mapping[str, int]
+    """How many batches were rejected, by reason."""
     restarts: int
     """How often a worker was gone, and the run went on."""
     repeated: int
@@ -159,10 +159,10 @@ def run(
         wall_seconds = perf_counter() - started
         workers.end()
         recorder.end()
-        refused = Counter(recorder.refused) + Counter(workers.refused)
+        rejected = Counter(recorder.rejected) + Counter(workers.rejected)
         in_one_thread = isinstance(workers, InProcess)
         profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
-        extra = {SPENT: json.dumps(profile.as_json()), REFUSED: json.dumps(refused)}
+        extra = {SPENT: json.dumps(profile.as_json()), REJECTED: json.dumps(rejected)}
         if cause:
             extra[CAUSE] = json.dumps(asdict(cause))
         writer.finish(status, reason, extra)
@@ -175,7 +175,7 @@ def run(
         recorder.messages,
         wall_seconds,
         profile,
-        refused,
+        rejected,
         workers.restarts,
         recorder.repeated,
         copied,

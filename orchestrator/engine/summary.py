@@ -46,7 +46,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
         "damage": reader.damage,
         "parent": about.parent.model_dump() if about.parent else None,
         "spent": ending.spent if ending else None,
-        "refused": (ending and ending.refused) or {},
+        "rejected": (ending and ending.rejected) or {},
         "scenario": about.scenario,
     }
 

@@ -21,7 +21,7 @@ from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
 from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
-from nrs_cosim.bus.validation import Nodes, Records, RefusedError, Tick, Wire
+from nrs_cosim.bus.validation import Nodes, Records, RejectedError, Tick, Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.errors import DivergedError
@@ -32,7 +32,7 @@ Watch = Callable[[int], None]
 """Is told each simulated time, ns, that a worker has reached; may raise `Interrupted`."""
 
 
-Heard = tuple[int, Records, str]
+ReceivedSamples = tuple[int, Records, str]
 """Samples that were heard: k, they, and the worker that put them, or `EVERYONE`."""
 
 
@@ -53,10 +53,10 @@ class Listening(Protocol):
     patience: float
     """s: how long to wait for anything at a time."""
 
-    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[ReceivedSamples]:
         """Return what is known otherwise of the samples of tick k that workers are missing."""
 
-    def handle(self, item: Item) -> Iterable[Heard]:
+    def handle(self, item: Item) -> Iterable[ReceivedSamples]:
         """Take an item that is no batch of samples; return the samples that it brings."""
 
 
@@ -98,7 +98,7 @@ class Worker:
         self._put_records = bus.publisher(wire_key(RECORDS, name))
         self._inbox = inbox
         self._keys = {wire_key(SAMPLES, worker): worker for worker in wire.assignment}
-        self._heard: defaultdict[int, dict[str, Records]] = defaultdict(dict)
+        self._received: defaultdict[int, dict[str, Records]] = defaultdict(dict)
         """Samples of this tick and later ones, by k and worker."""
         self._needed = needed(agents.in_neighbours, wire.assignment)
         self._wanted = {
@@ -195,10 +195,10 @@ class Worker:
                 waited += perf_counter() - asked
             for item in items:
                 self._keep(k, self._samples_in(item, listening))
-        heard = self._heard.pop(k)
-        if EVERYONE in heard:
-            heard = {EVERYONE: heard[EVERYONE]}
-        for worker, records in heard.items():
+        received = self._received.pop(k)
+        if EVERYONE in received:
+            received = {EVERYONE: received[EVERYONE]}
+        for worker, records in received.items():
             rows = self._wanted.get(worker)
             if rows is None or len(records) != len(self._wire.assignment[worker]):
                 rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
@@ -210,11 +210,11 @@ class Worker:
         self.spent.bus += perf_counter() - began - waited
 
     def _missing(self, k: int) -> list[str]:
-        heard = self._heard[k].keys()
-        return [] if EVERYONE in heard else sorted(self._needed - heard)
+        received = self._received[k].keys()
+        return [] if EVERYONE in received else sorted(self._needed - received)
 
-    def _samples_in(self, item: Item, listening: Listening) -> Iterable[Heard]:
-        """Return the samples in an item; what is not believed is passed over.
+    def _samples_in(self, item: Item, listening: Listening) -> Iterable[ReceivedSamples]:
+        """Return the samples in an item; what is not accepted is passed over.
 
         The recorder hears it too, and counts it.
         """
@@ -222,14 +222,14 @@ class Worker:
             return listening.handle(item)
         try:
             return [(*self._wire.unpack_samples(worker, item.payload), worker)]
-        except RefusedError:
+        except RejectedError:
             return ()
 
-    def _keep(self, now: int, heard: Iterable[Heard]) -> None:
+    def _keep(self, now: int, received: Iterable[ReceivedSamples]) -> None:
         """Keep the samples of this tick and later ones."""
-        for k, records, worker in heard:
+        for k, records, worker in received:
             if k >= now:
-                self._heard[k].setdefault(worker, records)
+                self._received[k].setdefault(worker, records)
 
     def _tell(self, k: int, states: Records, checkpoints: Sequence[bytes]) -> None:
         began = perf_counter()

@@ -27,7 +27,7 @@ from nrs_cosim.bus.keys import (
 )
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.validation import Records
@@ -35,7 +35,7 @@ from nrs_cosim.orchestrator.engine.lockstep import TargetNode
 from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
 from nrs_cosim.orchestrator.engine.run import past_of
-from nrs_cosim.orchestrator.engine.worker import Heard
+from nrs_cosim.orchestrator.engine.worker import ReceivedSamples
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.errors import UnreadableError
@@ -146,11 +146,11 @@ class _Samples:
     def __init__(self) -> None:
         self.now: Records
 
-    def lack(self, k: int, missing: Sequence[str]) -> Iterable[Heard]:  # noqa: ARG002
+    def lack(self, k: int, missing: Sequence[str]) -> Iterable[ReceivedSamples]:  # noqa: ARG002
         """Return the recorded samples of tick k."""
         return [(k, self.now, EVERYONE)]
 
-    def handle(self, item: Item) -> Iterable[Heard]:  # noqa: ARG002
+    def handle(self, item: Item) -> Iterable[ReceivedSamples]:  # noqa: ARG002
         """Pass over all else."""
         return ()
 
@@ -193,18 +193,18 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
         )
         bus = MemoryBus()
         ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
-        wire = wire_of(experiment, {HERE: numbers}, Seal())
+        wire = wire_of(experiment, {HERE: numbers}, Signer())
         target = TargetNode(bus, clock, wire, experiment.target)
-        kept, heard = _Kept(n), _Samples()
+        kept, received = _Kept(n), _Samples()
         recorder = Recorder(kept, wire, n, 0)
         worker = robots.worker(HERE, bus, MemoryInbox(), wire)
-        ticks = worker.run(-1, lambda _time: None, heard)
+        ticks = worker.run(-1, lambda _time: None, received)
         same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)
             if not plants and (absent := _absent_state(recorded, clock, k, n)):
                 return Verification(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
-            heard.now = _records(wire.samples, "sample", recorded)
+            received.now = _records(wire.samples, "sample", recorded)
             target.publish_until(k)
             next(ticks)
             for item in ear.take():

@@ -88,7 +88,7 @@ def figures(stories: Sequence[Story]) -> list[Figure]:
 def _estimates(stories: Sequence[Story]) -> Figure:
     return Figure(
         "estimates",
-        "What the robots believe",
+        "Estimates",
         "Each robot’s estimate of the target’s position ε_i and velocity υ_i, and the target "
         "itself (dashed). Estimates jump at the sampling times, and only there.",
         (

@@ -30,7 +30,7 @@ def lead(story: Story) -> str:
     seen = _listed(pinned)
     sentences = [
         f"{robots} with {joints} each follow a target that {seen} hear{'s' * (len(pinned) == 1)}; "
-        f"what they believe of it spreads over {_count(among, 'link')} among the robots.",
+        f"their estimates of it spread over {_count(among, 'link')} among the robots.",
         *([subject.turns] if subject.turns else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",

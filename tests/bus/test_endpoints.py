@@ -119,9 +119,9 @@ class TestRefused:
 
     def refusal(self, listening, connecting, address=None, error=InputError):
         listen, connect = pair(address or f"tls/127.0.0.1:{free_port()}", listening, connecting)
-        with opened(listen), pytest.raises(error) as refused:
+        with opened(listen), pytest.raises(error) as rejected:
             open_session(replace(connect, wait=VAIN)).close()
-        return str(refused.value)
+        return str(rejected.value)
 
     def test_a_worker_of_another_authority(self, tls, tmp_path):
         other = Authority(tmp_path).issue("left")
@@ -192,7 +192,7 @@ class TestAccess:
         own = ("samples/right", "records/right", "report/right")
         for key in (*forged, *own):
             right.put(f"nrs/r/{key}", b"x", congestion_control=BLOCK)
-        assert answered(right, "nrs/r/heard/right") == [b"go"]
+        assert answered(right, "nrs/r/missed/right") == [b"go"]
         assert [at_hub.get(timeout=GUARD)[0] for _ in own] == [f"nrs/r/{key}" for key in own]
         assert at_hub.empty()
         hub.put("nrs/r/samples/target", b"x", congestion_control=BLOCK)
@@ -219,7 +219,7 @@ class TestAccess:
 
     def test_a_worker_asks_in_its_own_name(self, workers):
         _, left, _, _ = workers
-        own = ("nrs/*/join/left", "nrs/r/start/left", "nrs/r/heard/left", "nrs/r/fmu/0123")
+        own = ("nrs/*/join/left", "nrs/r/start/left", "nrs/r/missed/left", "nrs/r/fmu/0123")
         assert [answered(left, key) for key in own] == [[b"go"]] * 4
         others = ("nrs/*/join/right", "nrs/r/start/right", "nrs/r/join/*", "nrs/**")
         assert [answered(left, key) for key in others] == [[]] * 4
@@ -278,9 +278,9 @@ class TestInput:
     )
     @pytest.mark.parametrize("option", ["listen", "connect"])
     def test_a_malformed_endpoint(self, endpoint, option):
-        with pytest.raises(InputError, match=f"--{option}: ") as refused:
+        with pytest.raises(InputError, match=f"--{option}: ") as rejected:
             Endpoints(**{option: (endpoint,)})
-        assert quoted(endpoint) in str(refused.value)
+        assert quoted(endpoint) in str(rejected.value)
 
     @pytest.mark.parametrize(
         "host",
@@ -307,10 +307,10 @@ class TestInput:
     @pytest.mark.parametrize("name", ["ca", "certificate", "key"])
     def test_a_file_that_cannot_be_used_is_named(self, tls, tmp_path, name):
         def fault(path):
-            with pytest.raises(InputError, match=f"--tls-{name} ") as refused:
+            with pytest.raises(InputError, match=f"--tls-{name} ") as rejected:
                 Endpoints(connect=("tls/h:1",), tls=replace(tls["left"], **{name: path}))
-            assert str(path) in str(refused.value)
-            return str(refused.value)
+            assert str(path) in str(rejected.value)
+            return str(rejected.value)
 
         assert "no such file" in fault(tmp_path / "none.pem")
         assert "cannot be read" in fault(tmp_path)

@@ -8,12 +8,12 @@ import pytest
 from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, LINK_EVENT, STATE, Blob, Codec
-from nrs_cosim.bus.signature import Seal
-from nrs_cosim.bus.validation import RefusedError, Tick, Wire
+from nrs_cosim.bus.signature import Signer
+from nrs_cosim.bus.validation import RejectedError, Tick, Wire
 
 M, TICKS, K = 2, 5, 3
 WORKER, ROBOTS = "left", [2, 4]
-SEAL = Seal(b"secret")
+SIGNER = Signer(b"secret")
 RNG = np.random.default_rng(182)
 
 
@@ -29,9 +29,9 @@ class TwoOutputs:
         return [100 * k - 50, 100 * k] if k else [0]
 
 
-def new_wire(seal=SEAL, silent=lambda _k: np.empty(0, np.int64)):
+def new_wire(signer=SIGNER, silent=lambda _k: np.empty(0, np.int64)):
     assignment = {WORKER: np.array(ROBOTS), "right": np.array([1, 3]), TARGET: np.array([0])}
-    return Wire(M, TwoOutputs(), assignment, seal, silent)
+    return Wire(M, TwoOutputs(), assignment, signer, silent)
 
 
 def samples_of(wire, k=K, robots=ROBOTS):
@@ -62,17 +62,17 @@ def checkpoints_of(robots=ROBOTS, k=K, time_ns=100 * K):
     return [CHECKPOINT.encode(Blob(robot, k, time_ns, b"state")) for robot in robots]
 
 
-def sealed(kind, body, k=K, worker=WORKER, seal=SEAL):
-    return seal.closed(wire_key(kind, worker), struct.pack("<I", k) + body)
+def signed(kind, body, k=K, worker=WORKER, signer=SIGNER):
+    return signer.sign(wire_key(kind, worker), struct.pack("<I", k) + body)
 
 
 def test_samples_are_what_was_put():
     wire, records = new_wire(), samples_of(new_wire())
     payload = wire.pack_samples(WORKER, K, records)
-    assert payload == sealed(SAMPLES, records.tobytes())
+    assert payload == signed(SAMPLES, records.tobytes())
     for _ in range(2):  # the same bytes again, which are judged once
-        k, believed = wire.unpack_samples(WORKER, payload)
-        assert (k, believed.tobytes()) == (K, records.tobytes())
+        k, accepted = wire.unpack_samples(WORKER, payload)
+        assert (k, accepted.tobytes()) == (K, records.tobytes())
     later = wire.pack_samples(WORKER, K + 1, samples_of(wire, K + 1))
     assert wire.unpack_samples(WORKER, later)[0] == K + 1
 
@@ -114,38 +114,38 @@ WIRE = new_wire()
 STATES, LINK_EVENTS, CHECKPOINTS = states_of(WIRE), faults_of(WIRE), checkpoints_of()
 GOOD_SAMPLES = samples_of(WIRE)
 
-HEARD = {
-    "an unknown worker": ("worker", "nobody", sealed(SAMPLES, b"", worker="nobody")),
-    "the seal of another key": ("seal", WORKER, sealed(RECORDS, GOOD_SAMPLES.tobytes())),
+MISSED = {
+    "an unknown worker": ("worker", "nobody", signed(SAMPLES, b"", worker="nobody")),
+    "the signature of another key": ("signature", WORKER, signed(RECORDS, GOOD_SAMPLES.tobytes())),
     "another secret": (
-        "seal",
+        "signature",
         WORKER,
-        sealed(SAMPLES, GOOD_SAMPLES.tobytes(), seal=Seal(b"other")),
+        signed(SAMPLES, GOOD_SAMPLES.tobytes(), signer=Signer(b"other")),
     ),
-    "nothing": ("seal", WORKER, b""),
-    "no whole k": ("size", WORKER, SEAL.closed(wire_key(SAMPLES, WORKER), b"\0\0\0")),
-    "the tick before the first": ("tick", WORKER, sealed(SAMPLES, b"", k=0)),
-    "a tick after the last": ("tick", WORKER, sealed(SAMPLES, b"", k=TICKS + 1)),
-    "a byte too few": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES.tobytes()[:-1])),
-    "a byte too many": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES.tobytes() + b"\0")),
-    "one robot alone": ("size", WORKER, sealed(SAMPLES, GOOD_SAMPLES[:1].tobytes())),
+    "nothing": ("signature", WORKER, b""),
+    "no whole k": ("size", WORKER, SIGNER.sign(wire_key(SAMPLES, WORKER), b"\0\0\0")),
+    "the tick before the first": ("tick", WORKER, signed(SAMPLES, b"", k=0)),
+    "a tick after the last": ("tick", WORKER, signed(SAMPLES, b"", k=TICKS + 1)),
+    "a byte too few": ("size", WORKER, signed(SAMPLES, GOOD_SAMPLES.tobytes()[:-1])),
+    "a byte too many": ("size", WORKER, signed(SAMPLES, GOOD_SAMPLES.tobytes() + b"\0")),
+    "one robot alone": ("size", WORKER, signed(SAMPLES, GOOD_SAMPLES[:1].tobytes())),
     "another robot": (
         "robot",
         WORKER,
-        sealed(SAMPLES, changed(GOOD_SAMPLES, "robot", 3).tobytes()),
+        signed(SAMPLES, changed(GOOD_SAMPLES, "robot", 3).tobytes()),
     ),
-    "another tick": ("tick", WORKER, sealed(SAMPLES, changed(GOOD_SAMPLES, "k", 2, 1).tobytes())),
+    "another tick": ("tick", WORKER, signed(SAMPLES, changed(GOOD_SAMPLES, "k", 2, 1).tobytes())),
     "another time": (
         "time",
         WORKER,
-        sealed(SAMPLES, changed(GOOD_SAMPLES, "time_ns", 301).tobytes()),
+        signed(SAMPLES, changed(GOOD_SAMPLES, "time_ns", 301).tobytes()),
     ),
-    "another tag": ("form", WORKER, sealed(SAMPLES, changed(GOOD_SAMPLES, "tag_k", 9).tobytes())),
+    "another tag": ("form", WORKER, signed(SAMPLES, changed(GOOD_SAMPLES, "tag_k", 9).tobytes())),
     **{
         f"{name} of {number}": (
             "value",
             WORKER,
-            sealed(SAMPLES, changed(GOOD_SAMPLES, name, [0.5, number], 1).tobytes()),
+            signed(SAMPLES, changed(GOOD_SAMPLES, name, [0.5, number], 1).tobytes()),
         )
         for name in ("position", "velocity")
         for number in (np.nan, np.inf, -np.inf)
@@ -153,10 +153,10 @@ HEARD = {
 }
 
 
-@pytest.mark.parametrize("situation", HEARD)
+@pytest.mark.parametrize("situation", MISSED)
 def test_samples_are_refused_with_the_reason(situation):
-    reason, worker, payload = HEARD[situation]
-    with pytest.raises(RefusedError, match=f"^{reason}$"):
+    reason, worker, payload = MISSED[situation]
+    with pytest.raises(RejectedError, match=f"^{reason}$"):
         new_wire().unpack_samples(worker, payload)
 
 
@@ -164,32 +164,36 @@ def test_large_numbers_whose_sum_is_not_finite_are_believed():
     wire = new_wire()
     records = changed(GOOD_SAMPLES, "position", [1.7e308, 1.7e308])
     with np.errstate(over="ignore"):  # as in a run
-        _, believed = wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, records))
-    assert believed.tobytes() == records.tobytes()
+        _, accepted = wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, records))
+    assert accepted.tobytes() == records.tobytes()
 
 
 def test_samples_that_were_refused_are_refused_again():
     wire = new_wire()
     assert wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, GOOD_SAMPLES))
     for _ in range(2):
-        with pytest.raises(RefusedError, match=r"^robot$"):
-            wire.unpack_samples(*HEARD["another robot"][1:])
+        with pytest.raises(RejectedError, match=r"^robot$"):
+            wire.unpack_samples(*MISSED["another robot"][1:])
 
 
 def tick_of(states=STATES, met=b"", checkpoints=(), k=K):
     states = states if isinstance(states, bytes) else states.tobytes()
     met = met if isinstance(met, bytes) else met.tobytes()
-    return sealed(RECORDS, joined([states, met, *checkpoints]), k=k)
+    return signed(RECORDS, joined([states, met, *checkpoints]), k=k)
 
 
 TOLD = {
     "an unknown worker": ("worker", "nobody", tick_of()),
-    "the seal of another key": ("seal", WORKER, sealed(SAMPLES, joined([STATES.tobytes(), b""]))),
-    "no whole k": ("size", WORKER, SEAL.closed(wire_key(RECORDS, WORKER), b"\0\0")),
+    "the signature of another key": (
+        "signature",
+        WORKER,
+        signed(SAMPLES, joined([STATES.tobytes(), b""])),
+    ),
+    "no whole k": ("size", WORKER, SIGNER.sign(wire_key(RECORDS, WORKER), b"\0\0")),
     "a tick after the last": ("tick", WORKER, tick_of(k=TICKS + 1)),
-    "parts that are cut": ("size", WORKER, sealed(RECORDS, joined([STATES.tobytes(), b""])[:-1])),
-    "states alone": ("size", WORKER, sealed(RECORDS, joined([STATES.tobytes()]))),
-    "no part": ("size", WORKER, sealed(RECORDS, b"")),
+    "parts that are cut": ("size", WORKER, signed(RECORDS, joined([STATES.tobytes(), b""])[:-1])),
+    "states alone": ("size", WORKER, signed(RECORDS, joined([STATES.tobytes()]))),
+    "no part": ("size", WORKER, signed(RECORDS, b"")),
     "the states of one output": ("size", WORKER, tick_of(STATES[:2])),
     "states of another robot": ("robot", WORKER, tick_of(changed(STATES, "robot", 3, 3))),
     "states of another tick": ("tick", WORKER, tick_of(changed(STATES, "k", 2, 3))),
@@ -240,7 +244,7 @@ TOLD = {
 @pytest.mark.parametrize("situation", TOLD)
 def test_a_tick_is_refused_with_the_reason(situation):
     reason, worker, payload = TOLD[situation]
-    with pytest.raises(RefusedError, match=f"^{reason}$"):
+    with pytest.raises(RejectedError, match=f"^{reason}$"):
         new_wire().unpack_tick(worker, payload)
 
 
@@ -253,7 +257,7 @@ def test_the_largest_batch_is_that_of_the_first_or_of_a_later_tick():
 
 
 def test_without_a_secret_there_is_no_seal():
-    wire = new_wire(Seal())
+    wire = new_wire(Signer())
     payload = wire.pack_samples(WORKER, K, GOOD_SAMPLES)
     assert payload == struct.pack("<I", K) + GOOD_SAMPLES.tobytes()
     assert wire.unpack_samples(WORKER, payload)[0] == K

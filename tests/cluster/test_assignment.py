@@ -27,7 +27,7 @@ def lose(assignment, name):
     assert assignment[name].life.lose(0, NOW)
 
 
-def refused(assignment, name, note):
+def rejected(assignment, name, note):
     with pytest.raises(NotAdmittedError) as caught:
         assignment.place(name, note, NOW)
     return str(caught.value), caught.value.final
@@ -59,7 +59,7 @@ def test_robots_that_are_named_are_had_in_order():
 def test_robots_that_are_not_free_are_refused(robots, asks_for):
     assignment = Assignment(5, 1)
     let_in(assignment, "a", (4,))
-    why, final = refused(assignment, "b", hello(robots))
+    why, final = rejected(assignment, "b", hello(robots))
     assert why == (
         f"--robots: robots 1-3, 5 of 5 have no worker yet, but this worker asks for {asks_for}"
     )
@@ -68,7 +68,7 @@ def test_robots_that_are_not_free_are_refused(robots, asks_for):
 
 
 def test_another_version_is_refused_for_good():
-    why, final = refused(Assignment(2, 1), "a", hello(of="0.0.0"))
+    why, final = rejected(Assignment(2, 1), "a", hello(of="0.0.0"))
     assert f"the run is of nrs-cosim {VERSION}, the worker of 0.0.0" in why
     assert final
 
@@ -78,7 +78,7 @@ def test_a_name_that_is_taken_is_refused_for_now_whoever_asks(incarnation):
     """The id of a session is no secret, so it does not show that its owner asks."""
     assignment = Assignment(2, 1)
     let_in(assignment, "a", incarnation="first")
-    assert refused(assignment, "a", hello(incarnation=incarnation)) == (
+    assert rejected(assignment, "a", hello(incarnation=incarnation)) == (
         "there is a worker of the name 'a' already",
         False,
     )
@@ -91,7 +91,7 @@ def test_a_worker_that_comes_again_has_the_robots_of_its_name_and_no_others():
     assert assignment.missing() == "; missing: robots 2, 4, worker a"
     assert assignment.place("a", hello((1, 3), "again"), NOW) is assignment["a"]
     assert assignment.place("a", hello(None, "again"), NOW) is assignment["a"]
-    why, final = refused(assignment, "a", hello((1, 2), "again"))
+    why, final = rejected(assignment, "a", hello((1, 2), "again"))
     assert why == "--robots: 'a' has robots 1, 3 in this run, not robots 1-2"
     assert final
 
@@ -100,9 +100,9 @@ def test_without_a_free_robot_the_places_that_are_vacant_are_named():
     assignment = Assignment(3, 1)
     let_in(assignment, "a", (1, 2))
     let_in(assignment, "b", (3,))
-    assert refused(assignment, "c", hello()) == ("every robot has a worker", True)
+    assert rejected(assignment, "c", hello()) == ("every robot has a worker", True)
     lose(assignment, "a")
-    assert refused(assignment, "c", hello()) == (
+    assert rejected(assignment, "c", hello()) == (
         "every robot has a worker; take the place of a (robots 1-2) by --name",
         False,
     )
@@ -131,7 +131,7 @@ def test_a_worker_that_is_done_and_gone_may_come_back_to_its_robots():
     let_in(assignment, "a", (1, 3))
     for event in (Event.OPEN, Event.BEGIN, Event.FINISH):
         assert assignment["a"].life.on(event)
-    assert refused(assignment, "a", hello())[1] is False
+    assert rejected(assignment, "a", hello())[1] is False
     lose(assignment, "a")
     assert list(assignment.without_worker()) == []
     assert let_in(assignment, "a", incarnation="again") == [1, 3]

@@ -12,7 +12,7 @@ from benchmarks.memory import peak
 from nrs_cosim.bus.network.endpoints import Endpoints, zenoh_settings
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Message, Rejected
 from nrs_cosim.orchestrator.cluster.screen import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
@@ -27,21 +27,21 @@ MB = 10**6
 
 def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
     meet = f"unixsock-stream/{tmp_path}/s"
-    seal = Seal(b"s" * 32)
+    signer = Signer(b"s" * 32)
     hub = ZenohBus("run", Endpoints(listen=(meet,)))
-    inbox = hub.listen_to_all(screen_of(seal))
+    inbox = hub.listen_to_all(screen_of(signer))
     for kind in ("join", "heard"):
         hub.serve(f"{kind}/*", inbox)
     with open_session(Endpoints(connect=(meet,))) as stranger:
         next(stranger.get("nrs/none", timeout=GUARD), None)  # by then it is declared
         replies = [
             stranger.get(f"nrs/run/{key}", payload=payload, timeout=GUARD)
-            for key, payload in (("heard/a", b"x" * MB), ("join/a", b"x" * (2**20 + 1)))
+            for key, payload in (("missed/a", b"x" * MB), ("join/a", b"x" * (2**20 + 1)))
         ]
         for key in ("run/samples/a", "run/records/a", "run/report/a", "other/samples/a"):
-            for payload in (b"x" * MB, b"", Seal(b"guessed").closed("samples/a", b"x")):
+            for payload in (b"x" * MB, b"", Signer(b"guessed").sign("samples/a", b"x")):
                 stranger.put(f"nrs/{key}", payload, congestion_control=BLOCK)
-        last = seal.closed("samples/a", b"genuine")
+        last = signer.sign("samples/a", b"genuine")
         stranger.put("nrs/run/samples/a", last, congestion_control=BLOCK)
         items = []
         while Message("samples/a", last) not in items:
@@ -50,7 +50,7 @@ def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
     hub.close()
     assert items[:-1] == [
         *(Rejected("heard"), Rejected("join")),
-        *[Rejected("seal")] * 9,
+        *[Rejected("signature")] * 9,
         *[Rejected("key")] * 3,
     ]
 

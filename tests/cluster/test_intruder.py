@@ -12,7 +12,7 @@ from nrs_cosim.bus.encryption import encrypt
 from nrs_cosim.bus.errors import BusError, InputError, RunError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.validation import Tick
 from nrs_cosim.orchestrator.cluster.protocol import Go, Hello, Ready, Refusal, Report, Welcome
 from nrs_cosim.orchestrator.engine.robots import wire_of
@@ -96,12 +96,12 @@ class Intruder:
 
 def forged(file, overheard):
     """Yield keys and messages that nobody is to believe."""
-    stranger = wire_of(file, ASSIGNMENT, Seal(b"guessed"))
-    unsealed = wire_of(file, ASSIGNMENT, Seal())
+    stranger = wire_of(file, ASSIGNMENT, Signer(b"guessed"))
+    unsigned = wire_of(file, ASSIGNMENT, Signer())
     genuine, records = overheard["samples/left"], overheard["records/left"]
     later = PAUSE + 5
     times = stranger.times
-    for wire in (stranger, unsealed):
+    for wire in (stranger, unsigned):
         for worker in ("left", "target"):
             nodes = np.array(ASSIGNMENT.get(worker, (0,)))
             samples = wire.samples.blank(nodes)
@@ -116,8 +116,8 @@ def forged(file, overheard):
     failed = Report(tick=1, failed="so it says").written()
     for worker in ("left", "right", "nobody"):
         key = f"report/{worker}"
-        yield key, Seal(b"guessed").closed(key, failed)
-        yield f"orders/{worker}", Seal(b"guessed").closed(f"orders/{worker}", b"end")
+        yield key, Signer(b"guessed").sign(key, failed)
+        yield f"orders/{worker}", Signer(b"guessed").sign(f"orders/{worker}", b"end")
         yield f"orders/{worker}", b"end"
         yield key, failed
     flipped = genuine[:-1] + bytes([genuine[-1] ^ 1])
@@ -150,9 +150,9 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
             for worker in workers:
                 worker.end()
     assert put > 50
-    refused = run.outcome().refused
-    assert {why: n for why, n in refused.items() if why in QUESTIONS} == {}
-    assert sum(refused.values()) == put
+    rejected = run.outcome().rejected
+    assert {why: n for why, n in rejected.items() if why in QUESTIONS} == {}
+    assert sum(rejected.values()) == put
 
 
 def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tmp_path):
@@ -185,7 +185,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             ready = Ready(incarnation=incarnation, plants=()).written()
             replies = [
                 intruder.session.get(intruder.prefix + key, payload=payload, timeout=GUARD)
-                for key in ("start/left", "heard/left", "heard/x", "fmu/x", "join/left", "**")
+                for key in ("start/left", "missed/left", "missed/x", "fmu/x", "join/left", "**")
                 for payload in (*GARBAGE, ready, b"\xff\xff\xff\xff", b"\x01\x00\x00\x00")
             ]
             for token in tokens:
@@ -197,8 +197,8 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
             assert run.digest() == digest
             for worker in workers:
                 worker.end()
-    assert run.outcome().refused["start"] >= len(GARBAGE)
-    assert run.outcome().refused["heard"] >= 2 * len(GARBAGE)
+    assert run.outcome().rejected["start"] >= len(GARBAGE)
+    assert run.outcome().rejected["heard"] >= 2 * len(GARBAGE)
 
 
 def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
@@ -238,7 +238,7 @@ def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
             assert run.digest() == digest
             stays.end()
             again.end()
-    assert {"start/left", "start/right", "heard/right"} <= {*asked}
+    assert {"start/left", "start/right", "missed/right"} <= {*asked}
 
 
 @pytest.fixture
@@ -277,7 +277,7 @@ def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(run_alone, me
         assert run.digest() == digest
     for worker in workers:
         worker.end()
-    assert not run.outcome().refused
+    assert not run.outcome().rejected
 
 
 def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, tmp_path):
@@ -300,7 +300,7 @@ def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, 
                         b"forged",
                         congestion_control=zenoh.CongestionControl.BLOCK,
                     )
-            for key in ("join/left", "start/left", "heard/left", "orders/right"):
+            for key in ("join/left", "start/left", "missed/left", "orders/right"):
                 assert list(session.get(f"nrs/{id_}/{key}", payload=b"", timeout=VAIN)) == []
             run.go_on.set()
             assert run.digest() == digest
@@ -308,7 +308,7 @@ def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, 
                 worker.end()
             token.undeclare()
     assert lured == []
-    assert run.outcome().refused == {"seal": 3}  # right's own samples, records and report
+    assert run.outcome().rejected == {"signature": 3}  # right's own samples, records and report
 
 
 def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):

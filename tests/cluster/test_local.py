@@ -27,7 +27,7 @@ def test_one_digest(tmp_path):
     for workers in (2, 4):
         spread = Spread(lossy(), workers)
         outcome = spread.run(tmp_path / f"{workers}.mcap")
-        assert (outcome.status, outcome.reason, outcome.refused) == ("completed", "", {})
+        assert (outcome.status, outcome.reason, outcome.rejected) == ("completed", "", {})
         assert len(spread.coordinator.assignment) == workers
         assert story(outcome.path) == story(tmp_path / "1.mcap")
         assert digest(outcome.path) == digest(tmp_path / "1.mcap")

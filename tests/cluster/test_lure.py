@@ -86,13 +86,13 @@ def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
         session.declare_queryable("nrs/*/join/*", welcome)
         session.declare_queryable("nrs/*/fmu/*", no_answer)
         joining = JoinOptions("left", None, None, GUARD, allow, False, Mock())
-        with pytest.raises(InputError) as refused:
+        with pytest.raises(InputError) as rejected:
             serve(joining, Endpoints(connect=(meet,), insecure_tcp=True))
         token.undeclare()
     assert mark.exists() == (allow and not relative)
     if not allow:
-        assert "has no FMU of SHA-256" in str(refused.value)
-        assert "--allow-fmus" in str(refused.value)
+        assert "has no FMU of SHA-256" in str(rejected.value)
+        assert "--allow-fmus" in str(rejected.value)
 
 
 @pytest.mark.parametrize(

@@ -89,11 +89,15 @@ main()
 @pytest.fixture
 def until_refused(monkeypatch):
     """Have a worker's time to look for a run be over once it was refused, each by itself."""
-    here, refused, clock = threading.local(), worker_client._reason_to_wait, worker_client.monotonic
+    here, rejected, clock = (
+        threading.local(),
+        worker_client._reason_to_wait,
+        worker_client.monotonic,
+    )
 
     def note(refusal):
         here.is_over = True
-        return refused(refusal)
+        return rejected(refusal)
 
     monkeypatch.setattr(worker_client, "_reason_to_wait", note)
     monkeypatch.setattr(
@@ -223,7 +227,9 @@ def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
             worker = Worker(cable.endpoint, "worker")
             assert run.digest() == digest
         worker.end()
-    assert any("the orchestrator is gone; looking for it again" in line for line in worker.all_lines())
+    assert any(
+        "the orchestrator is gone; looking for it again" in line for line in worker.all_lines()
+    )
 
 
 def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from nrs_cosim.bus.encryption import KeyPair
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.orchestrator.cluster import launcher
 from nrs_cosim.orchestrator.cluster.protocol import Hello, Refusal, Welcome
 from nrs_cosim.orchestrator.engine.lockstep import MOST_WINDOW
@@ -87,7 +87,7 @@ def test_a_thief_that_repeats_a_workers_words_gets_nothing_and_is_counted(
             for worker in workers:
                 worker.end()
     # The one that was counted by is refused too.
-    assert run.outcome().refused == {"join": 3 * len(ASSIGNMENT), "key": 1}
+    assert run.outcome().rejected == {"join": 3 * len(ASSIGNMENT), "key": 1}
 
 
 def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, meet, tmp_path):
@@ -128,7 +128,7 @@ def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, mee
             assert answers(stolen) == []
             for worker in workers:
                 worker.end()
-    assert run.outcome().refused == {"join": 1}
+    assert run.outcome().rejected == {"join": 1}
 
 
 def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
@@ -141,7 +141,7 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
         with Intruder(meet, id_) as forger:
             workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
             run.until("paused")
-            wire = wire_of(file, ASSIGNMENT, Seal(b"s" * 32))
+            wire = wire_of(file, ASSIGNMENT, Signer(b"s" * 32))
             samples, k = wire.samples.blank(np.array(ASSIGNMENT["left"])), PAUSE + MOST_WINDOW + 5
             samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no worker has reached
             forger.put("samples/left", wire.pack_samples("left", k, samples))

@@ -60,7 +60,7 @@ def test_where_the_time_went(toml, tmp_path, workers):
     done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--workers", workers, "--profile")
     assert done.returncode == 0, done.stderr
     result, (title, *rows) = lines_of(done.stdout)
-    assert result.keys().isdisjoint({"refused", "restarts"})
+    assert result.keys().isdisjoint({"rejected", "restarts"})
     wall = float(re.search(r" in ([\d.]+) s,", result["ticks"])[1])
     whose = "," if workers == 1 else " of a worker's on average;"
     shares = rf"(\d+) % plants, (\d+) % bus, (\d+) % waiting{whose} (\d+) % recording"

@@ -128,15 +128,15 @@ def commands(path, folder, other):
     yield "what if", nrs("replay", path, *what_if)
 
 
-HEARD = f"{SAMPLE} at tick {K}, t = 0.7 s: "
+MISSED = f"{SAMPLE} at tick {K}, t = 0.7 s: "
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (with_field(1, "<I", 2), f"{HEARD}its robot is 2, expected {ROBOT}"),
-        (twice, f"{HEARD}it is there twice"),
-        (cut, f"{HEARD}it is cut"),
+        (with_field(1, "<I", 2), f"{MISSED}its robot is 2, expected {ROBOT}"),
+        (twice, f"{MISSED}it is there twice"),
+        (cut, f"{MISSED}it is cut"),
     ],
     ids=["robot", "twice", "cut"],
 )

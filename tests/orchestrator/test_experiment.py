@@ -8,7 +8,7 @@ import pytest
 import nrs_cosim
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.signature import Seal
+from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.engine.robots import agents_of, wire_of
 from nrs_cosim.orchestrator.scenario import experiment
@@ -83,5 +83,5 @@ def test_a_script_makes_each_once_for_theory_and_run_and_once_for_the_recording(
 def test_a_worker_makes_the_links_into_its_own_robots_alone(made):
     lossy = read_scenario(LOSSY)
     agents_of(lossy, [2, 5])
-    wire_of(lossy, {"a": [1, 3, 4, 6], "b": [2, 5]}, Seal())
+    wire_of(lossy, {"a": [1, 3, 4, 6], "b": [2, 5]}, Signer())
     assert dict(made) == {name: 1 for name in MADE if name != "motion_of"}

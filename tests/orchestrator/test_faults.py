@@ -8,8 +8,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import LinkFault
-from nrs_cosim.bus.signature import Seal
-from nrs_cosim.bus.validation import RefusedError
+from nrs_cosim.bus.signature import Signer
+from nrs_cosim.bus.validation import RejectedError
 from nrs_cosim.estimator_agents import algorithm
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.engine.run import run
@@ -246,7 +246,7 @@ def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
 
 def test_what_a_silent_robot_says_is_refused(paper):
     file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.1, 0.2]]"))
-    wire = wire_of(file, {"here": range(1, 7)}, Seal())
+    wire = wire_of(file, {"here": range(1, 7)}, Signer())
 
     def batch(k, robots):
         records = wire.samples.blank(np.array(robots))
@@ -257,7 +257,7 @@ def test_what_a_silent_robot_says_is_refused(paper):
     assert wire.unpack_samples("here", batch(1, silent))[1]["robot"].tolist() == silent
     assert wire.unpack_samples("here", batch(2, all_of_them))[1]["robot"].tolist() == all_of_them
     for k, robots in ((1, all_of_them), (2, silent)):
-        with pytest.raises(RefusedError, match="size"):
+        with pytest.raises(RejectedError, match="size"):
             wire.unpack_samples("here", batch(k, robots))
 
 

@@ -35,7 +35,7 @@ class Workers:
     def __init__(self, time):
         self.inbox = self
         self.time, self.coming, self.there = time, [], []
-        self.refused, self.restarts, self.assignment = Counter(), 0, ASSIGNMENT
+        self.rejected, self.restarts, self.assignment = Counter(), 0, ASSIGNMENT
         self.away = (0.0, 0.0)
         self.asked, self.advanced, self.handled, self.published = [], [], [], []
 
@@ -227,7 +227,7 @@ def test_what_is_refused_or_said_again_is_silence(case, say):
         run.run()
     assert run.time.now == DEADLINE
     assert run.recorder.repeated == 2
-    assert run.recorder.refused.total() == 1
+    assert run.recorder.rejected.total() == 1
 
 
 def test_the_deadline_rests_while_a_worker_is_known_to_be_away(case):
@@ -266,7 +266,7 @@ def test_what_is_no_batch_is_the_workers_affair(case):
     run.workers.at(0.0, *run.robots(0), *others, *run.robots(1))
     assert run.run() == [0, 1]
     assert run.workers.handled == others
-    assert not run.recorder.refused
+    assert not run.recorder.rejected
 
 
 def test_who_watches_is_told_the_last_closed_tick_while_another_is_waited_for(case):

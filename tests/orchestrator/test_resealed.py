@@ -37,7 +37,7 @@ FIELDS = {
     ],
     VERSIONS: ["numpy"],
     PARENT: ["digest", "change"],
-    END: ["status", "reason", "digest", "ticks", "messages", "spent", "refused", "part_of"],
+    END: ["status", "reason", "digest", "ticks", "messages", "spent", "rejected", "part_of"],
 }
 PLANT = ["fmu", "name", "fmi_version", "kind", "drive", "why", "sha256", "robots"]
 FREE = {"name", "folder", "reason", "numpy", "change", "fmi_version", "kind", "drive", "why", "fmu"}
@@ -63,7 +63,7 @@ class Sealed:
             }
             if scenario is not None:
                 writer_of["attachments"] = scenario(writer_of["attachments"])
-            extra = {"spent": reader.end["spent"], "refused": reader.end["refused"]}
+            extra = {"spent": reader.end["spent"], "rejected": reader.end["rejected"]}
             changed = ending or (lambda fields: fields)
 
             def other(*, fields, **rest):

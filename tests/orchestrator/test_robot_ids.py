@@ -30,9 +30,9 @@ def test_robots_are_named_by_numbers_and_ranges(text, robots):
     ],
 )
 def test_what_names_no_robots(text, said):
-    with pytest.raises(InputError, match=r"^--robots: ") as refused:
+    with pytest.raises(InputError, match=r"^--robots: ") as rejected:
         parse_robots(text, "--robots", 7)
-    assert said in str(refused.value)
+    assert said in str(rejected.value)
 
 
 def test_a_range_has_an_end_also_where_the_number_of_robots_is_not_known():

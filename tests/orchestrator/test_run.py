@@ -365,7 +365,7 @@ def with_byte(payload, at, value):
     return payload[:at] + bytes([value]) + payload[at + 1 :]
 
 
-REFUSED = {
+REJECTED = {
     "another robot's": (lambda p: with_byte(p, SECOND + 1, 3), "robot"),
     "another tick's": (lambda p: with_byte(p, SECOND + 6, 7), "tick"),
     "of another time": (lambda p: with_byte(p, SECOND + 11, 7), "time"),
@@ -379,7 +379,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED.keys())
+@pytest.mark.parametrize(("change", "reason"), REJECTED.values(), ids=REJECTED.keys())
 def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(paper, change, reason):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("samples/here", change), Kept())
@@ -387,7 +387,7 @@ def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(paper, change, r
             list(loop.ticks())
         for item in loop.workers.inbox.take():
             loop.recorder.take(item)
-    assert loop.recorder.refused == {reason: 1}
+    assert loop.recorder.rejected == {reason: 1}
 
 
 def test_samples_that_are_lost_are_missed_and_named(paper):
@@ -409,14 +409,14 @@ STATE_BATCH = {
 }
 
 
-@pytest.mark.parametrize(("change", "refused"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
-def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(paper, change, refused):
+@pytest.mark.parametrize(("change", "rejected"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
+def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(paper, change, rejected):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("records/here", change), Kept())
         silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on worker here"
         with pytest.raises(BusError, match=silence):
             list(loop.ticks())
-    assert loop.recorder.refused == refused
+    assert loop.recorder.rejected == rejected
 
 
 def test_a_message_too_many_is_refused_and_counted(paper):
@@ -425,7 +425,7 @@ def test_a_message_too_many_is_refused_and_counted(paper):
         loop = Loop(stack, paper(SHORT), bus, Kept())
         bus.publisher("samples/nobody")(b"stray")
         list(loop.ticks())
-    assert loop.recorder.refused == {"worker": 1}
+    assert loop.recorder.rejected == {"worker": 1}
 
 
 def test_what_is_said_again_is_kept_once(paper):

@@ -31,7 +31,7 @@ def recursion(share, position, velocity):
 def test_ten_thousand_robots(tmp_path):
     file = read_scenario(SCENARIOS / "random_10000.toml")
     outcome = run(file, tmp_path / "run.mcap")
-    assert (outcome.status, outcome.ticks, outcome.refused) == ("completed", TICKS, {})
+    assert (outcome.status, outcome.ticks, outcome.rejected) == ("completed", TICKS, {})
     assert outcome.messages == TICKS * (N + 1) + (TICKS + 1) * N
     topology = file.topologies.links
     edges = csr_array(

@@ -83,7 +83,7 @@ def test_a_tick_is_written_whole_with_its_faults_and_checkpoints(wire):
 def test_a_message_without_a_channel_is_refused(wire, what, room):
     recorder, _ = recorder_of(wire, **room)
     recorder.take(tick_batch(wire, "left", 1, **what))
-    assert recorder.refused == {"topic": 1}
+    assert recorder.rejected == {"topic": 1}
     assert recorder.taken == 0
 
 
@@ -94,7 +94,7 @@ def test_what_cannot_be_believed_is_counted_by_its_reason(wire):
     recorder.take(Message(good.key, good.payload + b"\0"))
     recorder.take(Message(wire_key("samples", "nobody"), good.payload))
     recorder.take(Message(wire_key("report", "left"), good.payload))
-    assert recorder.refused == {"size": 2, "worker": 1, "key": 1}
+    assert recorder.rejected == {"size": 2, "worker": 1, "key": 1}
     assert (recorder.taken, recorder.repeated) == (0, 0)
 
 
