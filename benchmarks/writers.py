@@ -8,6 +8,7 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.recordings.export.tables import RUN
@@ -27,13 +28,13 @@ def ticks_of(n: int, count: int) -> Ticks:
     """Return ticks of samples and of states at two times, of arms that move smoothly."""
     made: Ticks = [[] for _ in range(count)]
     for kind, robots, key in ((SAMPLE, n + 1, sample_topic), (STATE, n, state_topic)):
-        codec, first = Codec(kind, 2), n + 1 - robots
+        codec, first = Codec(kind, Sizes(2)), n + 1 - robots
         numbers = np.arange(first, n + 1)
         records = codec.blank(numbers)
         for k, tick in enumerate(made):
             for t in (k * H + H // 2, k * H + H)[kind is SAMPLE :]:
                 records["k"], records["time_ns"] = k, t
-                for name in kind.vectors:
+                for name in kind.fields:
                     records[name] = np.sin(np.outer(numbers + 0.1, [t / 1e9, t / 2e9]))
                 encoded = zip(numbers.tolist(), codec.encode(records), strict=True)
                 tick.extend((t, key(robot), k, data) for robot, data in encoded)

@@ -1,15 +1,16 @@
 """A message is a protobuf record of fixed size, so that many are coded in one step.
 
 All message types open with the same three fields, with explicit presence: proto3 then writes
-them even when they are zero, and a message of dimension m always has the same length and the same
-bytes between its numbers. The declaration below is the only one: the protobuf descriptor that goes
-into recordings and the NumPy dtype that codes the bytes are both derived from it. A blob alone has
-any size.
+them even when they are zero, and a message always has the same length and the same bytes between
+its numbers. The declaration below is the only one: the protobuf descriptor that goes into
+recordings and the NumPy dtype that codes the bytes are both derived from it. Arrays are flat in
+protobuf, the last axis fastest; their shapes stand beside the schema. A blob alone has any size.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
 from struct import Struct
 from typing import Any
 
@@ -22,16 +23,13 @@ from google.protobuf.descriptor_pb2 import (
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Field, Shape, Sizes
 
 HEADER = Struct("<xIxIxQ")
 """Robot, k and time_ns, at the start of each message."""
 
-_FIXED64, _BYTES, _FIXED32 = 1, 2, 5
-_SCALARS = (
-    ("robot", "<u4", _FIXED32, FieldDescriptorProto.TYPE_FIXED32),
-    ("k", "<u4", _FIXED32, FieldDescriptorProto.TYPE_FIXED32),
-    ("time_ns", "<u8", _FIXED64, FieldDescriptorProto.TYPE_FIXED64),
-)
+FIXED64, BYTES, FIXED32 = 1, 2, 5
+"""Wire types."""
 _COMMENTS = {
     "robot": "the robot's number, from 1; 0 is the target",
     "k": "the tick that closes this message's interval",
@@ -43,24 +41,43 @@ _MESSAGE_TYPE, _FIELD = 4, 2
 
 
 @dataclass(frozen=True, slots=True)
-class MessageType:
-    """A protobuf message: robot, k and time_ns (ns), further scalars, vectors of m doubles each.
+class Count:
+    """A whole number of a message, unsigned: of 32 bits, but for `time_ns`."""
 
-    At most 12 scalars and vectors, so that every field number fits the one-byte tag.
-    """
+    doc: str = ""
+    bits: int = 32
+
+
+OPENING: Mapping[str, Count] = {
+    "robot": Count(_COMMENTS["robot"]),
+    "k": Count(_COMMENTS["k"]),
+    "time_ns": Count(_COMMENTS["time_ns"], 64),
+}
+"""What every message type begins with."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """A protobuf message: robot, k and time_ns (ns), then counts and fields by name."""
 
     name: str
-    vectors: tuple[str, ...]
-    further: tuple[str, ...] = ()
-    """Scalars of 32 bits, unsigned."""
-    comments: Mapping[str, str] = field(default_factory=dict, hash=False)
-    """What a reader of the schema is told of each vector and further scalar."""
+    entries: Mapping[str, Field | Count] = field(hash=False)
+    """In the order of their field numbers, from 4 on."""
 
     @property
-    def scalars(self) -> tuple[tuple[str, str, int, FieldDescriptorProto.Type.ValueType], ...]:
-        """Name, dtype, wire type and protobuf type of each scalar, in the order of the fields."""
-        _, dtype, wire, kind = _SCALARS[0]
-        return _SCALARS + tuple((name, dtype, wire, kind) for name in self.further)
+    def numbered(self) -> list[tuple[int, str, Field | Count]]:
+        """Number, name and kind of all that a message has."""
+        return [(number, *entry) for number, entry in enumerate(self._all().items(), 1)]
+
+    @property
+    def fields(self) -> dict[str, Field]:
+        """What doubles it has."""
+        return {name: of for name, of in self.entries.items() if isinstance(of, Field)}
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """What whole numbers it has beside the first three."""
+        return tuple(name for name, of in self.entries.items() if isinstance(of, Count))
 
     def descriptor(self) -> bytes:
         """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
@@ -70,25 +87,27 @@ class MessageType:
             syntax="proto3",
         )
         message = file.message_type.add(name=self.name.rpartition(".")[2])
-        for number, (name, _, _, kind) in enumerate(self.scalars, start=1):
+        for number, name, entry in self.numbered:
+            declared = message.field.add(name=name, number=number, type=protobuf_type(entry))
+            if isinstance(entry, Field) and entry.shape:
+                declared.label = FieldDescriptorProto.LABEL_REPEATED
+                continue
+            declared.label = FieldDescriptorProto.LABEL_OPTIONAL
+            declared.proto3_optional, declared.oneof_index = True, len(message.oneof_decl)
             message.oneof_decl.add(name=f"_{name}")
-            message.field.add(
-                name=name,
-                number=number,
-                type=kind,
-                label=FieldDescriptorProto.LABEL_OPTIONAL,
-                proto3_optional=True,
-                oneof_index=number - 1,
-            )
-        for number, name in enumerate(self.vectors, start=len(self.scalars) + 1):
-            message.field.add(
-                name=name,
-                number=number,
-                type=FieldDescriptorProto.TYPE_DOUBLE,
-                label=FieldDescriptorProto.LABEL_REPEATED,
-            )
-        _comment(file, {**_COMMENTS, **self.comments})
+        _comment(file, {name: entry.doc for name, entry in self._all().items()})
         return FileDescriptorSet(file=[file]).SerializeToString()
+
+    def _all(self) -> dict[str, Field | Count]:
+        return {**OPENING, **self.entries}
+
+
+def protobuf_type(entry: Field | Count) -> FieldDescriptorProto.Type.ValueType:
+    """Return what an entry is in a descriptor."""
+    if isinstance(entry, Field):
+        return FieldDescriptorProto.TYPE_DOUBLE
+    wide = entry.bits > 32
+    return FieldDescriptorProto.TYPE_FIXED64 if wide else FieldDescriptorProto.TYPE_FIXED32
 
 
 def _comment(file: FileDescriptorProto, comments: Mapping[str, str]) -> None:
@@ -103,23 +122,31 @@ def _comment(file: FileDescriptorProto, comments: Mapping[str, str]) -> None:
 
 SAMPLE = MessageType(
     "nrs.Sample",
-    ("position", "velocity"),
-    comments={
-        "position": "estimate of the target's position at t_k, left limit; of the target its own",
-        "velocity": "estimate of the target's velocity at t_k, left limit; of the target its own",
+    {
+        "position": Field(
+            truth="position",
+            doc="estimate of the target's position at t_k, left limit; of the target its own",
+        ),
+        "velocity": Field(
+            truth="velocity",
+            doc="estimate of the target's velocity at t_k, left limit; of the target its own",
+        ),
     },
 )
 """ε_i(t_k), υ_i(t_k) of robot i, left limits, in the target's units; robot 0 is the target."""
 
 STATE = MessageType(
     "nrs.State",
-    ("position", "velocity", "effort", "reference_position", "reference_velocity"),
-    comments={
-        "position": "of each joint: rad, or m of one that slides",
-        "velocity": "of each joint: rad/s or m/s",
-        "effort": "applied to each joint by the PD law: N m or N",
-        "reference_position": "estimate of the target's position, which the robot follows",
-        "reference_velocity": "estimate of the target's velocity, which the robot follows",
+    {
+        "position": Field(doc="of each joint: rad, or m of one that slides"),
+        "velocity": Field(doc="of each joint: rad/s or m/s"),
+        "effort": Field(doc="applied to each joint by the PD law: N m or N"),
+        "reference_position": Field(
+            truth="position", doc="estimate of the target's position, which the robot follows"
+        ),
+        "reference_velocity": Field(
+            truth="velocity", doc="estimate of the target's velocity, which the robot follows"
+        ),
     },
 )
 """Robot i's q, q̇, applied torque, and ε_i, υ_i at one time; k is the tick that closes it.
@@ -129,15 +156,13 @@ The first three are named as in ROS's JointState; the reference is what the robo
 
 LINK_EVENT = MessageType(
     "nrs.LinkEvent",
-    ("position", "velocity"),
-    ("source", "lost", "outage", "delay"),
     {
-        "source": "the node whose sample it is; the robot itself where that is in an outage",
-        "lost": "1 when the link lost the sample",
-        "outage": "1 when the link or one of its ends was in an outage",
-        "delay": "sampling periods by which the sample is late",
-        "position": "what arrives, zeros when nothing does",
-        "velocity": "what arrives, zeros when nothing does",
+        "source": Count("the node whose sample it is; the robot itself where that is in an outage"),
+        "lost": Count("1 when the link lost the sample"),
+        "outage": Count("1 when the link or one of its ends was in an outage"),
+        "delay": Count("sampling periods by which the sample is late"),
+        "position": Field(doc="what arrives, zeros when nothing does"),
+        "velocity": Field(doc="what arrives, zeros when nothing does"),
     },
 )
 """What the link from node `source` to robot i did to the sample of t_k.
@@ -149,18 +174,20 @@ the robot itself says that the robot is in an outage.
 
 
 class Codec:
-    """Codes a message type for vectors of m numbers: n messages as one array of n records."""
+    """Codes a message type for the sizes of a run: n messages as one array of n records."""
 
-    def __init__(self, kind: MessageType, m: int) -> None:
+    def __init__(self, kind: MessageType, sizes: Sizes) -> None:
         self.kind = kind
-        self.m = m
+        self.sizes = sizes
+        self.shapes = {name: field.size(sizes) for name, field in kind.fields.items()}
+        """Of each field, in numbers."""
         layout: list[tuple[Any, ...]] = []
-        for name, dtype, _, _ in kind.scalars:
-            layout += [(f"tag_{name}", "u1"), (name, dtype)]
-        self._length = _varint(8 * m)
-        for name in kind.vectors:
-            layout += [(f"tag_{name}", "u1"), (f"len_{name}", "u1", len(self._length))]
-            layout += [(name, "<f8", (m,))]
+        self._constant: dict[str, bytes] = {}
+        """Of each stretch between the numbers its bytes; its name is that of no field."""
+        for number, name, entry in kind.numbered:
+            opening, column = _layout(number, entry, self.shapes.get(name, ()))
+            self._constant[f"{name}.tag"] = opening
+            layout += [(f"{name}.tag", "u1", (len(opening),)), (name, *column)]
         self.dtype = np.dtype(layout)
         self.size = self.dtype.itemsize
 
@@ -168,20 +195,17 @@ class Codec:
     def _template(self) -> NDArray[np.uint8]:
         """(size,) bytes of a message of zeros; made when there are messages, for it may be long."""
         blank = np.zeros(1, self.dtype)
-        for number, (name, _, wire, _) in enumerate(self.kind.scalars, start=1):
-            blank[f"tag_{name}"] = number << 3 | wire
-        for number, name in enumerate(self.kind.vectors, start=len(self.kind.scalars) + 1):
-            blank[f"tag_{name}"] = number << 3 | _BYTES
-            blank[f"len_{name}"] = np.frombuffer(self._length, np.uint8)
+        for name, opening in self._constant.items():
+            blank[name] = np.frombuffer(opening, np.uint8)
         return blank.view(np.uint8)
 
     @cached_property
     def _fixed(self) -> NDArray[np.bool_]:
         """(size,) whether a byte is the same in every message."""
-        fixed = np.ones(self.size, bool)
-        for name in (*(name for name, *_ in self.kind.scalars), *self.kind.vectors):
-            column, offset = self.dtype.fields[name][:2]  # type: ignore[index]
-            fixed[offset : offset + column.itemsize] = False
+        fixed = np.zeros(self.size, bool)
+        for name, opening in self._constant.items():
+            _, offset = self.dtype.fields[name][:2]  # type: ignore[index]
+            fixed[offset : offset + len(opening)] = True
         return fixed
 
     def blank(self, robots: NDArray[np.integer]) -> NDArray[np.void]:
@@ -204,7 +228,7 @@ class Codec:
             if len(payload) != self.size:
                 raise BusError(
                     f"a {self.kind.name} of {len(payload)} bytes was refused: with vectors of "
-                    f"{self.m} numbers it has {self.size}"
+                    f"{self.sizes.m} numbers it has {self.size}"
                 )
         return self.parsed(b"".join(payloads))
 
@@ -214,10 +238,10 @@ class Codec:
         records = raw.reshape(-1).view(self.dtype)
         if not (raw[:, self._fixed] == self._template[self._fixed]).all():
             raise BusError(f"a message that is no {self.kind.name} was refused")
-        for name in self.kind.vectors:
+        for name in self.shapes:
             finite = np.isfinite(records[name])
             if not finite.all():
-                bad = records[~finite.all(axis=1)][0]
+                bad = records[~finite.reshape(len(records), -1).all(axis=1)][0]
                 raise BusError(
                     f"a {self.kind.name} was refused: {name} of robot {bad['robot']} at "
                     f"k = {bad['k']} is {bad[name].tolist()}, not finite"
@@ -225,10 +249,23 @@ class Codec:
         return records
 
 
-_TAGS = tuple(number << 3 | wire for number, (_, _, wire, _) in enumerate(_SCALARS, start=1))
+def _layout(number: int, entry: Field | Count, shape: Shape) -> tuple[bytes, tuple[Any, ...]]:
+    """Return the bytes before a field's numbers, and the dtype and shape of these."""
+    if isinstance(entry, Count):
+        wire = FIXED64 if entry.bits > 32 else FIXED32
+        return _varint(number << 3 | wire), (f"<u{entry.bits // 8}",)
+    if not entry.shape:
+        return _varint(number << 3 | FIXED64), ("<f8",)
+    return _varint(number << 3 | BYTES) + _varint(8 * prod(shape)), ("<f8", shape)
+
+
+_TAGS = tuple(
+    number << 3 | (FIXED64 if entry.bits > 32 else FIXED32)
+    for number, entry in enumerate(OPENING.values(), 1)
+)
 _BLOB_HEAD = Struct("<BIBIBQ")
 """As `HEADER`, with the tags of the three fields."""
-_DATA = len(_SCALARS) + 1
+_DATA = len(OPENING) + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +286,7 @@ class BlobType:
 
     def descriptor(self) -> bytes:
         """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
-        files = FileDescriptorSet.FromString(MessageType(self.name, ()).descriptor())
+        files = FileDescriptorSet.FromString(MessageType(self.name, {}).descriptor())
         files.file[0].message_type[0].field.add(
             name="data",
             number=_DATA,
@@ -288,7 +325,7 @@ CHECKPOINT = BlobType("nrs.Checkpoint")
 
 def _data_of(length: int) -> bytes:
     """Return what stands before the data of a blob."""
-    return bytes([_DATA << 3 | _BYTES]) + _varint(length)
+    return bytes([_DATA << 3 | BYTES]) + _varint(length)
 
 
 def _varint(value: int) -> bytes:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
 from nrs_cosim.bus.messages import HEADER, LINK_EVENT, SAMPLE, STATE, Codec
@@ -75,7 +76,7 @@ class Wire:
     ) -> None:
         """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
         self.samples, self.states, self.link_events = (
-            Codec(k, m) for k in (SAMPLE, STATE, LINK_EVENT)
+            Codec(k, Sizes(m)) for k in (SAMPLE, STATE, LINK_EVENT)
         )
         self.assignment = dict(assignment)
         self.times = times
@@ -178,7 +179,7 @@ class Wire:
         if len(data) != expected.nbytes:
             raise RejectedError("size")
         records = np.frombuffer(data, codec.dtype)
-        for name in codec.kind.vectors:
+        for name in codec.kind.fields:
             expected[name] = records[name]
             if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
                 raise RejectedError("value")

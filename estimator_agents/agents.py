@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.bus.topologies import TopologySchedule, edges_among
@@ -95,7 +96,7 @@ class Agents:
         self._velocity = np.zeros((topologies.n + 1, m))
         self._heard_at = np.zeros(topologies.n + 1, np.int64)
         self._hearing = Hearing(links, robots, m, missing) if links else None
-        self._no_events = Codec(LINK_EVENT, m).blank(np.array([], np.intp))
+        self._no_events = Codec(LINK_EVENT, Sizes(m)).blank(np.array([], np.intp))
 
     def hear(
         self,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.events import link_events
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
@@ -34,7 +35,7 @@ class Hearing:
         self.links = links
         self.there = np.zeros(len(links.sink), bool)
         """(F,) whether there is a sample to go by, where an edge asks for one."""
-        self._codec = Codec(LINK_EVENT, m)
+        self._codec = Codec(LINK_EVENT, Sizes(m))
         self.link_events = self._codec.blank(np.array([], np.intp))
         """Of the last tick: records of `LINK_EVENT`, by robot and source."""
         self._robots, self._m, self._drops = robots, m, missing == "drop"

@@ -75,7 +75,7 @@ def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str
         return {}
     units = [joint["unit"] for joint in plant["joints"]]
     metadata = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
-    for vector in kind.vectors:
+    for vector in kind.fields:
         metadata[f"unit.{vector}"] = json.dumps([vector_unit(vector, unit) for unit in units])
     return metadata | {"fmu": plant["fmu"], "drive": plant["drive"]}
 

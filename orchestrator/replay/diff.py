@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import NS_PER_S
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.bus.validation import Records
@@ -26,7 +27,7 @@ from nrs_cosim.recordings.export.tables import joints
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
 
-QUANTITIES = STATE.vectors
+QUANTITIES = tuple(STATE.fields)
 Array = NDArray[np.float64]
 
 
@@ -88,7 +89,7 @@ def compare(a: Reader, b: Reader) -> Comparison:
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
     alike = joints(a) == joints(b)
-    codec = Codec(STATE, joints(a))
+    codec = Codec(STATE, Sizes(joints(a)))
     nothing: list[Message] = []
     both = 0
     for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):

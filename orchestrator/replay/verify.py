@@ -16,6 +16,7 @@ from typing import Any, Literal, Never
 import numpy as np
 
 from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import (
     EVERYONE,
     RECORDS,
@@ -266,7 +267,7 @@ def _finder(reader: Reader, experiment: Experiment) -> Find:
 
 def states_of(reader: Reader, m: int) -> Iterator[Records]:
     """Yield a recording's states by tick, from 0 on."""
-    codec = Codec(STATE, m)
+    codec = Codec(STATE, Sizes(m))
     return (_records(codec, "state", tick) for tick in past_of(reader))
 
 
@@ -295,7 +296,7 @@ def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | 
         sides = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
         return Difference(*_about(there), "message", *sides)
     old, new = (
-        Codec(_KINDS[_kind(message)], m).decode([message[3]])[0]
+        Codec(_KINDS[_kind(message)], Sizes(m)).decode([message[3]])[0]
         for message, m in ((was, m_was), (now, m_now))
     )
     for name in old.dtype.names:

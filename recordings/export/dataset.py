@@ -52,7 +52,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
         found = np.concatenate([np.empty(0, table.dtype(m)), *parts.pop(table.name)])
         times, row = np.unique(found["time_ns"], return_inverse=True)
         grids = {}
-        for name in table.kind.vectors:
+        for name in table.kind.fields:
             grids[name] = np.full((len(times), n + 1, m), np.nan)
             grids[name][row, found["robot"]] = found[name]
         return times / 1e9, grids

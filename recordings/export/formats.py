@@ -71,7 +71,7 @@ def _csv(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
 
         def put(found: NDArray[np.void]) -> None:
             scalars = zip(*(found[name].tolist() for name in table.scalars), strict=True)
-            vectors = np.concatenate([found[name] for name in table.kind.vectors], axis=1)
+            vectors = np.concatenate([found[name] for name in table.kind.fields], axis=1)
             out.writerows(
                 (*head, *row) for head, row in zip(scalars, vectors.tolist(), strict=True)
             )

@@ -34,7 +34,7 @@ def parquet_table(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
             columns = [np.ascontiguousarray(found[name]) for name in table.scalars]
             columns += [
                 np.ascontiguousarray(found[name][:, i])
-                for name in table.kind.vectors
+                for name in table.kind.fields
                 for i in range(m)
             ]
             file.write_table(pa.table(columns, schema=schema))

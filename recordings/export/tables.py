@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
 from nrs_cosim.recordings.errors import UnreadableError
@@ -38,11 +39,11 @@ class MessageTable:
     @property
     def order(self) -> tuple[str, ...]:
         """What rows are sorted by, the last one first, as `numpy.lexsort` wants it."""
-        return (*reversed(self.kind.further), "robot", "time_ns")
+        return (*reversed(self.kind.counts), "robot", "time_ns")
 
     def columns(self, m: int) -> list[str]:
         """Return the names of the columns where each number has one of its own."""
-        vectors = [f"{name}_{i}" for name in self.kind.vectors for i in range(1, m + 1)]
+        vectors = [f"{name}_{i}" for name in self.kind.fields for i in range(1, m + 1)]
         return [*self.scalars, *vectors]
 
     def dtype(self, m: int) -> np.dtype[np.void]:
@@ -53,8 +54,8 @@ class MessageTable:
             ("t", "f8"),
             ("robot", "u4"),
         ]
-        layout += [(name, "u4") for name in self.kind.further]
-        return np.dtype(layout + [(name, "f8", (m,)) for name in self.kind.vectors])
+        layout += [(name, "u4") for name in self.kind.counts]
+        return np.dtype(layout + [(name, "f8", (m,)) for name in self.kind.fields])
 
 
 SAMPLES = MessageTable("samples", SAMPLE, sample_topic, 0, ("k", "time_ns", "t", "robot"))
@@ -64,7 +65,7 @@ LINK_EVENTS = MessageTable(
     LINK_EVENT,
     link_event_topic,
     1,
-    ("k", "time_ns", "t", "robot", *LINK_EVENT.further),
+    ("k", "time_ns", "t", "robot", *LINK_EVENT.counts),
 )
 
 
@@ -87,7 +88,8 @@ def expect_joints(reader: Reader) -> None:
     """
     m = joints(reader)
     first = next(reader.columns([state_topic(1)]), None)
-    if first is not None and (size := int(first.stop[0] - first.start[0])) != Codec(STATE, m).size:
+    expected = Codec(STATE, Sizes(m)).size
+    if first is not None and (size := int(first.stop[0] - first.start[0])) != expected:
         raise UnreadableError(
             f"{reader.path}: {RUN}: joints: is {m}, but a state of robot 1 has {size} bytes"
         )
@@ -112,7 +114,7 @@ def rows(
     number that is not finite.
     """
     n, m = robots(reader), joints(reader)
-    codecs = {table.name: Codec(table.kind, m) for table in tables}
+    codecs = {table.name: Codec(table.kind, Sizes(m)) for table in tables}
     wanted = {
         table.name: {table.key(i) for i in range(table.first, n + 1) if of is None or i in of}
         for table in tables
@@ -133,7 +135,7 @@ def rows(
 
 def _rows(table: MessageTable, codec: Codec, columns: Columns) -> NDArray[np.void]:
     messages = codec.parsed(columns.payloads(codec.size))
-    dtype = table.dtype(codec.m)
+    dtype = table.dtype(codec.sizes.m)
     found = np.empty(len(messages), dtype)
     for name in dtype.names or ():
         found[name] = messages["time_ns"] / 1e9 if name == "t" else messages[name]

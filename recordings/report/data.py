@@ -11,6 +11,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.validation import Times
 from nrs_cosim.recordings.errors import UnreadableError
@@ -114,7 +115,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
     kinds = {channel.topic: channel.schema_name for channel in reader.channels}
-    codecs = {kind.name: Codec(kind, m) for kind in (SAMPLE, STATE, LINK_EVENT)}
+    codecs = {kind.name: Codec(kind, Sizes(m)) for kind in (SAMPLE, STATE, LINK_EVENT)}
     for batch in reader.batches():
         payloads: dict[str, list[bytes]] = {}
         for _, topic, _, data in batch:

@@ -7,6 +7,7 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import (
     CHECKPOINT,
     HEADER,
@@ -32,12 +33,12 @@ def protobuf_class(kind: MessageType | BlobType):
 
 
 def filled(kind: MessageType, m: int, robots: list[int]) -> tuple[Codec, np.ndarray]:
-    codec = Codec(kind, m)
+    codec = Codec(kind, Sizes(m))
     records = codec.blank(np.array(robots))
     records["k"], records["time_ns"] = 12, 1_200_000_000
-    for number, name in enumerate(kind.further):
+    for number, name in enumerate(kind.counts):
         records[name] = 70_000 * number
-    for name in kind.vectors:
+    for name in kind.fields:
         records[name] = RNG.normal(size=(len(robots), m))
     return codec, records
 
@@ -46,29 +47,29 @@ def filled(kind: MessageType, m: int, robots: list[int]) -> tuple[Codec, np.ndar
 @pytest.mark.parametrize("m", [1, 2, 15, 16, 300])
 def test_bytes_are_those_of_protobuf(kind, m):
     codec, records = filled(kind, m, [0, 1, 70_000])
-    records[kind.vectors[0]][1] = 0.0
-    records[kind.vectors[1]][2] = -0.0
+    records[next(iter(kind.fields))][1] = 0.0
+    records[list(kind.fields)[1]][2] = -0.0
     message_class = protobuf_class(kind)
     for record, payload in zip(records, codec.encode(records), strict=True):
         theirs = message_class(
             robot=int(record["robot"]),
             k=12,
             time_ns=1_200_000_000,
-            **{name: int(record[name]) for name in kind.further},
-            **{name: record[name].tolist() for name in kind.vectors},
+            **{name: int(record[name]) for name in kind.counts},
+            **{name: record[name].tolist() for name in kind.fields},
         )
         assert payload == theirs.SerializeToString(deterministic=True)
         read = message_class.FromString(payload)
-        assert [getattr(read, name) for name in kind.further] == [
-            70_000 * number for number in range(len(kind.further))
+        assert [getattr(read, name) for name in kind.counts] == [
+            70_000 * number for number in range(len(kind.counts))
         ]
-        assert struct.pack(f"{m}d", *getattr(read, kind.vectors[1])) == (
-            record[kind.vectors[1]].tobytes()
+        assert struct.pack(f"{m}d", *getattr(read, list(kind.fields)[1])) == (
+            record[list(kind.fields)[1]].tobytes()
         )
 
 
 def test_zero_header_is_written_too():
-    codec = Codec(SAMPLE, 2)
+    codec = Codec(SAMPLE, Sizes(2))
     (payload,) = codec.encode(codec.blank(np.array([0])))
     assert HEADER.unpack_from(payload) == (0, 0, 0)
     assert payload == protobuf_class(SAMPLE)(
@@ -134,7 +135,7 @@ def test_a_blob_that_is_cut_or_is_another_message_is_refused():
         with pytest.raises(BusError, match=words):
             CHECKPOINT.decode(payload[:cut])
     _, records = filled(SAMPLE, 2, [1])
-    for other in (*Codec(SAMPLE, 2).encode(records), b"\0" + payload[1:], payload + b"\0"):
+    for other in (*Codec(SAMPLE, Sizes(2)).encode(records), b"\0" + payload[1:], payload + b"\0"):
         with pytest.raises(BusError, match="refused"):
             CHECKPOINT.decode(other)
 

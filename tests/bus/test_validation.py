@@ -5,6 +5,7 @@ import struct
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, LINK_EVENT, STATE, Blob, Codec
@@ -46,7 +47,7 @@ def states_of(wire, k=K):
     outputs = wire.times.outputs(k)
     records = wire.states.blank(np.tile(ROBOTS, len(outputs)))
     records["k"], records["time_ns"] = k, np.repeat(outputs, len(ROBOTS))
-    for name in STATE.vectors:
+    for name in STATE.fields:
         records[name] = RNG.normal(size=(len(records), M))
     return records
 
@@ -140,7 +141,7 @@ MISSED = {
         WORKER,
         signed(SAMPLES, changed(GOOD_SAMPLES, "time_ns", 301).tobytes()),
     ),
-    "another tag": ("form", WORKER, signed(SAMPLES, changed(GOOD_SAMPLES, "tag_k", 9).tobytes())),
+    "another tag": ("form", WORKER, signed(SAMPLES, changed(GOOD_SAMPLES, "k.tag", 9).tobytes())),
     **{
         f"{name} of {number}": (
             "value",
@@ -198,7 +199,7 @@ TOLD = {
     "states of another robot": ("robot", WORKER, tick_of(changed(STATES, "robot", 3, 3))),
     "states of another tick": ("tick", WORKER, tick_of(changed(STATES, "k", 2, 3))),
     "states of another time": ("time", WORKER, tick_of(changed(STATES, "time_ns", 300, 0))),
-    "states of another form": ("form", WORKER, tick_of(changed(STATES, "tag_effort", 9, 3))),
+    "states of another form": ("form", WORKER, tick_of(changed(STATES, "effort.tag", 9, 3))),
     "a torque that is no number": (
         "value",
         WORKER,
@@ -213,7 +214,7 @@ TOLD = {
     "a fault of another form": (
         "value",
         WORKER,
-        tick_of(met=changed(LINK_EVENTS, "tag_lost", 9, 1)),
+        tick_of(met=changed(LINK_EVENTS, "lost.tag", 9, 1)),
     ),
     "a fault of another tick": ("tick", WORKER, tick_of(met=changed(LINK_EVENTS, "k", 2, 1))),
     "a fault of another worker's robot": (
@@ -264,4 +265,4 @@ def test_without_a_secret_there_is_no_seal():
 
 
 def test_the_codec_of_faults_is_the_wires():
-    assert WIRE.none.dtype == Codec(LINK_EVENT, M).dtype
+    assert WIRE.none.dtype == Codec(LINK_EVENT, Sizes(M)).dtype

@@ -10,6 +10,7 @@ from struct import pack
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
@@ -102,7 +103,7 @@ def test_a_field_that_contradicts_its_message_is_the_damage_of_its_tick(
 def test_a_source_that_there_is_not_is_damage():
     ours = Contents({1: "/robot_1/link_event"}, 6)
     for source, holds in ((0, True), (6, True), (7, False)):
-        codec = Codec(LINK_EVENT, 2)
+        codec = Codec(LINK_EVENT, Sizes(2))
         records = codec.blank(np.array([1]))
         records["source"] = source
         (data,) = codec.encode(records)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
@@ -274,7 +275,7 @@ class Kept:
 def test_who_received_what_and_when(paper):
     """Listen to the session beside the run: nothing else is sent, and nobody hears anyone else."""
     file, m = paper(SHORT), 2
-    codec = Codec(SAMPLE, m)
+    codec = Codec(SAMPLE, Sizes(m))
     with ExitStack() as stack:
         bus, kept = ZenohBus("listened"), Kept()
         stack.callback(bus.close)
@@ -330,7 +331,7 @@ def test_a_tick_is_recorded_in_total_order_with_left_limits(paper):
         for time_ns, topic, *_ in batch:
             assert (time_ns, topic) > last
             last = (time_ns, topic)
-    sample = Codec(SAMPLE, 2).decode(
+    sample = Codec(SAMPLE, Sizes(2)).decode(
         [d for _, t, _, d in kept.batches[1] if t == "/robot_4/sample"]
     )[0]
     expected = Estimate(initial.position[3], initial.velocity[3]).after(0.1)

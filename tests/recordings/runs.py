@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings.mcap.container import Channel, Message
@@ -69,13 +70,13 @@ def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
 def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
     """Tick k of n robots: samples at t_k, states at the two output times, some faults."""
     rng = np.random.default_rng(k)
-    samples, states, faults = (Codec(kind, m) for kind in (SAMPLE, STATE, LINK_EVENT))
+    samples, states, faults = (Codec(kind, Sizes(m)) for kind in (SAMPLE, STATE, LINK_EVENT))
     made: list[Message] = []
 
     def put(codec: Codec, robots: Sequence[int], time_ns: int, key: Any) -> None:
         records = codec.blank(np.array(robots, "u4"))
         records["k"], records["time_ns"] = k, time_ns
-        for name in codec.kind.vectors:
+        for name in codec.kind.fields:
             records[name] = rng.standard_normal((len(robots), m))
         if codec is faults:
             records["source"], records["lost"] = 1, 1

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
@@ -65,9 +66,9 @@ def tables(messages: list[Message]) -> dict[str, dict]:
     for time_ns, topic, _, data in messages:
         kind, node = kind_of(topic), node_of(topic)
         if kind != "link_event":
-            codec = Codec(SAMPLE if kind == "sample" else STATE, M)
+            codec = Codec(SAMPLE if kind == "sample" else STATE, Sizes(M))
             (row,) = codec.decode([data])
-            numbers = np.concatenate([row[name] for name in codec.kind.vectors])
+            numbers = np.concatenate([row[name] for name in codec.kind.fields])
             found[f"{kind}s"][time_ns / 1e9, node] = numbers.tolist()
     return found
 
@@ -152,7 +153,7 @@ def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, whi
         with Recording(path) as recording:
             for table, found in recording.chunks([SAMPLES, STATES]):
                 for row in found:
-                    vectors = np.concatenate([row[name] for name in table.kind.vectors])
+                    vectors = np.concatenate([row[name] for name in table.kind.fields])
                     assert rows[table.name][row["t"], row["robot"]] == vectors.tolist()
             assert len(recording.states(start=0.2, end=0.3)) <= 2 * N
             recording.samples([0])

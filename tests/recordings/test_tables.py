@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings import Recording
@@ -34,12 +35,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Message]]:
 
 def expected(messages: list[Message], kind: str, robots: set[int], start: int, end: int) -> list:
     """Rows of (k, t, robot, everything else), by one message after the other."""
-    codec, rows = Codec(KINDS[kind], M), []
+    codec, rows = Codec(KINDS[kind], Sizes(M)), []
     for time_ns, topic, k, data in messages:
         node = node_of(topic)
         if kind_of(topic) == kind and node in robots and start <= time_ns < end:
             (record,) = codec.decode([data])
-            names = (*codec.kind.further, *codec.kind.vectors)
+            names = (*codec.kind.counts, *codec.kind.fields)
             rows.append((time_ns, node, k, [record[name].tolist() for name in names]))
     return sorted(rows)
 
@@ -59,7 +60,7 @@ def test_arrays_are_the_messages(run, robots, within) -> None:
             ("link_event", recording.link_events),
         ):
             found = read(robots, *within)
-            names = (*KINDS[kind].further, *KINDS[kind].vectors)
+            names = (*KINDS[kind].counts, *KINDS[kind].fields)
             rows = [
                 (*row[["time_ns", "robot", "k"]].tolist(), [row[name].tolist() for name in names])
                 for row in found
@@ -67,7 +68,7 @@ def test_arrays_are_the_messages(run, robots, within) -> None:
             wanted = set(range(N + 1)) if robots is None else robots
             assert rows == expected(messages, kind, wanted, *bounds)
             assert (found["t"] == found["time_ns"] / 1e9).all()
-            assert found[KINDS[kind].vectors[0]].shape == (len(found), M)
+            assert found[next(iter(KINDS[kind].fields))].shape == (len(found), M)
 
 
 def test_only_the_chunks_of_a_range_are_read(run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,7 +190,7 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
         for i, name in enumerate(header):
             vector, _, joint = name.rpartition("_")
             column = (
-                array[vector][:, int(joint) - 1] if vector in table.kind.vectors else array[name]
+                array[vector][:, int(joint) - 1] if vector in table.kind.fields else array[name]
             )
             floats = column.dtype == float
             assert [row[i] for row in rows] == [

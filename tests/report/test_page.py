@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.report.subject import arm_of
@@ -178,7 +179,7 @@ def test_faults_are_those_of_the_recording(lossy):
     (panel,) = figure["panels"]
     with Reader(lossy) as reader:
         topics = [f"/robot_{robot}/link_event" for robot in range(1, 7)]
-        met = Codec(LINK_EVENT, 2).decode([m[3] for m in reader.messages(topics)])
+        met = Codec(LINK_EVENT, Sizes(2)).decode([m[3] for m in reader.messages(topics)])
     lost = met[met["lost"] > 0]
     expected = Counter(zip(lost["robot"].tolist(), lost["source"].tolist(), strict=True))
     (curve,) = (c for c in panel["curves"] if c["name"] == "lost")

@@ -1,0 +1,83 @@
+"""The message types of one run follow from what its algorithm declares that it sends and keeps.
+
+An algorithm that sends exactly a position and a velocity, each of m numbers, has the standing types
+`nrs.Sample` and `nrs.LinkEvent`; any other has types of its own, `nrs.<Class>.Sample` and so on.
+What it keeps beside these two is the agent's state, and has a message type where there is any.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from nrs_cosim.bus.fields import ESTIMATE, Field, Fields, Sizes
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, Count, MessageType
+
+DUPLICATES = {"duplicates": Count("how many more copies of the sample arrive with it")}
+"""What link events also have where links may duplicate samples."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Codecs:
+    """What codes the messages of a run."""
+
+    samples: Codec
+    states: Codec
+    link_events: Codec
+    agent_states: Codec | None = None
+    """None where agents keep no more than ε and υ."""
+
+    @classmethod
+    def of(
+        cls,
+        sizes: Sizes,
+        owner: str = "",
+        sent: Fields = ESTIMATE,
+        kept: Fields = ESTIMATE,
+        *,
+        duplicates: bool = False,
+    ) -> "Codecs":
+        """Return those for an algorithm's class by its name, and the fields that it declares.
+
+        `duplicates` says whether links may duplicate samples.
+        """
+        further = {name: field for name, field in kept.items() if name not in ESTIMATE}
+        state = MessageType(f"nrs.{owner}.AgentState", _documented(further))
+        return cls(
+            Codec(_sample(owner, sent), sizes),
+            Codec(STATE, sizes),
+            Codec(_link_event(owner, sent, duplicates), sizes),
+            Codec(state, sizes) if further else None,
+        )
+
+    @property
+    def types(self) -> tuple[MessageType, ...]:
+        """What message types they code."""
+        found = (self.samples, self.states, self.link_events, self.agent_states)
+        return tuple(codec.kind for codec in found if codec)
+
+
+def _is_estimate(fields: Fields) -> bool:
+    shapes, standing = (
+        [(name, field.shape) for name, field in of.items()] for of in (fields, ESTIMATE)
+    )
+    return shapes == standing
+
+
+def _sample(owner: str, sent: Fields) -> MessageType:
+    return SAMPLE if _is_estimate(sent) else MessageType(f"nrs.{owner}.Sample", _documented(sent))
+
+
+def _link_event(owner: str, sent: Fields, duplicates: bool) -> MessageType:
+    further: Mapping[str, Field | Count] = DUPLICATES if duplicates else {}
+    if _is_estimate(sent):
+        return replace(LINK_EVENT, entries={**LINK_EVENT.entries, **further})
+    counts = {name: LINK_EVENT.entries[name] for name in LINK_EVENT.counts}
+    arrives = "what arrives, zeros when nothing does"
+    fields = {
+        name: replace(field, truth=None, doc=f"{field.doc}; {arrives}" if field.doc else arrives)
+        for name, field in sent.items()
+    }
+    return MessageType(f"nrs.{owner}.LinkEvent", {**counts, **further, **fields})
+
+
+def _documented(fields: Fields) -> dict[str, Field]:
+    return {name: replace(field, doc=field.doc or name) for name, field in fields.items()}
