@@ -5,6 +5,7 @@ An algorithm that sends exactly a position and a velocity, each of m numbers, ha
 What it keeps beside these two is the agent's state, and has a message type where there is any.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -39,6 +40,7 @@ class Codecs:
 
         `duplicates` says whether links may duplicate samples.
         """
+        owner = re.sub(r"\W", "_", owner, flags=re.ASCII)
         further = {name: field for name, field in kept.items() if name not in ESTIMATE}
         state = MessageType(f"nrs.{owner}.AgentState", _documented(further))
         return cls(

@@ -17,11 +17,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
-from nrs_cosim.bus.messages import HEADER, LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.messages import HEADER, Codec
 from nrs_cosim.bus.signature import Signer
 
 Records = NDArray[np.void]
@@ -64,20 +64,19 @@ def _none_silent(_k: int) -> Nodes:
 
 
 class Wire:
-    """Packs and unpacks the batches of one run; vectors have m numbers."""
+    """Packs and unpacks the batches of one run."""
 
     def __init__(
         self,
-        m: int,
+        codecs: Codecs,
         times: Times,
         assignment: Mapping[str, Nodes],
         signer: Signer,
         silent: Callable[[int], Nodes] = _none_silent,
     ) -> None:
         """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
-        self.samples, self.states, self.link_events = (
-            Codec(k, Sizes(m)) for k in (SAMPLE, STATE, LINK_EVENT)
-        )
+        self.samples, self.states = codecs.samples, codecs.states
+        self.link_events = codecs.link_events
         self.assignment = dict(assignment)
         self.times = times
         self._signer, self._silent = signer, silent

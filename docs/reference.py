@@ -47,7 +47,6 @@ _TABLES = {
     "Wave": "A wave",
     "Uniform": "A draw",
     "WholeUniform": "A draw of whole numbers",
-    "Pair": "A pair",
     "Pattern": "A pattern",
 }
 """Of each table of the schema its heading, in the order of the page."""

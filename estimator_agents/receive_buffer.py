@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.events import link_events
 from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.messages import LINK_EVENT, Codec
 
 Missing = Literal["hold", "drop"]
 """What an agent does without a sample of an in-neighbour."""
@@ -35,9 +33,8 @@ class Hearing:
         self.links = links
         self.there = np.zeros(len(links.sink), bool)
         """(F,) whether there is a sample to go by, where an edge asks for one."""
-        self._codec = Codec(LINK_EVENT, Sizes(m))
-        self.link_events = self._codec.blank(np.array([], np.intp))
-        """Of the last tick: records of `LINK_EVENT`, by robot and source."""
+        self.link_events = links.codec.blank(np.array([], np.intp))
+        """Of the last tick: records of link events, by robot and source."""
         self._robots, self._m, self._drops = robots, m, missing == "drop"
         self._slots = links.longest + 1
         ends = np.cumsum(self._slots + 1)
@@ -56,7 +53,9 @@ class Hearing:
         What is sent by a robot in an outage may be anything.
         """
         outcome = self.links.outcome(k)
-        received = self.links.received(k, sent)
+        fields = {"position": sent[:, 0], "velocity": sent[:, 1]}
+        arriving = self.links.received(k, fields)
+        received = np.stack([arriving["position"], arriving["velocity"]], axis=1)
         leaving = np.flatnonzero(~outcome.gone)
         due = self._slot(k + outcome.delay)[leaving]
         self._cells[due, 0] = k
@@ -66,9 +65,7 @@ class Hearing:
         self._cells[self._last[newer]] = self._cells[now[newer]]
         self._cells[now] = 0
         self.there = newer if self._drops else self._cells[self._last, 0] > 0
-        self.link_events = link_events(
-            self._codec, self.links, self._robots, k, outcome, sent, received
-        )
+        self.link_events = link_events(self.links, self._robots, k, outcome, fields, arriving)
 
     def memory(self, robot: int) -> bytes:
         """Return what one robot remembers, little-endian doubles; nothing without faults."""

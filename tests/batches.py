@@ -3,6 +3,8 @@
 import numpy as np
 
 from nrs_cosim.bus.clock import Clock
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
 from nrs_cosim.bus.signature import Signer
@@ -18,7 +20,9 @@ ASSIGNMENT = {worker: [robot] for worker, robot in ROBOTS.items()}
 def wire_of(ticks: int) -> Wire:
     """Return the wire of a run of two robots and the target."""
     assignment = {worker: np.array(robots) for worker, robots in ASSIGNMENT.items()}
-    return Wire(M, Clock((H,), 1, ticks), {**assignment, TARGET: np.array([0])}, Signer())
+    return Wire(
+        Codecs.of(Sizes(M)), Clock((H,), 1, ticks), {**assignment, TARGET: np.array([0])}, Signer()
+    )
 
 
 def samples(wire: Wire, worker: str, k: int, value: float = 1.0) -> Message:

@@ -3,36 +3,46 @@
 It follows from the samples of t_k alone, with no memory of earlier ones: whoever has them can tell.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.links.links import LinkOutcome, Links
-from nrs_cosim.bus.messages import Codec
+
+Array = NDArray[np.float64]
+Sent = Mapping[str, Array]
+"""Fields of samples by name, (F, …) each."""
 
 
 def link_events(
-    codec: Codec,
     links: Links,
     robots: NDArray[np.integer],
     k: int,
     outcome: LinkOutcome,
-    sent: NDArray[np.float64],
-    received: NDArray[np.float64],
+    sent: Sent,
+    received: Sent,
+    fresh: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.void]:
-    """Return records of `LINK_EVENT`, by robot and source, on the links into some robots at t_k.
+    """Return records of the run's link events, by robot and source, on links into robots at t_k.
 
-    `sent` and `received` are (F, 2, m); a sample has one when it is gone, late or altered.
+    A sample has one when it is gone, late or altered. `fresh` says on which links there is a sample
+    of t_k, (F,): on all unless given.
     """
-    altered = (received != sent).any(axis=(1, 2))
-    of = np.flatnonzero((outcome.gone | (outcome.delay > 0) | altered) & ~outcome.absent)
+    altered = np.zeros(len(links.sink), bool)
+    for name, values in sent.items():
+        altered |= (received[name] != values).any(axis=tuple(range(1, values.ndim)))
+    there = ~outcome.absent if fresh is None else fresh & ~outcome.absent
+    of = np.flatnonzero((outcome.gone | (outcome.delay > 0) | altered) & there)
     silent = np.intersect1d(robots, links.silent(k))
-    records = codec.blank(np.concatenate([links.sink[of], silent]))
+    records = links.codec.blank(np.concatenate([links.sink[of], silent]))
     records["k"], records["time_ns"] = k, links.ticks.t(k)
     records["source"] = np.concatenate([links.source[of], silent])
     on_links, alone = records[: len(of)], records[len(of) :]
     on_links["lost"], on_links["outage"] = outcome.lost[of], outcome.outage[of]
     on_links["delay"] = outcome.delay[of]
-    arriving = np.where(outcome.gone[of, None, None], 0, received[of])
-    on_links["position"], on_links["velocity"] = arriving[:, 0], arriving[:, 1]
+    arrives = of[~outcome.gone[of]]
+    for name, values in received.items():
+        on_links[name][~outcome.gone[of]] = values[arrives]
     alone["outage"] = 1
     return records[np.lexsort((records["source"], records["robot"]))]

@@ -6,22 +6,22 @@ i is in one at t_s (a robot in an outage neither sends nor hears), or when i is 
 arrival. None is sent at a t_s whose digraphs have no such link; what is under way then goes on. All
 of that is known at t_s. Loss, delay and noise are drawn apart from one another, each keyed by
 (seed, purpose, j, i, s): a draw depends neither on who asks, nor on the order, nor on the other
-links and faults. Only the links that have faults are kept here.
+links and faults. Noise and quantisation are given by field of the samples. Only the links that have
+faults are kept here.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.links.draws import BLOCK, Draw, Draws
+from nrs_cosim.bus.links.noise import FieldNoise, quantised
 from nrs_cosim.bus.links.outages import Outages, Spans
-from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.topologies import TopologySchedule, edges_among
-
-BLOCK = 64
-"""Draws are made for so many sampling times of a link at once, and only these are kept."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,10 +37,10 @@ class LinkFault:
     """Sampling periods, drawn from the least to the most, both included."""
     outages: Spans = ()
     """From and to, ns."""
-    noise: tuple[float, float] = (0.0, 0.0)
-    """Standard deviations, of each number of the position and of the velocity."""
-    quantisation: tuple[float, float] = (0.0, 0.0)
-    """What position and velocity are rounded to multiples of; 0 leaves them as they are."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviations > 0 of each number of a field, by the field's name."""
+    quantisation: Mapping[str, float] = field(default_factory=dict)
+    """What each number of a field is rounded to multiples of, > 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,8 +75,8 @@ class Ticks(Protocol):
 class Links:
     """The links into some robots that have faults, sorted by (robot, in-neighbour).
 
-    `faults` is by link, (j, i), and `silences` by robot; what is not named there has none. Vectors
-    have m numbers.
+    `faults` is by link, (j, i), and `silences` by robot; what is not named there has none.
+    `codecs` are those of the run: what its samples have, and what is said of links.
     """
 
     def __init__(
@@ -88,9 +88,11 @@ class Links:
         *,
         ticks: Ticks,
         seed: int,
-        m: int,
+        codecs: Codecs,
     ) -> None:
         self.ticks = ticks
+        self.codec = codecs.link_events
+        """Of the events on these links."""
         topology = topologies.links
         self._nodes = topology.n + 1
         self._silences = Outages.of(silences, ticks.since)
@@ -120,27 +122,25 @@ class Links:
         self._least, self.longest = delays.T
         """(F,) the longest delay on each link, sampling periods."""
 
-        def drawn(rows: NDArray[np.intp], purpose: str, draw: "Draw") -> "Draws":
-            return Draws(seed, purpose, [links[row] for row in rows], rows, draw)
+        def drawn(rows: NDArray[np.intp], purpose: str, draw: Draw) -> Draws:
+            return Draws(seed, purpose, links, rows, draw)
 
         loss = np.array([fault.loss for fault in theirs])
-        spread = np.array([fault.noise for fault in theirs]).reshape(-1, 2, 1)
-        self._step = np.array([fault.quantisation for fault in theirs]).reshape(-1, 2, 1)
         self._lossy = np.flatnonzero(loss)
         self._late = np.flatnonzero(self._least < self.longest)
-        self._noisy = np.flatnonzero(spread.any(axis=(1, 2)))
-        self._coarse = np.flatnonzero(self._step.any(axis=(1, 2)))
         self._loss = loss[self._lossy]
-        self._spread, self._step = spread[self._noisy], self._step[self._coarse]
         self._losses = drawn(self._lossy, "link loss", lambda rng, _: rng.random(BLOCK))
         self._delays = drawn(
             self._late,
             "link delay",
             lambda rng, row: rng.integers(delays[row, 0], delays[row, 1], BLOCK, endpoint=True),
         )
-        self._noise = drawn(
-            self._noisy, "link noise", lambda rng, _: rng.standard_normal((BLOCK, 2, m))
+        shapes = codecs.samples.shapes
+        deviations, self._steps = (
+            {name: np.array([of.get(name, 0.0) for of in given]) for name in shapes}
+            for given in ([f.noise for f in theirs], [f.quantisation for f in theirs])
         )
+        self._noise = FieldNoise(seed, links, shapes, deviations)
 
     def silent(self, k: int) -> list[int]:
         """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
@@ -159,50 +159,9 @@ class Links:
             outage |= then[self.sink] & (delay == periods)
         return LinkOutcome(lost, outage, delay, self._absent[self._exchange_at(k)])
 
-    def received(self, k: int, sent: Array) -> Array:
-        """Return what arrives of the samples of t_k, where any does: (F, 2, m) as `sent`."""
-        values = sent.copy()
-        if len(self._noisy):
-            values[self._noisy] += self._spread * self._noise.at(k)
-        coarse = values[self._coarse]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            count = coarse / self._step
-            rounded = np.rint(count) * self._step
-        # From 2^52 steps on a double has no digits left that the step could round away.
-        values[self._coarse] = np.where(np.abs(count) < 2.0**52, rounded, coarse)
-        return values
-
-
-Draw = Callable[[np.random.Generator, int], NDArray[Any]]
-
-
-class Draws:
-    """Draws for one purpose on some links: one generator a link and block of sampling times."""
-
-    def __init__(
-        self,
-        seed: int,
-        purpose: str,
-        links: Sequence[tuple[int, int]],
-        rows: NDArray[np.intp],
-        draw: Draw,
-    ) -> None:
-        self._seed, self._purpose = seed, purpose
-        self._links, self._rows, self._draw = links, rows.tolist(), draw
-        self._kept: tuple[int, NDArray[Any]] = -1, np.empty((BLOCK, 0))
-        """The last block that was drawn, and its number."""
-
-    def at(self, k: int) -> NDArray[Any]:
-        """Return the draws of t_k, (links, …)."""
-        number, offset = divmod(k, BLOCK)
-        # Links may be shared by runs in several threads: a block is read with its own number.
-        kept, block = self._kept
-        if self._links and number != kept:
-            blocks = [
-                self._draw(random_stream(self._seed, self._purpose, *link, number), row)
-                for link, row in zip(self._links, self._rows, strict=True)
-            ]
-            block = np.stack(blocks, axis=1)
-            self._kept = number, block
-        drawn: NDArray[Any] = block[offset]
-        return drawn
+    def received(self, k: int, sent: Mapping[str, Array]) -> dict[str, Array]:
+        """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`."""
+        return {
+            name: quantised(self._noise.added(k, name, values), self._steps[name])
+            for name, values in sent.items()
+        }

@@ -109,4 +109,4 @@ def wire_of(
     """Return the wire of a run whose robots are assigned to workers."""
     nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
-    return Wire(experiment.m, experiment.clock, nodes, signer, experiment.outages.at)
+    return Wire(experiment.codecs, experiment.clock, nodes, signer, experiment.outages.at)

@@ -12,11 +12,14 @@ from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import Clock, Jitter, nanoseconds
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import ESTIMATE, Fields, Sizes
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
@@ -99,6 +102,26 @@ class Experiment:
         return choice.missing or policies_of(choice.name)[0]
 
     @cached_property
+    def sizes(self) -> Sizes:
+        """What the symbols of declared shapes stand for."""
+        degrees = (np.bincount(t.sink, minlength=1).max() for t in self.topologies.digraphs)
+        return Sizes(self.m, self.n, int(max(1, *degrees)))
+
+    @cached_property
+    def sent(self) -> Fields:
+        """The fields of samples: what the algorithm's agents send."""
+        own: Any = getattr(self.algorithm, "own", self.algorithm)
+        fields: Fields = getattr(own, "SENT", ESTIMATE)
+        return fields
+
+    @cached_property
+    def codecs(self) -> Codecs:
+        """What codes the run's messages: of what the algorithm sends and keeps."""
+        own: Any = getattr(self.algorithm, "own", self.algorithm)
+        kept = getattr(own, "STATE", ESTIMATE)
+        return Codecs.of(self.sizes, type(own).__name__, self.sent, kept)
+
+    @cached_property
     def links(self) -> Links | None:
         """The links that have faults; None if the scenario has no faults at all."""
         return self._links_into(range(1, self.n + 1))
@@ -169,11 +192,14 @@ class Experiment:
 
     def _links_into(self, robots: Sequence[int]) -> Links | None:
         topologies = self.topologies
-        faults, quiet = link_faults(self.scenario, topologies.links), silences(self.scenario)
+        sent = self.codecs.samples.shapes
+        faults, quiet = link_faults(self.scenario, topologies.links, sent), silences(self.scenario)
         if not quiet and all(fault == LinkFault() for fault in faults.values()):
             return None
         into: NDArray[np.integer] = np.array(robots)
-        return Links(topologies, into, faults, quiet, ticks=self.clock, seed=self.seed, m=self.m)
+        return Links(
+            topologies, into, faults, quiet, ticks=self.clock, seed=self.seed, codecs=self.codecs
+        )
 
 
 def _clock_of(run: Run) -> Clock:

@@ -4,7 +4,7 @@ An entry names the links from a node, to a robot, or both, and all links if neit
 them its keys, and only these, take the place of what was given before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import nanoseconds
 from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.bus.links.outages import Spans
+from nrs_cosim.bus.text import shortened
 from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
+_BY_FIELD = ("noise", "quantisation")
+"""Keys of a link that may be given by field."""
 
-def link_faults(scenario: Scenario, topology: Topology) -> dict[tuple[int, int], LinkFault]:
-    """Return what is wrong with each link (j, i) that an entry names."""
+
+def link_faults(
+    scenario: Scenario, topology: Topology, sent: Collection[str]
+) -> dict[tuple[int, int], LinkFault]:
+    """Return what is wrong with each link (j, i) that an entry names; samples have the `sent`."""
     given: dict[tuple[int, int], dict[str, Any]] = {}
     for entry in scenario.faults.links:
-        values, named = _values(entry), _named(entry, topology)
+        values, named = _values(entry, sent), _named(entry, topology)
         links = zip(topology.source[named].tolist(), topology.sink[named].tolist(), strict=True)
         for link in links:
             given.setdefault(link, {}).update(values)
@@ -34,8 +41,13 @@ def silences(scenario: Scenario) -> dict[int, Spans]:
     return {robot.id: _spans(robot.outages) for robot in scenario.faults.robots if robot.outages}
 
 
-def wrong_faults(scenario: Scenario, topology: Topology | None) -> Iterator[str]:
-    """Yield what is wrong with the faults; with their links only where there is a topology."""
+def wrong_faults(
+    scenario: Scenario, topology: Topology | None, sent: Collection[str]
+) -> Iterator[str]:
+    """Yield what is wrong with the faults; with their links only where there is a topology.
+
+    `sent` are the fields of samples, none where they are not known.
+    """
     n = scenario.n
     known: dict[int, int] = {}
     for i, entry in enumerate(scenario.faults.links):
@@ -58,6 +70,7 @@ def wrong_faults(scenario: Scenario, topology: Topology | None) -> Iterator[str]
                 f"got {list(entry.delay.uniform)}"
             )
         yield from _wrong_outages(here, entry.outages)
+        yield from _wrong_fields(here, entry, sent)
     for i, robot in enumerate(scenario.faults.robots):
         here = f"faults.robots[{i}]"
         if not 1 <= robot.id <= n:
@@ -69,6 +82,14 @@ def wrong_faults(scenario: Scenario, topology: Topology | None) -> Iterator[str]
             )
         known.setdefault(robot.id, i)
         yield from _wrong_outages(here, robot.outages)
+
+
+def _wrong_fields(here: str, entry: FaultyLink, sent: Collection[str]) -> Iterator[str]:
+    for what in _BY_FIELD:
+        given = getattr(entry, what)
+        for name in given if sent and isinstance(given, dict) else ():
+            if name not in sent:
+                yield f"{here}.{what}.{shortened(name)}: unknown key{nearest(name, [*sent])}"
 
 
 def _wrong_outages(here: str, outages: tuple[Span, ...]) -> Iterator[str]:
@@ -102,7 +123,7 @@ def _named(entry: FaultyLink, topology: Topology) -> NDArray[np.bool_]:
     return named
 
 
-def _values(entry: FaultyLink) -> dict[str, Any]:
+def _values(entry: FaultyLink, sent: Collection[str]) -> dict[str, Any]:
     """Return the keys that an entry gives, as a `LinkFault` takes them."""
     values: dict[str, Any] = {}
     for name in entry.model_fields_set - {"from_", "to"}:
@@ -111,8 +132,9 @@ def _values(entry: FaultyLink) -> dict[str, Any]:
             value = value.uniform if isinstance(value, WholeUniform) else (value, value)
         elif name == "outages":
             value = _spans(value)
-        elif name in {"noise", "quantisation"}:
-            value = (value, value) if isinstance(value, float) else (value.position, value.velocity)
+        elif name in _BY_FIELD:
+            of = value if isinstance(value, dict) else dict.fromkeys(sent, value)
+            value = {field: extent for field, extent in of.items() if extent}
         values[name] = value
     return values
 

@@ -1,6 +1,6 @@
 """What may be wrong with a scenario's tables in shape, or in the relation of one to another."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
@@ -61,9 +61,17 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
         yield from _initial_faults(f"initial.{name}", value, n, m)
     if scenario.faults != Faults():
         links = None if network_faults else experiment.topologies.links
-        yield from wrong_faults(scenario, links)
+        yield from wrong_faults(scenario, links, _sent(experiment))
     yield from _robot_faults(scenario)
     yield from _workers_faults(scenario.bus.tls, n)
+
+
+def _sent(experiment: Experiment) -> Collection[str]:
+    """Return the fields of samples; none where the algorithm, which is wrong, does not say."""
+    try:
+        return experiment.sent
+    except InputError:
+        return ()
 
 
 def _robot_faults(scenario: Scenario) -> Iterator[str]:

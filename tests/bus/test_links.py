@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.clock import Clock
-from nrs_cosim.bus.links.links import BLOCK, LinkFault, Links
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
+from nrs_cosim.bus.links.draws import BLOCK
+from nrs_cosim.bus.links.events import link_events
+from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
+from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from tests.bus.test_topology import PAPER
@@ -17,7 +22,7 @@ TICKS = 4000
 CLOCK = Clock((10,), 1, TICKS)
 
 
-def links(faults, silences=None, robots=ALL, seed=3, m=2, clock=CLOCK):
+def links(faults, silences=None, robots=ALL, seed=3, m=2, clock=CLOCK, sent=ESTIMATE):
     return Links(
         TopologySchedule.constant(TOPOLOGY),
         np.asarray(robots),
@@ -25,12 +30,24 @@ def links(faults, silences=None, robots=ALL, seed=3, m=2, clock=CLOCK):
         silences or {},
         ticks=clock,
         seed=seed,
-        m=m,
+        codecs=Codecs.of(Sizes(m), "Mine", sent),
     )
 
 
+def both(position, velocity):
+    return {"position": position, "velocity": velocity}
+
+
 def everywhere(**given):
+    if "noise" in given:
+        given["noise"] = both(*given["noise"])
     return dict.fromkeys(EDGES, LinkFault(**given))
+
+
+def received(made, k, sent):
+    """Return what arrives of positions and velocities (F, 2, m), as they were sent."""
+    arrives = made.received(k, both(*sent.transpose(1, 0, 2)))
+    return np.stack([*arrives.values()], axis=1)
 
 
 def story(made, ticks=range(1, 200)):
@@ -41,7 +58,7 @@ def story(made, ticks=range(1, 200)):
         np.array([outcome.lost for outcome in outcomes]),
         np.array([outcome.outage for outcome in outcomes]),
         np.array([outcome.delay for outcome in outcomes]),
-        np.array([made.received(k, zeros) for k in ticks]),
+        np.array([received(made, k, zeros) for k in ticks]),
     )
 
 
@@ -49,7 +66,7 @@ def test_links_without_faults_are_not_kept():
     made = links({(3, 6): LinkFault(loss=0.5), (2, 5): LinkFault(), (3, 4): LinkFault()})
     assert (made.source.tolist(), made.sink.tolist()) == ([3], [6])
     assert len(links({}).sink) == len(links({}).outcome(1).lost) == 0
-    assert links({}).received(1, np.zeros((0, 2, 2))).shape == (0, 2, 2)
+    assert received(links({}), 1, np.zeros((0, 2, 2))).shape == (0, 2, 2)
 
 
 def test_all_links_of_a_robot_with_outages_are_kept():
@@ -116,7 +133,7 @@ def test_time_may_begin_anywhere_and_go_back():
     for k in (3 * BLOCK + 5, 2, BLOCK, BLOCK - 1, 4 * BLOCK - 1):
         for now, then in zip(story(asked, [k]), forth[k - 1], strict=True):
             assert now.tobytes() == then.tobytes()
-    _, block = onwards._noise._kept
+    _, block = onwards._noise._pair[1]._kept
     assert block.shape[0] == BLOCK
 
 
@@ -125,9 +142,11 @@ GOLDEN = ([True, True], [6, 6], [-0.4194387463801478, 0.17775625887763816])
 
 def test_the_same_key_on_any_machine():
     """From NumPy's Philox and SeedSequence as documented in the module; kept against change."""
-    lost, _, delay, received = story(links({(3, 6): LinkFault(0.5, (0, 9), noise=(1, 1))}), [1, 99])
+    lost, _, delay, values = story(
+        links({(3, 6): LinkFault(0.5, (0, 9), noise=both(1, 1))}), [1, 99]
+    )
     assert (lost.ravel().tolist(), delay.ravel().tolist()) == GOLDEN[:2]
-    assert received[:, 0, 0, 0].tolist() == GOLDEN[2]
+    assert values[:, 0, 0, 0].tolist() == GOLDEN[2]
 
 
 def test_an_outage_begins_and_ends_with_sampling_times():
@@ -162,13 +181,63 @@ def test_what_arrives_during_an_outage_is_gone_when_it_is_sent(delay):
 def test_numbers_are_rounded_to_multiples_after_the_noise():
     numbers = np.array([0.1234, -0.1236, 0.0005, 1e17, 1e308, 0.0]).reshape(1, 1, -1)
     sent = np.concatenate([numbers, numbers], axis=1)
-    made = links({(3, 6): LinkFault(quantisation=(0.001, 0.0))}, m=6)
-    received = made.received(1, sent)
-    assert received[0, 0].tolist() == [123 * 0.001, -124 * 0.001, 0, 1e17, 1e308, 0]
-    assert received[0, 1].tolist() == sent[0, 1].tolist()
-    tiny = links({(3, 6): LinkFault(quantisation=(5e-324, 1e-300))}, m=6).received(1, sent)
-    assert tiny.tolist() == sent.tolist()
-    noisy = links({(3, 6): LinkFault(noise=(1, 1), quantisation=(0.5, 0.5))}, m=6)
-    rough = noisy.received(1, sent)[0, 0, :3] / 0.5
+    made = links({(3, 6): LinkFault(quantisation={"position": 0.001})}, m=6)
+    coarse = received(made, 1, sent)
+    assert coarse[0, 0].tolist() == [123 * 0.001, -124 * 0.001, 0, 1e17, 1e308, 0]
+    assert coarse[0, 1].tolist() == sent[0, 1].tolist()
+    tiny = links({(3, 6): LinkFault(quantisation=both(5e-324, 1e-300))}, m=6)
+    assert received(tiny, 1, sent).tolist() == sent.tolist()
+    noisy = links({(3, 6): LinkFault(noise=both(1, 1), quantisation=both(0.5, 0.5))}, m=6)
+    rough = received(noisy, 1, sent)[0, 0, :3] / 0.5
     assert (rough == np.rint(rough)).all()
     assert sent[0, 0, 0] == 0.1234
+
+
+OTHERS = {"P": Field((2, "m")), **ESTIMATE, "level": Field(())}
+NOISE = {"P": 0.1, "position": 1.0, "velocity": 0.5, "level": 3.0}
+
+
+def zeros_of(made, sent):
+    codec = Codecs.of(Sizes(2), "Mine", sent).samples
+    return {name: np.zeros((len(made.sink), *shape)) for name, shape in codec.shapes.items()}
+
+
+def test_each_further_field_has_noise_of_a_stream_of_its_own():
+    made = links({(3, 6): LinkFault(noise=NOISE)}, sent=OTHERS)
+    found = made.received(70, zeros_of(made, OTHERS))
+    number, offset = divmod(70, BLOCK)
+    pair = random_stream(3, "link noise", 3, 6, number).standard_normal((BLOCK, 2, 2))[offset]
+    assert found["position"].tolist() == [pair[0].tolist()]
+    assert found["velocity"].tolist() == [(0.5 * pair[1]).tolist()]
+    for name, shape in (("P", (2, 2)), ("level", ())):
+        rng = random_stream(3, f"link noise {name}", 3, 6, number)
+        drawn = NOISE[name] * rng.standard_normal((BLOCK, *shape))[offset]
+        assert found[name].tolist() == [drawn.tolist()]
+
+
+def test_what_another_field_is_given_changes_no_draw():
+    whole = links({(3, 6): LinkFault(noise=NOISE)}, sent=OTHERS)
+    every = whole.received(5, zeros_of(whole, OTHERS))
+    for name, field in OTHERS.items():
+        alone = links({(3, 6): LinkFault(noise={name: NOISE[name]})}, sent=OTHERS)
+        found = alone.received(5, zeros_of(alone, OTHERS))
+        assert found[name].tobytes() == every[name].tobytes()
+        assert not any(found[other].any() for other in OTHERS if other != name)
+        by_itself = links({(3, 6): LinkFault(noise={name: NOISE[name]})}, sent={name: field})
+        only = by_itself.received(5, zeros_of(by_itself, {name: field}))
+        assert only[name].tobytes() == every[name].tobytes()
+
+
+def test_a_link_event_holds_what_arrived_of_every_field():
+    faults = {(3, 6): LinkFault(quantisation={"P": 0.5}), (2, 5): LinkFault(loss=1.0)}
+    made = links(faults, sent=OTHERS)
+    sent = {name: zeros + 0.7 for name, zeros in zeros_of(made, OTHERS).items()}
+    outcome = made.outcome(1)
+    events = link_events(made, ALL, 1, outcome, sent, made.received(1, sent))
+    assert events[["robot", "source", "lost"]].tolist() == [(5, 2, 1), (6, 3, 0)]
+    assert all(not events[name][0].any() for name in OTHERS)
+    assert events["P"][1].tolist() == [[0.5, 0.5], [0.5, 0.5]]
+    assert (events["level"][1], events["velocity"][1].tolist()) == (0.7, [0.7, 0.7])
+    fresh = made.sink == 6
+    some = link_events(made, ALL, 1, outcome, sent, made.received(1, sent), fresh)
+    assert some.tobytes() == events[1:].tobytes()

@@ -5,6 +5,7 @@ import struct
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
@@ -32,7 +33,7 @@ class TwoOutputs:
 
 def new_wire(signer=SIGNER, silent=lambda _k: np.empty(0, np.int64)):
     assignment = {WORKER: np.array(ROBOTS), "right": np.array([1, 3]), TARGET: np.array([0])}
-    return Wire(M, TwoOutputs(), assignment, signer, silent)
+    return Wire(Codecs.of(Sizes(M)), TwoOutputs(), assignment, signer, silent)
 
 
 def samples_of(wire, k=K, robots=ROBOTS):

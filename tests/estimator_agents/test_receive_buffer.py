@@ -8,7 +8,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from nrs_cosim.bus.clock import Clock
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import ESTIMATE, Sizes
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
@@ -113,13 +115,29 @@ def start_of(network):
     return Estimate(*rng.uniform(-25, 25, shape)), rng.uniform(-25, 25, (TICKS + 1, 2, network.m))
 
 
+def by_field(fault):
+    """Return a fault with its pairs as a link has them: by field, without zeros."""
+    return {
+        key: {field: of for field, of in zip(ESTIMATE, value, strict=True) if of}
+        if key in {"noise", "quantisation"}
+        else value
+        for key, value in fault.items()
+    }
+
+
 def agents_of(network, robots, algorithm, start):
     """Return the agents of some robots of a network."""
     topologies, rows = topologies_of(network), robots - 1
-    given = {link: LinkFault(**fault) for link, fault in network.links.items()}
+    given = {link: LinkFault(**by_field(fault)) for link, fault in network.links.items()}
     ticks = Clock(tuple(accumulate(network.gaps)), 1, TICKS)
     links = Links(
-        topologies, robots, given, network.robots, ticks=ticks, seed=network.seed, m=network.m
+        topologies,
+        robots,
+        given,
+        network.robots,
+        ticks=ticks,
+        seed=network.seed,
+        codecs=Codecs.of(Sizes(network.m)),
     )
     mine = Estimate(start.position[rows], start.velocity[rows])
     return Agents(robots, topologies, algorithm, mine, links, network.missing)

@@ -261,15 +261,28 @@ def test_what_a_silent_robot_says_is_refused(paper):
             wire.unpack_samples("here", batch(k, robots))
 
 
+def both(position, velocity):
+    return {"position": position, "velocity": velocity}
+
+
 def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
     scenario = paper(with_faults(FAULTY))
-    faults = link_faults(scenario.scenario, scenario.topologies.links)
+    faults = link_faults(scenario.scenario, scenario.topologies.links, ("position", "velocity"))
     assert len(faults) == 10
-    assert faults[1, 2] == LinkFault(loss=0.3, noise=(0.5, 0.5))
-    late = {"loss": 0.3, "noise": (0.0, 0.25), "quantisation": (0.5, 0.5)}
+    assert faults[1, 2] == LinkFault(loss=0.3, noise=both(0.5, 0.5))
+    late = {"loss": 0.3, "noise": {"velocity": 0.25}, "quantisation": both(0.5, 0.5)}
     assert faults[3, 6] == LinkFault(delay=(1, 1), **late)
     spans = ((1_000_000_000, 1_250_000_000), (1_500_000_000, 1_600_000_000))
     assert faults[3, 5] == LinkFault(delay=(0, 3), outages=spans, **late)
+
+
+@pytest.mark.parametrize("key", ["noise", "quantisation"])
+def test_a_field_that_is_not_sent_is_named_with_the_nearest(paper, key):
+    with pytest.raises(ScenarioError) as raised:
+        paper(with_faults(f"[[faults.links]]\n{key} = {{velocty = 0.1, effort = 1}}"))
+    first, second = str(raised.value).splitlines()
+    assert f"faults.links[0].{key}.velocty: unknown key; did you mean 'velocity'?" in first
+    assert f"faults.links[0].{key}.effort: unknown key" in second
 
 
 def test_the_faults_of_some_robots_are_those_on_their_in_links(paper):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, Blob
@@ -90,7 +92,7 @@ class Case:
     patience = 0.25
 
     def __init__(self, every=EVERY, limit=1e6, start=1.0):
-        self.wire = Wire(M, Clock((H,), 2, TICKS), ASSIGNMENT, Signer(b"secret"))
+        self.wire = Wire(Codecs.of(Sizes(M)), Clock((H,), 2, TICKS), ASSIGNMENT, Signer(b"secret"))
         self.bus, self.plants = Bus(self.wire), Springs()
         robots = ASSIGNMENT["here"]
         initial = Estimate(np.full((2, M), start), np.full((2, M), 0.5))

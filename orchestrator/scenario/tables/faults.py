@@ -5,9 +5,9 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Field, Tag
 
 from nrs_cosim.orchestrator.scenario.tables.values import (
+    BY_FIELD,
     DRAW,
     NUMBER,
-    PAIR,
     PERIODS,
     Count,
     Number,
@@ -20,8 +20,8 @@ def _delay_form(value: Any) -> str:
     return DRAW if isinstance(value, dict | WholeUniform) else PERIODS
 
 
-def _pair_form(value: Any) -> str:
-    return PAIR if isinstance(value, dict | Pair) else NUMBER
+def _each_form(value: Any) -> str:
+    return BY_FIELD if isinstance(value, dict) else NUMBER
 
 
 Periods = Annotated[Count, Field(le=1000)]
@@ -35,20 +35,15 @@ class WholeUniform(Table):
     uniform: tuple[Periods, Periods] = Field(description="[low, high], both included")
 
 
-class Pair(Table):
-    """One number for positions and one for velocities."""
-
-    position: Extent = Field(0.0, description="of each number of a position")
-    velocity: Extent = Field(0.0, description="of each number of a velocity")
-
-
 Delay = Annotated[
     Annotated[WholeUniform, Tag(DRAW)] | Annotated[Periods, Tag(PERIODS)],
     Discriminator(_delay_form),
 ]
 Each = Annotated[
-    Annotated[Extent, Tag(NUMBER)] | Annotated[Pair, Tag(PAIR)], Discriminator(_pair_form)
+    Annotated[Extent, Tag(NUMBER)] | Annotated[dict[str, Extent], Tag(BY_FIELD)],
+    Discriminator(_each_form),
 ]
+"""One number for all fields that are sent, or one by field, 0 for those that are not named."""
 
 
 class FaultyLink(Table):
@@ -66,10 +61,13 @@ class FaultyLink(Table):
         (), description="s; [from, to]: samples of from <= t_k < to are lost"
     )
     noise: Each = Field(
-        0.0, description="standard deviation of what is added to each number of a sample"
+        0.0,
+        description="standard deviation of what is added to each number of a sample: a number, "
+        "or {position = …, velocity = …}, by the fields that the algorithm sends",
     )
     quantisation: Each = Field(
-        0.0, description="each number is rounded to a multiple of this, after the noise"
+        0.0,
+        description="each number is rounded to a multiple of this, after the noise; as `noise`",
     )
 
 

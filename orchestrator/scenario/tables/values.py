@@ -30,12 +30,12 @@ NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
 VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
 VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
-PERIODS, PAIR = "a whole number", "{position = …, velocity = …}"
+PERIODS, BY_FIELD = "a whole number", "{position = …, velocity = …}"
 HARMONIC, SAMPLED, MOVING = "a harmonic target", "a sampled target", "an FMU as target"
 EDGE, WEIGHTED = "[source, sink]", "[source, sink, weight]"
 FORMS = frozenset(
-    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS, PAIR}
-    | {HARMONIC, SAMPLED, MOVING, EDGE, WEIGHTED}
+    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS}
+    | {BY_FIELD, HARMONIC, SAMPLED, MOVING, EDGE, WEIGHTED}
 )
 
 
