@@ -15,6 +15,7 @@ from typing import Any, get_args
 from typer.core import TyperArgument, TyperGroup
 from typer.main import get_command
 
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, bundled_algorithms
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
@@ -22,7 +23,7 @@ _UNITS = ("rad, rad/s", "rad/s", "rad", "N m/rad", "N m s/rad", "s of wall time"
 _UNIT = re.compile(rf"({'|'.join(map(re.escape, _UNITS))})[;:] ")
 _TABLES = {
     "Run": "[run]",
-    "AlgorithmChoice": "[algorithm]",
+    **{f"Algorithm_{name}": f'[algorithm] name = "{name}"' for name in bundled_algorithms()},
     "Controller": "[controller]",
     "Network": "[network]",
     "Digraph": "[network.position], [network.velocity]",
@@ -56,7 +57,8 @@ def scenario_reference() -> str:
     """Return docs/scenario.md."""
     schema = json_schema()
     tables: Mapping[str, Any] = schema["$defs"]
-    assert tables.keys() == _TABLES.keys()
+    others = {f"Algorithm_{name}" for name in {*algorithm_names()} - {*bundled_algorithms()}}
+    assert tables.keys() - others == _TABLES.keys()
     parts = [
         "# The keys of a scenario",
         "Written by `make reference` from the schema that `nrs schema` prints. n is the number of "
@@ -79,7 +81,7 @@ def _keys(table: Mapping[str, Any]) -> str:
         cells = [
             f"`{name}`",
             " or ".join(dict.fromkeys(_forms(key))),
-            unit[1] if unit else "",
+            unit[1] if unit else key.get("unit", ""),
             _default(key) if name not in table.get("required", ()) else "",
             meaning[unit.end() :] if unit else meaning,
         ]
@@ -103,7 +105,8 @@ def _forms(key: Mapping[str, Any]) -> Iterator[str]:
         many = " or ".join(dict.fromkeys(_forms(items))) or "value"
         yield many if many.startswith("`[[") else f"list of {_plural(many)}"
     elif key.get("type") in _WORDS:
-        yield _WORDS[key["type"]]
+        bounds = (f" {sign} {key[name]:g}" for name, sign in _BOUNDS.items() if name in key)
+        yield _WORDS[key["type"]] + ",".join(bounds)
 
 
 def _plural(form: str) -> str:
@@ -124,6 +127,14 @@ _WORDS = {
     "string": "text",
     "boolean": "`true` or `false`",
     "object": "table",
+}
+
+
+_BOUNDS = {
+    "exclusiveMinimum": ">",
+    "minimum": ">=",
+    "exclusiveMaximum": "<",
+    "maximum": "<=",
 }
 
 

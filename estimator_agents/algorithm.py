@@ -7,7 +7,7 @@ is told by `foreign`.
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -19,6 +19,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
 from nrs_cosim.estimator_agents.plugins import Foreign, loaded
 from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 
@@ -35,7 +36,7 @@ def name_of(algorithm: "Algorithm") -> str:
 
 
 class Algorithm(Protocol):
-    """A distributed estimator, built as `Algorithm(alpha, beta)`."""
+    """A distributed estimator: a dataclass, whose fields are its parameters."""
 
     missing: ClassVar[tuple[Missing, ...]]
     """What its agents may do without a sample of an in-neighbour; the first unless asked."""
@@ -104,12 +105,34 @@ def algorithm_names() -> tuple[str, ...]:
     return tuple(sorted({entry.name for entry in _entries()}))
 
 
-def load_algorithm(name: str, alpha: float, beta: float) -> Algorithm:
-    """Return an installed algorithm with its gains; `InputError` if there is none of that name."""
+def bundled_algorithms() -> tuple[str, ...]:
+    """Return the names of those that are modules here."""
+    return tuple(sorted({entry.name for entry in _entries() if _is_ours(entry)}))
+
+
+def load_algorithm(name: str, parameters: Mapping[str, Any]) -> Algorithm:
+    """Return an installed algorithm with its parameters.
+
+    Raises `InputError` if there is none of that name, or it does not take them.
+    """
     entry = _entry(name)
     build: Any = entry.load() if _is_ours(entry) else partial(Foreign.built, entry)
-    algorithm: Algorithm = build(alpha, beta)
+    algorithm: Algorithm = build(**parameters)
     return algorithm
+
+
+def algorithm_class(name: str) -> Any:
+    """Return the class of an installed algorithm; `InputError` if there is none of that name."""
+    entry = _entry(name)
+    return entry.load() if _is_ours(entry) else loaded(entry)
+
+
+def parameters_of(name: str) -> tuple[Parameter, ...]:
+    """Return what parameters an installed algorithm declares.
+
+    Raises `InputError` if there is none of that name, or what it declares is wrong.
+    """
+    return declared_parameters(algorithm_class(name), name)
 
 
 def policies_of(name: str) -> tuple[Missing, ...]:
@@ -117,7 +140,7 @@ def policies_of(name: str) -> tuple[Missing, ...]:
 
     Raises `InputError` if there is no such algorithm, or when it does not say.
     """
-    policies: tuple[Missing, ...] = getattr(_installed(name), "missing", ())
+    policies: tuple[Missing, ...] = getattr(algorithm_class(name), "missing", ())
     if not policies or not set(policies) <= set(POLICIES):
         raise InputError(
             f"algorithm.name: {name} does not say what its agents do without a sample; let its "
@@ -132,14 +155,9 @@ def why_one_digraph(name: str) -> str:
     Raises `InputError` if there is no such algorithm.
     """
     why: str = getattr(
-        _installed(name), "one_digraph", "it does not say that it can, by an empty one_digraph"
+        algorithm_class(name), "one_digraph", "it does not say that it can, by an empty one_digraph"
     )
     return why
-
-
-def _installed(name: str) -> Any:
-    entry = _entry(name)
-    return entry.load() if _is_ours(entry) else loaded(entry)
 
 
 def _is_ours(entry: EntryPoint) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta
 
@@ -27,8 +28,8 @@ class SecondOrder:
         "eigenvalues of the one D that weighs both"
     )
 
-    alpha: float
-    beta: float
+    alpha: float = parameter("gain on the positions", unit="1/s", above=0)
+    beta: float = parameter("gain on the velocities", above=0)
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""

@@ -19,28 +19,24 @@ and sufficient. In the terms of their article, with μ for the eigenvalues of D,
 from dataclasses import dataclass
 from typing import ClassVar
 
-from nrs_cosim.bus.errors import InputError
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period
 
 
 @dataclass(frozen=True, slots=True)
 class PdLike:
-    """The law with gain α, per s; it has no second gain, and β must be 1."""
+    """The law with gain α; it has no second gain: β is 1."""
 
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
     one_digraph: ClassVar[str] = SecondOrder.one_digraph
 
-    alpha: float
-    beta: float
-
-    def __post_init__(self) -> None:
-        if self.beta != 1:
-            raise InputError(f"algorithm.beta: pd_like has one gain: expected 1, got {self.beta:g}")
+    alpha: float = parameter("gain on the positions", unit="1/s", above=0)
+    beta: float = parameter("gain on the velocities, which is 1 in this law", 1.0, least=1, most=1)
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""

@@ -38,10 +38,11 @@ class Foreign:
     """The algorithm itself."""
 
     @classmethod
-    def built(cls, entry: EntryPoint, alpha: float, beta: float) -> Self:
-        """Return an entry point's algorithm with its gains."""
+    def built(cls, entry: EntryPoint, /, **parameters: Any) -> Self:
+        """Return an entry point's algorithm with its parameters."""
         kind = loaded(entry)
-        own = _done(f"{entry.name}(alpha, beta)", kind, lambda: kind(alpha, beta))
+        given = f"{entry.name}({', '.join(parameters)})"
+        own = _done(given, kind, lambda: kind(**parameters))
         return cls(entry.name, own)
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:

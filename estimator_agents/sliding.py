@@ -28,6 +28,7 @@ import numpy as np
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 
 
@@ -38,8 +39,8 @@ class Sliding:
     missing: ClassVar[tuple[Missing, ...]] = POLICIES
     one_digraph: ClassVar[str] = ""
 
-    alpha: float
-    beta: float
+    alpha: float = parameter("step of the position, at each sampling time", unit="rad", above=0)
+    beta: float = parameter("step of the velocity, at each sampling time", unit="rad/s", above=0)
 
     def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nrs_cosim.api.theory import Theory, check
     from nrs_cosim.estimator_agents.algorithm import Algorithm
     from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
+    from nrs_cosim.estimator_agents.parameters import parameter
 
 _HOMES = {
     "Algorithm": "nrs_cosim.estimator_agents.algorithm",
@@ -33,6 +34,7 @@ _HOMES = {
     "check": "nrs_cosim.api.theory",
     "compare": "nrs_cosim.api.replay",
     "errors": "nrs_cosim.api",
+    "parameter": "nrs_cosim.estimator_agents.parameters",
     "replay": "nrs_cosim.api",
     "resume": "nrs_cosim.api.run",
     "run": "nrs_cosim.api.run",
@@ -48,6 +50,7 @@ __all__ = [
     "check",
     "compare",
     "errors",
+    "parameter",
     "replay",
     "resume",
     "run",

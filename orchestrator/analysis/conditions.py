@@ -1,5 +1,6 @@
 """Before a run: whether the theory lets its estimates converge (paper, Theorems 1 and 3)."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import inf, isfinite, isnan, log
 from typing import Any, Literal
@@ -37,6 +38,8 @@ class Check:
     """The theory's verdict on a scenario."""
 
     algorithm: str
+    parameters: Mapping[str, Any]
+    """Of the algorithm, by name."""
     spectrum: list[tuple[float, float]]
     """Eigenvalues of D, (real, imaginary), by real then imaginary part; of all digraphs."""
     growth: Growth
@@ -104,6 +107,7 @@ class Check:
         """Return the verdict for JSON, with each condition's margin and whether it holds."""
         result: dict[str, Any] = {
             "algorithm": self.algorithm,
+            "parameters": {**self.parameters},
             "convergence": self.convergence,
             "of": "links without faults" if self.faulty else "the links as they are",
             "spectrum": self.spectrum,
@@ -192,6 +196,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
     recursions = recursions_of(algorithm, topologies, periods.mean)
     return Check(
         algorithm=experiment.scenario.algorithm.name,
+        parameters=experiment.scenario.algorithm.parameters,
         spectrum=_pairs(spectrum),
         growth=growth_of(algorithm, topologies, spectra, periods),
         why=why_unknown(algorithm, topologies, periods),

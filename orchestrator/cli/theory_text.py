@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import inf, isnan
 from typing import TYPE_CHECKING
 
+from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
 if TYPE_CHECKING:
@@ -29,7 +30,11 @@ UNKNOWN = "whether the estimates converge with these links is not known"
 def verdict(checked: "Check") -> dict[str, str]:
     """Return lines of what the network and the algorithm are."""
     periods = checked.periods
-    rows = {"algorithm": checked.algorithm, **_networks(checked), "factor": _factor(checked)}
+    rows = {
+        "algorithm": with_parameters(checked.algorithm, checked.parameters),
+        **_networks(checked),
+        "factor": _factor(checked),
+    }
     if checked.any_order:
         rows["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
     if periods.alike is None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
@@ -24,7 +25,7 @@ _PARTIAL = "none of the run: messages of it are missing here"
 def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
     """Return what an experiment's recording says of itself, for JSON; `duration` is simulated."""
     about = about_run(reader)
-    run, ending = about.run, reader.ending
+    run, ending, chosen = about.run, reader.ending, experiment.scenario.algorithm
     return {
         "file": storable(str(reader.path)),
         "name": run.name,
@@ -40,6 +41,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
         "messages": reader.message_count,
         "duration": _duration(reader, run.sampling_period_ns),
         "seed": run.seed,
+        "algorithm": {"name": chosen.name, "parameters": chosen.parameters},
         "plants": about.plants,
         "target": _target(experiment),
         "versions": dict(about.versions),
@@ -79,6 +81,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         + ": "
         + ", ".join(filter(None, (summary["status"], summary["reason"]))),
         "robots": f"{summary['robots']}, {summary['joints']} axes each",
+        "algorithm": with_parameters(**summary["algorithm"]),
         "plants": "; ".join(plants),
         "driven": _driven(summary["plants"]),
         **led,

@@ -10,6 +10,7 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
@@ -31,7 +32,7 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
     """Return what a report must know of an experiment, whose joints are in a unit."""
     checked, choice = check(experiment), experiment.scenario.algorithm
     return Subject(
-        estimator=f"{choice.name} with α = {choice.alpha:g} and β = {choice.beta:g}",
+        estimator=with_parameters(choice.name, choice.parameters),
         times=experiment.clock,
         pace=_pace(experiment.clock),
         target_at=experiment.target_at,

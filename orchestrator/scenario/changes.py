@@ -7,7 +7,8 @@ A change sets the keys that it names and keeps the others, so a table in braces 
 keys with dots. A value that is no TOML is a text, as `plant.fmu=other.fmu`. A comma ends a value
 where what stands before it is TOML, or can be none. `robots` confines a change to some robots: it
 goes into their own tables. What a value excludes goes: another FMU is another plant, of whose old
-table nothing is kept, and so it is with another kind of target and another form of network.
+table nothing is kept, and so it is with another kind of target and another form of network. Another
+algorithm keeps the parameters that it has as well.
 """
 
 import re
@@ -22,6 +23,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
+from nrs_cosim.estimator_agents.algorithm import algorithm_names, parameters_of
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
@@ -202,9 +204,20 @@ def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
     kind, target = values.get(("target", "kind")), table.get("target")
     if kind and isinstance(target, dict) and target.get("kind") != kind:
         table["target"] = tomlkit.table()
+    _drop_parameters(table.get("algorithm"), values.get(("algorithm", "name")))
     run = table.get("run")
     if isinstance(run, dict):
         for one, others in _TIMES.items():
             if ("run", one) in values:
                 for other in others:
                     run.pop(other, None)
+
+
+def _drop_parameters(algorithm: Any, name: Any) -> None:
+    """Take out parameters of an algorithm that the one of another name does not have."""
+    was = algorithm.get("name") if isinstance(algorithm, dict) else None
+    if was not in algorithm_names() or name not in algorithm_names():
+        return
+    old, new = ({one.name for one in parameters_of(of)} for of in (was, name))
+    for parameter in old - new:
+        algorithm.pop(parameter, None)

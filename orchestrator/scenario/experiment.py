@@ -91,9 +91,9 @@ class Experiment:
 
     @cached_property
     def algorithm(self) -> Algorithm:
-        """The estimator with its gains; `InputError` where it is not installed."""
+        """The estimator with its parameters; `InputError` where it does not take them."""
         choice = self.scenario.algorithm
-        return load_algorithm(choice.name, choice.alpha, choice.beta)
+        return load_algorithm(choice.name, choice.parameters)
 
     @property
     def missing(self) -> Missing:

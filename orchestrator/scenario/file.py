@@ -3,7 +3,7 @@
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
@@ -16,6 +16,7 @@ from nrs_cosim.orchestrator.scenario.graphs import with_edges
 from nrs_cosim.orchestrator.scenario.inlining import inline_target
 from nrs_cosim.orchestrator.scenario.moving import with_motion
 from nrs_cosim.orchestrator.scenario.spelling import close, nearest
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
@@ -28,6 +29,12 @@ if TYPE_CHECKING:
 RECORDING = b"\x89MCAP"
 """How a recording begins; what knows the rest of it takes time to load."""
 
+
+Tables = Mapping[str, Any]
+"""A scenario as it was written, before it is checked."""
+_OF_ALL_ROBOTS = (
+    "the algorithm and its parameters are those of all robots; give them in [algorithm]"
+)
 
 STDIN = Path("-")
 """Stands for standard input, where a command takes a scenario file."""
@@ -105,7 +112,7 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experimen
     except RecursionError:
         raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
-        faults = [_describe(fault) for fault in _each_once(error.errors())]
+        faults = [_describe(fault, tables) for fault in _each_once(error.errors(), tables)]
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
@@ -142,26 +149,29 @@ def _no_toml(text: str, cause: str) -> str:
     return f"line {number}: {quoted(lines[number - 1].strip())} gives a key a second time; keep one"
 
 
-def _each_once(faults: Sequence[Any]) -> Iterator[Any]:
+def _each_once(faults: Sequence[Any], given: Tables) -> Iterator[Any]:
     """Yield pydantic's errors without those keys that are missing because they are misspelt."""
     meant: set[tuple[int | str, ...]] = set()
     for fault in faults:
         if fault["type"] == "extra_forbidden":
             *table, name = fault["loc"]
-            meant |= {(*table, key) for key in close(str(name), _keys_at(table))}
+            meant |= {(*table, key) for key in close(str(name), _keys_at(table, given))}
     for fault in faults:
         if fault["type"] != "missing" or fault["loc"] not in meant:
             yield fault
 
 
-def _describe(fault: Any) -> str:
+def _describe(fault: Any, given: Tables) -> str:
     """Turn one of pydantic's errors into `field: expected …, got …`."""
     path = [part for part in fault["loc"] if part not in FORMS]
     field, value, kind = _dotted(path), fault["input"], fault["type"]
     if kind == "extra_forbidden":
-        return f"{field}: unknown key{nearest(str(path[-1]), _keys_at(fault['loc'][:-1]))}"
+        *table, name = fault["loc"]
+        if (table[:1], name) == (["robots"], "algorithm"):
+            return f"{field}: unknown key; {_OF_ALL_ROBOTS}"
+        return f"{field}: unknown key{nearest(str(name), _keys_at(table, given))}"
     if kind == "missing":
-        keys = _required(_type_at(fault["loc"]))
+        keys = _required(_type_at(fault["loc"], given))
         hint = f"; give {' and '.join(f'{field}.{key}' for key in keys)}" if keys else ""
         return f"{field}: missing, it has no default{hint}"
     return f"{field}: expected {_expected(fault)}, got {quoted(value)}"
@@ -200,13 +210,13 @@ def _dotted(path: Sequence[int | str]) -> str:
     return "".join(parts).removeprefix(".")
 
 
-def _keys_at(path: Sequence[int | str]) -> list[str]:
-    """Return the keys that the table at a path may have."""
-    fields = next(_tables(_type_at(path))).model_fields
+def _keys_at(path: Sequence[int | str], given: Tables) -> list[str]:
+    """Return the keys that the table at a path may have, in the scenario that is given."""
+    fields = next(_tables(_type_at(path, given))).model_fields
     return [field.alias or name for name, field in fields.items()]
 
 
-def _type_at(path: Sequence[int | str]) -> Any:
+def _type_at(path: Sequence[int | str], given: Tables) -> Any:
     """Return the type of what stands at a path."""
     annotation: Any = Scenario
     for part in path:
@@ -216,6 +226,8 @@ def _type_at(path: Sequence[int | str]) -> Any:
             fields = next(_tables(annotation)).model_fields
             names = {field.alias or name: name for name, field in fields.items()}
             annotation = fields[names.get(part, part)].annotation
+            if annotation is AlgorithmTable:
+                annotation = table_for(given.get("algorithm"))
     return annotation
 
 

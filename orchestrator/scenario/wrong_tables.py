@@ -6,7 +6,7 @@ from typing import Any
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.estimator_agents.algorithm import algorithm_names, policies_of, why_one_digraph
+from nrs_cosim.estimator_agents.algorithm import policies_of, why_one_digraph
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
@@ -47,7 +47,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
         return
     n, m = scenario.n, scenario.m
     network_faults = list(wrong_network(experiment))
-    yield from _algorithm_faults(scenario)
+    yield from _algorithm_faults(experiment)
     time_faults = list(wrong_times(experiment))
     yield from time_faults or unsampled_times(experiment)
     yield from _plant_faults("plant", scenario.plant)
@@ -114,13 +114,12 @@ def _workers_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
             taken[robot] = worker
 
 
-def _algorithm_faults(scenario: Scenario) -> Iterator[str]:
-    if scenario.algorithm.name not in algorithm_names():
-        yield (
-            f"algorithm.name: expected one of {', '.join(algorithm_names())}, "
-            f"got {quoted(scenario.algorithm.name)}"
-        )
-        return
+def _algorithm_faults(experiment: Experiment) -> Iterator[str]:
+    scenario = experiment.scenario
+    try:
+        experiment.algorithm  # noqa: B018, it may not take these parameters together
+    except InputError as error:
+        yield str(error)
     apart, why = hetero_at(scenario.network), why_one_digraph(scenario.algorithm.name)
     if apart and why:
         yield (

@@ -170,7 +170,7 @@ def test_a_check_of_a_jump_that_is_no_number_says_so():
 
 def test_algorithms_are_found_by_name():
     assert {"dcea1", "dcea2"} <= set(algorithm_names())
-    assert load_algorithm("dcea2", 1.1, 0.9) == SecondOrder(1.1, 0.9)
+    assert load_algorithm("dcea2", {"alpha": 1.1, "beta": 0.9}) == SecondOrder(1.1, 0.9)
 
 
 def lone() -> Agents:

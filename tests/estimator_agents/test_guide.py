@@ -26,7 +26,7 @@ def installed(tmp_path):
     """Return a folder with the guide's module, and the metadata that an installer writes of it."""
     (code,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
     (entry,) = re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL)
-    assert len(code.splitlines()) <= 34
+    assert len(code.splitlines()) <= 36
     points = tomllib.loads(entry)["project"]["entry-points"]["nrs.algorithms"]
     (tmp_path / "leaky.py").write_text(code, "utf-8")
     about = tmp_path / "leaky-1.0.dist-info"
@@ -41,7 +41,7 @@ def test_the_guide_s_algorithm_is_found_by_name(installed, monkeypatch):
     monkeypatch.syspath_prepend(str(installed))
     assert "leaky" in algorithm_names()
     assert policies_of("leaky") == ("hold", "drop")
-    modes = load_algorithm("leaky", 0.9, 1.1).modes(np.array([0.5]), 0.1)
+    modes = load_algorithm("leaky", {"alpha": 0.9, "beta": 1.1}).modes(np.array([0.5]), 0.1)
     np.testing.assert_allclose(modes, [0.55, 0.44])
 
 
@@ -134,15 +134,21 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
             "heard.velocty",
             "leaky.jump(estimate, heard): AttributeError: 'Disagreement' object has no attribute "
             "'velocty'",
-            "0.99 * estimate.velocity + self.beta * heard.velocty,",
+            "(1 - self.leak) * estimate.velocity + self.beta * heard.velocty,",
         ),
         (
             PAPER,
-            "    beta: float\n",
-            "    beta: float\n    gamma: float\n",
-            "leaky(alpha, beta): TypeError: Leaky.__init__() missing 1 required positional "
-            "argument: 'gamma'",
-            "@dataclass(frozen=True)",
+            "@dataclass(frozen=True)\n",
+            "",
+            "leaky: Leaky: is no dataclass; put @dataclass(frozen=True) above the class",
+            "class Leaky:",
+        ),
+        (
+            PAPER,
+            "0.01, least=0, below=1",
+            "1, least=0, below=1",
+            "leaky: Leaky.leak: its default: expected less than 1, got 1",
+            'leak: float = parameter("λ, what υ forgets at each t_k", 1, least=0, below=1)',
         ),
         (
             PAPER,
@@ -153,14 +159,14 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
         ),
         (
             PAPER,
-            "0.99 * estimate.velocity + self.beta * heard.velocity",
+            "(1 - self.leak) * estimate.velocity + self.beta * heard.velocity",
             "0.0",
             "leaky.jump(estimate, heard): ValueError: expected a velocity of shape (4,), as it was "
             "given, got ()",
             "def jump(self, estimate, heard):",
         ),
     ],
-    ids=["third argument", "typo", "fields", "import", "shape"],
+    ids=["third argument", "typo", "no dataclass", "default", "import", "shape"],
 )  # fmt: skip
 def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, result, line):
     done, place = broken(command, scenario, was, now)

@@ -70,7 +70,9 @@ def test_rounding_of_any_size_is_no_contradiction(gains):
 @pytest.mark.parametrize("h", [1e-4, 0.1, 10.0])
 def test_bundled_algorithms_have_the_modes_of_their_jump(name, gains, h):
     alpha, beta = gains
-    expect_modes(load_algorithm(name, alpha, 1.0 if name == "pd_like" else beta), h)
+    expect_modes(
+        load_algorithm(name, {"alpha": alpha, "beta": 1.0 if name == "pd_like" else beta}), h
+    )
 
 
 @pytest.mark.parametrize("kind", [Sunny, Short, Endless])
@@ -90,7 +92,7 @@ def test_one_that_says_nothing_says_nothing_wrong():
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
 def test_commands_say_it_in_a_line_before_anything_runs(monkeypatch, tmp_path, command):
-    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, a, b: Sunny(a, b))
+    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, given: Sunny(**given))
     assert read_scenario(PAPER).scenario.n == 6
     done = nrs(command[0], PAPER, *command[1:], cwd=tmp_path)
     assert done.returncode == 2

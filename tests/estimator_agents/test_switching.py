@@ -279,7 +279,7 @@ def test_algorithms_say_whether_they_hear_over_two_digraphs():
     assert "one D that weighs both" in why_one_digraph("dcea2")
     rng = np.random.default_rng(4)
     for name in apart & {"dcea1", "sliding"}:
-        algorithm = load_algorithm(name, 0.7, 0.6)
+        algorithm = load_algorithm(name, {"alpha": 0.7, "beta": 0.6})
         left, heard = Estimate(*rng.normal(size=(2, 5, 2))), rng.normal(size=(2, 5, 2))
         whole = algorithm.jump(left, Estimate(*heard))
         position = algorithm.jump(left, Estimate(heard[0], 0 * heard[1]))

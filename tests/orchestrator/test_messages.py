@@ -59,6 +59,7 @@ def test_recordings_that_differ_in_words_alone_have_no_table():
 def described(*plants):
     """Return the summary's line on how plants are driven, and that on robots."""
     about = {
+        "algorithm": {"name": "dcea1", "parameters": {}},
         "plants": [
             {"fmu": fmu, "fmi_version": "3.0", "drive": "d", "robots": [i], "why": why}
             for i, (fmu, why) in enumerate(plants, 1)

@@ -1,7 +1,6 @@
 """What `nrs check` says, word by word, where a reader could take it for more than it is."""
 
 import io
-from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -11,7 +10,8 @@ from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli import summary_text
 from nrs_cosim.orchestrator.cli.theory_text import _complex, verdict
 from nrs_cosim.orchestrator.report.subject import subject_of
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import experiment_of as networked
@@ -144,15 +144,9 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
     head, _, tail = text.partition("[network]")
     text = head + "[network]" + UNDECIDED + tail[tail.index("\n[") :]
     file = parse_scenario(text, "near", SCENARIOS, "near.toml")
-    scenario = file.scenario.model_copy(
-        update={
-            "algorithm": file.scenario.algorithm.model_copy(
-                update={"name": "impulsive", "alpha": 0.294, "beta": 0.349}
-            ),
-            "run": file.scenario.run.model_copy(update={"sampling_period": 0.05}),
-        }
-    )
-    found = check(replace(file, scenario=scenario)).any_order
+    algorithm = "algorithm={name='impulsive',alpha=0.294,beta=0.349}"
+    period = "run={sampling_period=0.05,output_step=0.05}"
+    found = check(changed(file, [Change.of("--set", f"{algorithm},{period}")])).any_order
     assert found.verdict == "proven"
     assert 0.999 < found.lower <= found.upper <= 0.9994
 

@@ -117,7 +117,7 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
     assert "6 robots with 2 joints each" in run["lead"]
     assert "robot 3 alone" in run["lead"]
-    assert "dcea1 with α = 0.9 and β = 1.1" in run["lead"]
+    assert "dcea1 (alpha = 0.9, beta = 1.1)" in run["lead"]
     measured = [row["value"] for row in run["measured"]]
     assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
     counted = {

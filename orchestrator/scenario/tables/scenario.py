@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from nrs_cosim.estimator_agents.receive_buffer import Missing
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmChoice
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import OwnPlant, Plant
 from nrs_cosim.orchestrator.scenario.tables.networks import Network
@@ -64,19 +64,6 @@ class Run(Table):
     def end(self) -> float | None:
         """The duration, s; None where nothing tells it."""
         return self.duration or (self.sampling_times[-1] if self.sampling_times else None)
-
-
-class AlgorithmChoice(Table):
-    """The estimator and its gains."""
-
-    name: str = Field(description="dcea1, dcea2, or the name of an installed plug-in")
-    alpha: Positive = Field(description="gain on the positions")
-    beta: Positive = Field(description="gain on the velocities")
-    missing: Missing | None = Field(
-        None,
-        description="without a neighbour's sample an agent goes by the last one (hold), or without "
-        "that neighbour (drop); by default the first that the algorithm knows",
-    )
 
 
 class Controller(Table):
@@ -160,7 +147,7 @@ class Scenario(Table):
     """A run, whole."""
 
     run: Run = Field(description="how long, how often, and from which seed")
-    algorithm: AlgorithmChoice = Field(description="the estimator and its gains")
+    algorithm: AlgorithmChoice = Field(description="the estimator and its parameters")
     controller: Controller = Field(description="the PD loop by which a robot follows its estimate")
     network: Network = Field(description="who hears whom, and who hears the target")
     target: TargetMotion = Field(description="how the target moves, and so the number of joints m")

@@ -1,0 +1,150 @@
+"""The table of the algorithm: its name, what its agents do without a sample, and its parameters.
+
+The parameters are the fields of the class that `name` names, so each algorithm has a table of its
+own, made of that class.
+"""
+
+import inspect
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    JsonValue,
+    PlainValidator,
+    WithJsonSchema,
+    create_model,
+)
+from pydantic_core import CoreSchema, core_schema
+
+from nrs_cosim.estimator_agents.algorithm import algorithm_class, algorithm_names, parameters_of
+from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.parameters import Parameter
+from nrs_cosim.estimator_agents.receive_buffer import Missing
+from nrs_cosim.orchestrator.scenario.tables.values import Table
+
+_JSON = {float: "number", int: "integer", bool: "boolean", str: "string"}
+_BOUNDS = {
+    "above": "exclusiveMinimum",
+    "least": "minimum",
+    "below": "exclusiveMaximum",
+    "most": "maximum",
+}
+_OWN = "parameter_"
+"""Begins the attribute of a parameter, which may be called as one of pydantic's own."""
+
+
+class AlgorithmTable(Table):
+    """The estimator and its parameters, which are the algorithm's own."""
+
+    name: str = Field(description="dcea1, dcea2, or the name of another installed algorithm")
+    missing: Missing | None = Field(
+        None,
+        description="without a neighbour's sample an agent goes by the last one (hold), or without "
+        "that neighbour (drop); by default the first that the algorithm knows",
+    )
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The value of each of the algorithm's parameters, by name, as its class declares them."""
+        keys = [key for key in type(self).model_fields if key.startswith(_OWN)]
+        return {key.removeprefix(_OWN): getattr(self, key) for key in keys}
+
+
+def _installed(name: str) -> str:
+    if name not in algorithm_names():
+        raise ValueError(f"one of {', '.join(algorithm_names())}")
+    return name
+
+
+class _Unknown(AlgorithmTable):
+    """Of an algorithm that there is not, whose parameters nobody knows."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    name: Annotated[str, Field(strict=True), AfterValidator(_installed)]
+
+
+def table_for(value: Any) -> type[AlgorithmTable]:
+    """Return the table that a value of `[algorithm]` is to be, by its name."""
+    name = value.get("name") if isinstance(value, dict) else None
+    if not isinstance(name, str) or name not in algorithm_names():
+        return _Unknown
+    return _table(name, algorithm_class(name))
+
+
+@lru_cache
+def _table(name: str, kind: Any) -> type[AlgorithmTable]:
+    about = (inspect.getdoc(kind) or "").partition("\n\n")[0]
+    keys: dict[str, Any] = {f"{_OWN}{one.name}": _key(one) for one in parameters_of(name)}
+    return create_model(
+        f"Algorithm {name}",
+        __base__=AlgorithmTable,
+        __doc__="" if about.startswith(f"{kind.__name__}(") else about,  # as a dataclass's own is
+        **keys,
+        **_named(name),
+    )
+
+
+def _named(name: str) -> dict[str, Any]:
+    return {"name": (Literal[name], Field(description="the algorithm"))}
+
+
+def _key(one: Parameter) -> tuple[Any, Any]:
+    """Return a parameter as a key of a table."""
+    bounds = {_BOUNDS[name]: bound for name, bound in one.declared.bounds.items()}
+    schema = {"type": _JSON[one.kind], **bounds}
+    if one.choices:
+        schema["enum"] = [*one.choices]
+    more: dict[str, JsonValue] = {"unit": one.declared.unit} if one.declared.unit else {}
+    return (
+        Annotated[Any, PlainValidator(one.value), WithJsonSchema(schema)],
+        Field(
+            ... if one.required else one.value(one.default),
+            alias=one.name,
+            description=one.declared.meaning or None,
+            json_schema_extra=more,
+        ),
+    )
+
+
+def _checked(value: Any) -> AlgorithmTable:
+    if isinstance(value, AlgorithmTable):
+        return value
+    return table_for(value).model_validate(value)
+
+
+class _ByName:
+    """The table of the algorithm that is named; in a schema one of those that are installed."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(_checked)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        tables = {name: _shown(name).__pydantic_core_schema__ for name in algorithm_names()}
+        return handler(core_schema.tagged_union_schema(tables, discriminator="name"))
+
+
+def _shown(name: str) -> type[BaseModel]:
+    """Return an algorithm's table; where its class is wrong, one that says so and takes any key."""
+    try:
+        return table_for({"name": name})
+    except AlgorithmError as error:
+        return create_model(
+            f"Algorithm {name}",
+            __config__=ConfigDict(extra="allow"),
+            __doc__=str(error),
+            **_named(name),
+        )
+
+
+AlgorithmChoice = Annotated[AlgorithmTable, _ByName()]
