@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
+from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives.checkpoint import time_of
@@ -24,8 +25,6 @@ from nrs_cosim.plant_fmu.isolation.sharing import (
     Memory,
     ShareTask,
     envelope,
-    join,
-    split,
 )
 from nrs_cosim.plant_fmu.isolation.worker_process import FmuProcess
 from nrs_cosim.plant_fmu.plants import Array, Body
@@ -96,12 +95,13 @@ class IsolatedPlants:
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""
-        return split(b"".join(self._all([envelope(SAVE)] * len(self._workers), self._time)))
+        answers = self._all([envelope(SAVE)] * len(self._workers), self._time)
+        return parted(b"".join(answers)) or []
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put each robot back to a checkpoint."""
         time = time_of(data, len(self.q))
-        self._all([envelope(RESTORE, join(data[share])) for share in self._shares])
+        self._all([envelope(RESTORE, joined(data[share])) for share in self._shares])
         self._new, self._time = False, time
 
     def _all(self, requests: Sequence[bytes], seconds: float | None = None) -> list[bytes]:

@@ -18,11 +18,11 @@ from nrs_cosim.plant_fmu.drives.choice import Driving, Undriven
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.plants import Array, Body
 
-HEAD, LENGTH = Struct("=cI"), Struct("=I")
+HEAD = Struct("=cI")
 ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")
 """Whether the references are new; start and step in s."""
 SAVE, RESTORE = b"c", b"r"
-"""The robots' checkpoints are asked for, or given: each after its length."""
+"""The robots' checkpoints are asked for, or given, framed as `bus.framing` has it."""
 DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
 """An answer; the last two with the text of an `FmuError` or a `StepError`."""
 
@@ -33,21 +33,6 @@ ROBOT = Struct("<I")
 def envelope(kind: bytes, payload: bytes = b"") -> bytes:
     """Return a frame."""
     return HEAD.pack(kind, len(payload)) + payload
-
-
-def join(parts: Sequence[bytes]) -> bytes:
-    """Return parts as one, each after its length."""
-    return b"".join(LENGTH.pack(len(part)) + part for part in parts)
-
-
-def split(whole: bytes) -> list[bytes]:
-    """Return what was joined."""
-    parts, at = [], 0
-    while at < len(whole):
-        start = at + LENGTH.size
-        at = start + LENGTH.unpack_from(whole, at)[0]
-        parts.append(whole[start:at])
-    return parts
 
 
 def send(pipe: IO[bytes], whole: bytes) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from nrs_cosim.bus.errors import CosimError, RunError
+from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -37,9 +38,7 @@ from nrs_cosim.plant_fmu.isolation.sharing import (
     Memory,
     ShareTask,
     envelope,
-    join,
     send,
-    split,
 )
 
 
@@ -100,11 +99,11 @@ class Share:
         """Return the robots' checkpoints."""
         saved = self._plants.save()
         self._progress.rest()
-        return join(saved)
+        return joined(saved)
 
     def restore(self, request: bytes) -> bytes:
         """Put the robots back to checkpoints."""
-        self._plants.restore(split(request))
+        self._plants.restore(parted(request) or [])
         self._mirror()
         return b""
 
