@@ -21,6 +21,11 @@ def log_to_standard_error(level: Level) -> None:
     log_as_asked()
 
 
+def are_logs_asked() -> bool:
+    """Return whether processes that are started from now on write what is logged."""
+    return _LEVEL in os.environ
+
+
 def log_as_asked() -> None:
     """Write what is logged, where the process that started this one does."""
     if level := os.environ.get(_LEVEL):

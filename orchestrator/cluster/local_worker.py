@@ -1,17 +1,18 @@
 """A worker process on this machine, as the orchestrator starts, watches and ends it."""
 
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from nrs_cosim.bus.errors import RunError
 from nrs_cosim.orchestrator.cluster.worker_state import STARTING_UP
-
-_PRINTED = 2000
+from nrs_cosim.plant_fmu.processes import (
+    describe_ending,
+    end_group,
+    last_words,
+    printed_tail,
+    start_python,
+    wait_group,
+)
 
 
 class LocalWorker:
@@ -24,23 +25,15 @@ class LocalWorker:
         temporary = folder / name  # what it leaves when it is killed goes with the run's folder
         temporary.mkdir(exist_ok=True)
         command = ["--connect", endpoint, "--name", name, "--robots", ",".join(map(str, robots))]
-        command += ["--wait", f"{STARTING_UP:g}", "--parent", str(os.getpid())]
-        modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+        command += ["--wait", f"{STARTING_UP:g}"]
         try:
             with self._printed.open("wb") as printed:
-                self._process = subprocess.Popen(
-                    [
-                        sys.executable,
-                        "-P",
-                        "-m",
-                        "nrs_cosim.orchestrator.cluster.worker_main",
-                        *command,
-                    ],
-                    stdin=subprocess.DEVNULL,
+                self._process = start_python(
+                    "nrs_cosim.orchestrator.cluster.worker_main",
+                    *command,
                     stdout=printed,
                     stderr=printed,
-                    env={**os.environ, "PYTHONPATH": modules, "TMPDIR": str(temporary)},
-                    start_new_session=True,
+                    temporary=temporary,
                 )
         except OSError as error:
             raise RunError(f"worker {name} cannot be started: {error.strerror}") from None
@@ -52,34 +45,18 @@ class LocalWorker:
 
     def ending(self) -> str | None:
         """Return how it ended, with the last that it printed; None while it runs."""
-        status = self._process.poll()
-        return None if status is None else f"{_how(status)}{self.last_words()}"
+        status = wait_group(self._process)
+        return None if status is None else f"{describe_ending(status)}{self.last_words()}"
 
     def kill(self) -> str:
         """End it, whatever it does; return how it ended."""
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        return self.ending() or ""
+        return f"{describe_ending(end_group(self._process))}{self.last_words()}"
 
     def wait(self, seconds: float) -> None:
         """Wait for its end, for which it was told the reason; kill it when it takes too long."""
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(seconds)
-        self.kill()
+        wait_group(self._process, seconds)
+        end_group(self._process)
 
     def last_words(self) -> str:
         """Return the last that it printed, as the end of a sentence; nothing when it did not."""
-        with suppress(OSError):
-            lines = self._printed.read_text(errors="replace")[-_PRINTED:].splitlines()
-            ours = "worker: "  # what it says of itself, as it is said here too
-            said = [line.strip() for line in lines if line.strip() and not line.startswith(ours)]
-            return f"; it printed: {' / '.join(said[-3:])}" if said else ""
-        return ""
-
-
-def _how(status: int) -> str:
-    if status >= 0:
-        return f"exited with status {status}"
-    names = {number.value: number.name for number in signal.Signals}
-    return f"was ended by {names.get(-status, f'signal {-status}')}"
+        return last_words(printed_tail(self._printed))

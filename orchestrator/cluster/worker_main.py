@@ -13,18 +13,16 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.logs import log_as_asked
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
-from nrs_cosim.plant_fmu.isolation.worker import follow
+from nrs_cosim.plant_fmu.processes import follow_parent
 
 
 def main() -> None:
     """Join the run at an endpoint, for some robots."""
     parser = ArgumentParser()
-    for name in ("connect", "name", "robots"):
-        parser.add_argument(f"--{name}", required=True)
-    for name, kind in (("wait", float), ("parent", int)):
+    for name, kind in (("connect", str), ("name", str), ("robots", str), ("wait", float)):
         parser.add_argument(f"--{name}", required=True, type=kind)
     arguments = parser.parse_args()
-    follow(arguments.parent)
+    follow_parent()
     log_as_asked()
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of

@@ -19,9 +19,10 @@ from typing import Self
 import typer
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.logs import log_as_asked
+from nrs_cosim.orchestrator.logs import are_logs_asked, log_as_asked
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.terminal import say
+from nrs_cosim.plant_fmu.processes import describe_ending, last_words, start_python
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.page import expect_plotly, page_data
@@ -45,21 +46,21 @@ class Live:
         `InputError` where it cannot.
         """
         expect_plotly()
-        modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         with socket.socket() as listening:
             try:
                 listening.bind((HOST, self._port))
             except OSError as error:
                 raise InputError(f"--port {self._port}: {error.strerror}") from None
             listening.listen()
-            arguments = [str(recording), str(final), str(listening.fileno()), _state(recording)]
-            self._server = subprocess.Popen(
-                [sys.executable, "-P", "-m", "nrs_cosim.orchestrator.report.live", *arguments],
+            self._server = start_python(
+                "nrs_cosim.orchestrator.report.live",
+                str(recording),
+                str(final),
+                str(listening.fileno()),
+                _state(recording),
                 stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                env={**os.environ, "PYTHONPATH": modules},
+                stderr=None if are_logs_asked() else subprocess.PIPE,
                 pass_fds=[listening.fileno()],
-                start_new_session=True,
             )
             say("blue", "live", f"http://{HOST}:{listening.getsockname()[1]}/")
 
@@ -79,7 +80,10 @@ class Live:
             say("blue", "live", "the page stays until Ctrl-C")
             with suppress(KeyboardInterrupt):
                 self._server.wait()
-        self._server.communicate()
+        _, printed = self._server.communicate()
+        if status := self._server.returncode:
+            words = f"{describe_ending(status)}{last_words(printed or b'')}"
+            say("yellow", "warning", f"the process of the page {words}; the recording is whole")
 
 
 def _state(recording: Path) -> str:

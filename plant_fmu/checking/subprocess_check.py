@@ -9,14 +9,12 @@ import json
 import os
 import pickle
 import selectors
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -28,14 +26,20 @@ from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.sampling import sampled
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.isolation.worker import follow
+from nrs_cosim.plant_fmu.processes import (
+    describe_ending,
+    end_group,
+    follow_parent,
+    last_words,
+    printed_tail,
+    start_python,
+    wait_group,
+)
 
 DEADLINE = 60.0
 """s"""
 END = b"null"
 
-PRINTED = 1 << 14
-"""Bytes of what the FMU printed that are looked at, the last ones."""
 OURS = ("", STARTING, VALIDATING)
 """The stages in which no FMU is called."""
 P3_LIMIT = 60.0
@@ -110,33 +114,23 @@ def run_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) 
     The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
     starts and while no FMU is called it has `DEADLINE` at least.
     """
-    modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
-    with TemporaryDirectory(prefix="nrs-") as folder, TemporaryFile() as printed:
-        path = Path(folder) / "task"
+    with TemporaryDirectory(prefix="nrs-") as name:
+        folder = Path(name)
+        path, printed = folder / "task", folder / "printed"
         path.write_bytes(pickle.dumps((say, task)))
-        process = subprocess.Popen(
-            [
-                sys.executable,
-                "-P",
-                "-m",
+        with printed.open("wb") as stderr:
+            process = start_python(
                 "nrs_cosim.plant_fmu.checking.subprocess_check",
                 str(path),
-                str(os.getpid()),
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=printed,
-            env={**os.environ, "PYTHONPATH": modules, "TMPDIR": folder},
-            start_new_session=True,
-        )
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                temporary=folder,
+            )
         try:
             report = _listen(process, deadline, tell)
         finally:
-            _kill(process)
-        printed.seek(max(0, printed.tell() - PRINTED))
-        words = printed.read().decode(errors="replace").splitlines()
-    words = [line.strip() for line in words if line.strip()]
-    return replace(report, printed=f"; it printed: {' / '.join(words[-3:])}" if words else "")
+            end_group(process)
+        return replace(report, printed=last_words(printed_tail(printed)))
 
 
 def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> ProcessOutcome:
@@ -148,12 +142,14 @@ def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Pr
         selector.register(said, selectors.EVENT_READ)
         while True:
             patience = deadline if stage not in OURS else max(deadline, DEADLINE)
+            silence = f"did not return within {patience:g} s"
             if not selector.select(patience):
-                return ProcessOutcome(lines, f"did not return within {patience:g} s", "", stage)
+                return ProcessOutcome(lines, silence, "", stage)
             heard = os.read(said.fileno(), 1 << 16)
-            if not heard:
-                process.wait()
-                return ProcessOutcome(lines, _ending(process.returncode), "", stage)
+            if not heard:  # it may have something to print, of what it ends with
+                status = wait_group(process, patience)
+                ended = silence if status is None else describe_ending(status)
+                return ProcessOutcome(lines, ended, "", stage)
             *whole, unfinished = (unfinished + heard).split(b"\n")
             for line in whole:
                 if line == END:
@@ -166,25 +162,11 @@ def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Pr
                     tell(stage)
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill what is left of the process and of what it started, while its id is its own."""
-    if process.returncode is None:
-        with suppress(PermissionError, ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def _ending(status: int) -> str:
-    if status >= 0:
-        return f"exited with status {status}"
-    return f"crashed with {signal.Signals(-status).name}"
-
-
 def main() -> None:
     """Tell what the pickled task asks for; say each line as it is known."""
     np.seterr(all="ignore")
-    path, parent = sys.argv[1:]
-    follow(int(parent))
+    (path,) = sys.argv[1:]
+    follow_parent()
     say, task = pickle.loads(Path(path).read_bytes())
     with os.fdopen(os.dup(1), "w") as lines:
         os.dup2(2, 1)

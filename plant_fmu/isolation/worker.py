@@ -9,11 +9,9 @@ import json
 import logging
 import os
 import pickle
-import signal
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from ctypes import CDLL, c_void_p
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -40,6 +38,7 @@ from nrs_cosim.plant_fmu.isolation.sharing import (
     envelope,
     send,
 )
+from nrs_cosim.plant_fmu.processes import follow_parent
 
 
 class AnnouncedLibrary(Library):
@@ -141,23 +140,11 @@ def _private_pipes() -> tuple[BinaryIO, BinaryIO]:
     return os.fdopen(requests, "rb"), os.fdopen(replies, "wb", buffering=0)
 
 
-def follow(parent: int) -> None:
-    """Let Linux end this process with its parent's thread, and C print by the line."""
-    if sys.platform != "linux":
-        return
-    libc = CDLL(None)
-    set_death_signal, line_buffered = 1, 1
-    libc.prctl(set_death_signal, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
-    libc.setvbuf(c_void_p.in_dll(libc, "stdout"), None, line_buffered, 0)
-
-
 def main() -> None:
     """Run the task that the command line names."""
-    task, parent = sys.argv[1:]
+    (task,) = sys.argv[1:]
     pipes = _private_pipes()
-    follow(int(parent))
+    follow_parent()
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # its parent says it
     serve(pickle.loads(Path(task).read_bytes()), *pipes)
 

@@ -1,15 +1,12 @@
 """A worker as its parent sees it: asked, answered in time, and gone when it is done with.
 
 The deadline is one call's of the FMU: as long as calls follow one another, a worker may take the
-time that its robots need. It is a process group of its own, so that Ctrl-C in the terminal is
-the parent's to decide on, and whatever it started ends with it.
+time that its robots need.
 """
 
 import os
 import select
-import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -23,10 +20,16 @@ from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.isolation.progress import Progress
 from nrs_cosim.plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
 from nrs_cosim.plant_fmu.plants import called
+from nrs_cosim.plant_fmu.processes import (
+    PRINTED,
+    describe_ending,
+    end_group,
+    last_words,
+    start_python,
+)
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
-_PRINTED = 2000
 
 
 class FmuProcess:
@@ -48,24 +51,14 @@ class FmuProcess:
         label = archive.label
         self._label, self._needs, self._robots = label, archive.needs, robots
         self._printed = b""
-        command = [
-            "-P",
-            "-u",
-            "-m",
-            "nrs_cosim.plant_fmu.isolation.worker",
-            str(task),
-            str(os.getpid()),
-        ]
-        modules = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, *command],
-                bufsize=0,
+            self._process = start_python(
+                "nrs_cosim.plant_fmu.isolation.worker",
+                str(task),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": modules, "TMPDIR": str(task.parent)},
-                start_new_session=True,
+                temporary=task.parent,
             )
         except OSError as error:
             raise FmuError(f"{label}: no worker process can start: {error.strerror}") from None
@@ -97,7 +90,7 @@ class FmuProcess:
             while len(got) < HEAD.size or len(got) < HEAD.size + HEAD.unpack_from(got)[1]:
                 heard = self._hear()
                 if not heard:
-                    raise self._failure(_ending(self._end()), seconds)
+                    raise self._failure(describe_ending(self._end()), seconds)
                 got += heard
         except TimeoutError as silence:
             self._end()
@@ -152,17 +145,12 @@ class FmuProcess:
 
     def _keep(self, printed: bytes) -> bytes:
         """Keep the end of what the FMU prints, for the error that it may explain; return it all."""
-        self._printed = (self._printed + printed)[-_PRINTED:]
+        self._printed = (self._printed + printed)[-PRINTED:]
         return printed
 
     def _end(self) -> int:
-        """Kill what is left of the worker and return its status; one that had ended keeps its own.
-
-        The group's id is not another's before the worker is waited for.
-        """
-        with suppress(PermissionError):  # macOS, when all of the group have ended
-            os.killpg(self._process.pid, signal.SIGKILL)
-        status = self._process.wait()
+        """Kill what is left of the worker, keep its last words, and return its status."""
+        status = end_group(self._process)
         os.set_blocking(self._prints, False)
         with suppress(BlockingIOError):
             while rest := os.read(self._prints, 65536):
@@ -171,15 +159,12 @@ class FmuProcess:
             pipe.close()
         return status
 
-    def _failure(self, ending: str, seconds: float | None) -> FmuError | StepError:
+    def _failure(self, ended: str, seconds: float | None) -> FmuError | StepError:
         progress = self._progress
         who = progress.who or _robots(self._robots)
         what = "the FMU" if progress.calls else "its worker process"
         act = f", in {progress.act}" if progress.act else ""
-        lines = self._printed.decode(errors="replace").split("\n")
-        plain = ("".join(c if c.isprintable() else " " for c in line).strip() for line in lines)
-        last = " / ".join([line for line in plain if line][-3:])
-        cause = f"{what} {ending}{act}" + (f"; it printed: {last}" if last else "")
+        cause = f"{what} {ended}{act}{last_words(self._printed)}"
         if seconds is None:
             needs = self._needs if progress.calls else ""
             return FmuError(f"{self._label}: {who}: {cause}{needs}")
@@ -191,17 +176,6 @@ class FmuProcess:
 def _cause(robot: int | None, seconds: float | None) -> Cause:
     time_ns = None if seconds is None else round(seconds * 1e9)
     return Cause(StepError.kind, time_ns=time_ns, robot=robot)
-
-
-def _ending(status: int) -> str:
-    """Say in words how a process ended."""
-    if status >= 0:
-        return f"exited with status {status}"
-    names = {number.value: number.name for number in signal.Signals}
-    name = names.get(-status, f"signal {-status}")
-    if name == "SIGABRT":
-        return "aborted (SIGABRT)"
-    return f"was killed ({name})" if name in ("SIGKILL", "SIGTERM") else f"crashed with {name}"
 
 
 def _robots(robots: Sequence[int]) -> str:

@@ -64,6 +64,10 @@ class LiveServer(ThreadingHTTPServer):
         finally:
             self._free.release()
 
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
+        """Log why a connection ended before its answer was out, as when a tab is closed."""
+        _LOG.info("%s: %s: ended early", *client_address[:2], exc_info=True)
+
     def news(self, since: str) -> tuple[str, bytes] | None:
         """Return the version and the JSON of what there is; None when `since` has it all."""
         self._asked = monotonic()

@@ -67,6 +67,9 @@ def mixed(duration="2.0"):
     )
 
 
+WORKER = "nrs_cosim.orchestrator.cluster.worker_main"
+
+
 def workers_of(parent=None):
     """Return the processes of the workers that a process has, by name, as the kernel tells it."""
     found = {}
@@ -77,7 +80,7 @@ def workers_of(parent=None):
         except OSError:
             continue
         state, ppid = stat.rpartition(")")[2].split()[:2]
-        if int(ppid) == (parent or os.getpid()) and state != "Z" and "--parent" in words:
+        if int(ppid) == (parent or os.getpid()) and state != "Z" and WORKER in words:
             found[words[words.index("--name") + 1]] = int(folder.name)
     return found
 

@@ -43,7 +43,7 @@ def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.ticks) == ("completed", "", TICKS)
     assert outcome.restarts == 4
-    assert len([result for result in spread.said if "was ended by SIGKILL" in result]) == 4
+    assert len([result for result in spread.said if "was killed (SIGKILL)" in result]) == 4
     assert story(outcome.path) == story(whole)
     assert digest(outcome.path) == digest(whole)
 
@@ -109,7 +109,7 @@ def test_without_restart_a_death_ends_the_run(tmp_path):
     assert (outcome.status, outcome.restarts) == ("failed", 0)
     k = outcome.ticks
     assert 70 <= k <= 70 + WINDOW
-    assert outcome.reason == f"worker local-2 (robots 3-4) was ended by SIGKILL, after tick {k}"
+    assert outcome.reason == f"worker local-2 (robots 3-4) was killed (SIGKILL), after tick {k}"
     with Reader(outcome.path) as reader:
         assert (reader.status, reader.reason, reader.ticks) == ("failed", outcome.reason, k)
         assert (reader.ending.cause.kind, reader.ending.cause.tick) == ("worker", k + 1)
@@ -171,7 +171,7 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     k = outcome.ticks
     assert 0 <= k <= 5
     result = (
-        rf"worker local-2 \(robots 2-3\) was ended by SIGSEGV; .*, after tick {k}, for the 4th time"
+        rf"worker local-2 \(robots 2-3\) crashed with SIGSEGV; .*, after tick {k}, for the 4th time"
     )
     assert re.match(result, outcome.reason), outcome.reason
     assert [line for line in spread.said if "it is started again" not in line] == []

@@ -1,15 +1,17 @@
 """A run is watched while it goes on, by its own machine alone, and is none the worse for it."""
 
 import json
+import logging
 import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from contextlib import ExitStack
 from http.client import HTTPConnection
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 from typer.testing import CliRunner
@@ -17,7 +19,9 @@ from typer.testing import CliRunner
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.engine.pace import RealTime
 from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.report.live import Live
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.plant_fmu.processes import start_python
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report import server as server_module
 from nrs_cosim.recordings.report.server import LiveServer
@@ -102,6 +106,23 @@ def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
         assert reader.status == "interrupted"
 
 
+def test_a_page_whose_process_dies_leaves_the_run_alone_and_it_is_said_how(
+    tmp_path, monkeypatch, capsys
+):
+    started = []
+
+    def start(*arguments, **more):
+        started.append(start_python(*arguments, **more))
+        return started[-1]
+
+    monkeypatch.setattr("nrs_cosim.orchestrator.report.live.start_python", start)
+    with Live(0, stay=False) as live:
+        live.begin(tmp_path / "a.mcap", tmp_path / "a.mcap")
+        started[0].kill()
+    assert started[0].returncode == -signal.SIGKILL
+    assert "warning: the process of the page was killed (SIGKILL)" in capsys.readouterr().err
+
+
 def get(address, path, **headers):
     host = re.findall(r"//(.*)/", address)[0]
     connection = HTTPConnection(host, timeout=GUARD)
@@ -116,10 +137,11 @@ def get(address, path, **headers):
 @pytest.fixture
 def served():
     """Return an address, and what is told there."""
-    state = {"version": "", "answer": b"{}", "asked": 0}
+    state = {"version": "", "answer": b"{}", "asked": 0, "on_asked": lambda: None}
 
     def tell():
         state["asked"] += 1
+        state["on_asked"]()
         return state["answer"]
 
     listening = socket.create_server(("127.0.0.1", 0))
@@ -163,6 +185,26 @@ def test_a_silent_connection_is_closed(served, monkeypatch):
     monkeypatch.setattr(server_module._Answer, "timeout", 0.05)
     with silent(address) as quiet:
         assert quiet.recv(1) == b""
+
+
+def test_a_tab_that_is_closed_before_its_answer_is_logged_and_says_nothing(served, capfd):
+    address, state, _ = served
+    logged = Event()
+    handler = logging.Handler()
+    handler.emit = lambda record: record.exc_info and logged.set()
+    logger = logging.getLogger("nrs_cosim.recordings.report.server")
+    tab = silent(address)
+    tab.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close: reset
+    state["version"], state["on_asked"] = "a", tab.close
+    logger.addHandler(handler)
+    logger.setLevel("INFO")
+    try:
+        tab.sendall(f"GET /data.json HTTP/1.1\r\nHost: {address[7:-1]}\r\n\r\n".encode())
+        assert logged.wait(GUARD)
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel("NOTSET")
+    assert capfd.readouterr().err == ""
 
 
 def test_only_this_machine_by_its_own_name_is_answered(served):
