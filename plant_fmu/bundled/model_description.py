@@ -1,24 +1,12 @@
-"""A declaration as modelDescription.xml, for FMI 2.0 and 3.0, always the same bytes.
-
-A unit is a product of base units and newtons: factors are joined by dots, those after
-the slash divide, and a number at the end of a factor is its exponent: kg.m2, N.m.s/rad.
-"""
+"""A declaration as modelDescription.xml, for FMI 2.0 and 3.0, always the same bytes."""
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Variable
-
-_SI = {
-    "rad": {"rad": 1},
-    "kg": {"kg": 1},
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "N": {"kg": 1, "m": 1, "s": -2},
-}
+from nrs_cosim.plant_fmu.unit_names import parse_unit
 
 
 def model_description(
@@ -78,17 +66,6 @@ def element_names(variable: Variable) -> tuple[str, ...]:
     return tuple(template.format(",".join(map(str, index))) for index in indices)
 
 
-def base_unit(unit: str) -> dict[str, int]:
-    """The exponents of kg, m, s and rad in `unit`."""
-    exponents: Counter[str] = Counter()
-    above, _, below = unit.partition("/")
-    for sign, factors in ((1, above), (-1, below)):
-        for factor, power in re.findall(r"([A-Za-z]+)(\d*)", factors):
-            for base, exponent in _SI[factor].items():
-                exponents[base] += sign * exponent * int(power or 1)
-    return {base: exponents[base] for base in ("kg", "m", "s", "rad") if exponents[base]}
-
-
 def _bytes(root: Element) -> bytes:
     indent(root)
     text: bytes = tostring(root, encoding="UTF-8", xml_declaration=True)
@@ -114,8 +91,16 @@ def _capabilities(identifier: str, interface: str, fmi: int) -> dict[str, str]:
 def _units(root: Element, model: Declaration) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for unit in sorted({v.unit for v in model.variables if v.unit is not None}):
-        exponents = {base: str(power) for base, power in base_unit(unit).items()}
-        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", exponents)
+        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", _base_unit(unit))
+
+
+def _base_unit(name: str) -> dict[str, str]:
+    """The exponents of a unit that a declaration names, where they are not 0."""
+    unit = parse_unit(name)
+    if unit is None or unit.factor != 1:
+        raise ValueError(f"{name!r}: expected a product of SI units, such as kg.m2 or N.m.s/rad")
+    bases = zip(("kg", "m", "s", "rad"), unit.exponents, strict=True)
+    return {base: str(exponent) for base, exponent in bases if exponent}
 
 
 def _attributes(variable: Variable, name: str, reference: int) -> dict[str, str]:
