@@ -70,6 +70,23 @@ class TestScenario:
         assert by_edges["network"] == {"edge_list": [[i, i + 1] for i in range(6)]}
         assert nrs.check(by_edges).as_json() == nrs.check(by_matrix).as_json()
 
+    @pytest.mark.parametrize(
+        ("changes", "robots"),
+        [
+            ({"plant.fmu": "n_link_arm", "plant.parameters.n": 2}, None),
+            ({"controller.kp": 250.0}, [2, 3]),
+            ({"network.edge_list": [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 6]]}, None),
+            ({"run.sampling_times": [0.1, 0.3]}, None),
+        ],
+        ids=["another plant", "some robots", "another form of network", "other times"],
+    )
+    def test_it_is_changed_as_by_the_command(self, paper, changes, robots):
+        text = ",".join(f"{key}={json.dumps(value)}" for key, value in changes.items())
+        only = f"robots={','.join(map(str, robots))}," if robots else ""
+        printed = json.loads(command("check", PAPER, "--set", only + text, "--json").stdout)
+        mine = nrs.check(paper.replace(changes, robots=robots)).as_json()
+        assert json.loads(json.dumps(mine)) == printed
+
     def test_all_that_is_wrong_is_named_at_once(self, paper):
         with pytest.raises(nrs.errors.InputError) as refused:
             paper.replace({"algorithm.alfa": 1.0, "run.seed": "x"})
@@ -118,6 +135,11 @@ class TestRun:
         nrs.run(short, progress=lambda t, end: seen.append((t, end))).close()
         assert seen[-1] == (2.0, 2.0)
         assert [t for t, _ in seen] == sorted(t for t, _ in seen)
+
+    @pytest.mark.parametrize("deadline", [0, -1.0, float("nan")])
+    def test_a_deadline_that_is_none_is_refused(self, short, deadline):
+        with pytest.raises(nrs.errors.InputError, match="deadline: expected more than 0 s"):
+            nrs.run(short, deadline=deadline)
 
     @pytest.mark.parametrize("workers", [0, 7, 1.5, "all"])
     def test_workers_that_cannot_be_are_refused(self, short, workers):
@@ -178,6 +200,59 @@ class TestRun:
             with nrs.resume(recording, tmp_path / "whole.mcap") as whole:
                 assert whole.status == "completed"
                 assert whole.digest.startswith(DIGEST)
+
+
+class TestResume:
+    def test_a_completed_run_goes_on_for_longer_as_by_the_command(self, short, tmp_path):
+        path = tmp_path / "short.mcap"
+        with nrs.run(short, path) as begun, nrs.resume(
+            begun, tmp_path / "a.mcap", changes={"run.duration": 4.0}
+        ) as longer:  # fmt: skip
+            assert (longer.status, longer.ticks) == ("completed", 40)
+            assert longer.to_scenario()["run.duration"] == 4.0
+            mine = longer.digest
+        asked = ("resume", path, "-o", tmp_path / "b.mcap", "--set", "run.duration=4.0")
+        assert command(*asked).returncode == 0
+        with nrs.Recording(tmp_path / "b.mcap") as theirs:
+            assert theirs.digest == mine
+        with nrs.run(short.replace({"run.duration": 4.0})) as at_once:
+            assert at_once.digest == mine
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            (None, "is completed: there is nothing to resume"),
+            ({"run.duration": 2.0}, "is completed: there is nothing to resume"),
+            ({"run.duration": 1.0}, r"changes run.duration: expected at least 2\.0 s, which are"),
+            ({"algorithm.alpha": 0.5}, "changes algorithm.alpha: what is recorded was run with"),
+            ({"run.duratio": 4.0}, "changes run.duratio: what is recorded was run with another"),
+            ({"run.duration": "x"}, "run.duration"),
+        ],
+        ids=["nothing", "the same", "shorter", "another key", "a typo", "no number"],
+    )
+    def test_what_cannot_be_continued_is_named(self, short, changes, words):
+        with nrs.run(short) as begun, pytest.raises(nrs.errors.InputError, match=words):
+            nrs.resume(begun, changes=changes)
+
+    def test_its_own_recording_is_no_output(self, short, tmp_path):
+        path = tmp_path / "short.mcap"
+        longer = {"run.duration": 4.0}
+        with nrs.run(short, path), pytest.raises(nrs.errors.InputError, match="give another name"):
+            nrs.resume(path, path, changes=longer, force=True)
+
+    def test_a_run_that_was_to_replace_a_recording_is_the_one_continued(self, short, tmp_path):
+        path = tmp_path / "run.mcap"
+        nrs.run(short, path).close()
+
+        def progress(t: float, _duration: float) -> None:
+            if t >= 1.0:
+                raise KeyboardInterrupt
+
+        other = short.replace({"run.seed": 2})
+        with pytest.raises(KeyboardInterrupt):
+            nrs.run(other, path, force=True, progress=progress)
+        with nrs.resume(path) as whole, nrs.run(other) as at_once:
+            assert whole.digest == at_once.digest
 
 
 @pytest.fixture(scope="module")
@@ -247,7 +322,7 @@ def test_errors_are_one_tree_that_is_drawn_as_it_is():
     # what is caught within this project, or is another base of a leaf, is not raised to users
     inside = {
         "Interrupted",
-        "RefusedError",
+        "RejectedError",
         "AbandonedError",
         "EndedError",
         "RecordingError",
@@ -344,7 +419,7 @@ def test_a_notebook_runs_and_is_interrupted_as_a_script_is(tmp_path):
 def test_the_programs_in_its_document_are_true(tmp_path):
     text = (ROOT / "docs/api.md").read_text("utf-8")
     programs = re.findall(r"```python\n(.*?)```(?:\s*```\n(.*?)```)?", text, re.DOTALL)
-    assert len(programs) == 3
+    assert len(programs) == 4
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     for program, expected in programs:
         done = subprocess.run(

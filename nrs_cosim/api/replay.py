@@ -8,7 +8,7 @@ from typing import Any
 
 from nrs_cosim.api.recording import Recording
 from nrs_cosim.api.run import Progress, execute
-from nrs_cosim.api.scenario import plain
+from nrs_cosim.api.scenario import change_of
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
@@ -18,7 +18,6 @@ from nrs_cosim.orchestrator.replay import verify as verify_module
 from nrs_cosim.orchestrator.replay.diff import Comparison
 from nrs_cosim.orchestrator.replay.verify import Verification
 from nrs_cosim.orchestrator.replay.what_if import changed_run
-from nrs_cosim.orchestrator.scenario.changes import Change
 
 __all__ = ["Comparison", "Verification", "compare", "verify", "what_if"]
 
@@ -87,26 +86,20 @@ def what_if(
     """
     if not changes:
         raise InputError("changes: expected a key and a value at least, got none")
-    plants: dict[tuple[str, ...], Any] = {}
-    algorithms: dict[tuple[str, ...], Any] = {}
-    for name, value in changes.items():
-        first, *rest = name.split(".")
-        if first == "algorithm" and rest:
-            algorithms[tuple(rest)] = plain(value)
-        else:
-            plants[first, *rest] = plain(value)
+    prefix = "algorithm."
+    plants = {key: value for key, value in changes.items() if not key.startswith(prefix)}
+    algorithms = {key.removeprefix(prefix): changes[key] for key in changes if key not in plants}
     if robots is not None and (algorithms or not robots):
         raise InputError(
             f"robots: expected some, and changes of their plants alone, got {quoted([*robots])}"
         )
-    of = None if robots is None else tuple(sorted({*robots}))
     with _opened(recording) as opened:
         if output is not None:
             expect_another(Path(output), opened.path)
         experiment, launcher, metadata = changed_run(
             opened._reader,
-            [Change("changes", _text(plants), of, plants)] if plants else [],
-            [Change("changes", _text(algorithms), None, algorithms)] if algorithms else [],
+            [change_of(plants, robots)] if plants else [],
+            [change_of(algorithms)] if algorithms else [],
         )
         return execute(
             experiment,
@@ -151,7 +144,3 @@ def _opened(recording: Source) -> Iterator[Recording]:
         if not isinstance(recording, Recording):
             recording = stack.enter_context(Recording(recording))
         yield recording
-
-
-def _text(values: Mapping[tuple[str, ...], Any]) -> str:
-    return ",".join(f"{'.'.join(key)}={value!r}" for key, value in values.items())

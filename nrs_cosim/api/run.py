@@ -2,25 +2,25 @@
 
 import logging
 import signal
-import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import FrameType
-from typing import Literal
+from typing import Any, Literal
 
 from nrs_cosim.api.recording import Recording
-from nrs_cosim.api.scenario import Scenario
+from nrs_cosim.api.scenario import Scenario, change_of
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.orchestrator.cli.output_paths import Place, place_for
+from nrs_cosim.orchestrator.cli.output_paths import Place, place_for, unfinished
 from nrs_cosim.orchestrator.cli.terminal_run import resumable
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.run import run as run_experiment
@@ -47,7 +47,9 @@ def run(
     """Run a scenario into a recording, and return it, opened for reading.
 
     It works in a script without a main guard, in a thread, in a loop of asyncio, which it blocks,
-    and in a notebook. An interrupt (Ctrl-C) closes the recording before it is raised again.
+    and in a notebook. Ctrl-C ends it at the next output time: the recording is closed, with the
+    status `interrupted`, and then `KeyboardInterrupt` is raised. In a thread no signal arrives:
+    there `progress` ends the run by raising what it likes.
 
     Args:
         scenario: What is run.
@@ -55,7 +57,9 @@ def run(
             as the recording is open.
         workers: How many processes share the robots; 1 is this one, `auto` decides by processors
             and robots. The recording's messages are the same whatever their number.
-        progress: Is called with the simulated time that is reached, and the run's duration, s.
+        progress: Is called with the simulated time that is reached, and the run's duration, s, in
+            the thread of the run. What it raises interrupts the run, as Ctrl-C does, and is raised
+            again once the recording is closed.
         deadline: After so many s without a message the run fails, and says who is silent; by
             default the scenario's.
         force: Replace a recording that is there, once the new one is complete.
@@ -68,6 +72,7 @@ def run(
         InputError: The scenario's plants cannot be found or opened, or the output is there already
             or cannot be written.
         RunError: The run failed before its robots had a state, so that nothing is recorded.
+        KeyboardInterrupt: The user stopped the run by Ctrl-C; the recording is at `output`.
 
     Example:
         >>> import nrs_cosim as nrs
@@ -86,6 +91,7 @@ def resume(
     recording: str | PathLike[str] | Recording,
     output: str | PathLike[str] | None = None,
     *,
+    changes: Mapping[str, Any] | None = None,
     workers: int | Literal["auto"] = 1,
     progress: Progress | None = None,
     deadline: float | None = None,
@@ -94,18 +100,36 @@ def resume(
     """Continue a run that did not come to its end, in a new recording that holds all of it.
 
     Args:
-        recording: The one that ends too early, or its path.
+        recording: The one that ends too early, or its path. Where a run was to replace the
+            recording at that path and did not come to its end, that run is continued.
         output: Where the new one goes; see `run`, as for the rest.
+        changes: Values by key, as in `Scenario.replace`, of what decides nothing that is recorded:
+            `run.duration`, which may continue a completed run, `run.divergence_limit`,
+            `run.checkpoint_every`, `bus.deadline` and `plant.deadline`.
+
+    Returns:
+        The recording of the whole run, the ticks of the earlier one being copied.
 
     Raises:
-        InputError: There is nothing to resume, or an FMU is not the one that was recorded.
-        RunError: See `run`.
+        InputError: There is nothing to resume, an FMU is not the one that was recorded, or a change
+            is of another key.
+        RunError, KeyboardInterrupt: See `run`.
+
+    Example:
+        >>> import nrs_cosim as nrs
+        >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+        >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as short:
+        ...     with nrs.resume(short, changes={"run.duration": 2.0}) as longer:
+        ...         longer.status, short.ticks, longer.ticks
+        ('completed', 10, 20)
     """
     with ExitStack() as stack:
-        begun = recording
-        if not isinstance(begun, Recording):
-            begun = stack.enter_context(Recording(begun))
-        experiment = resumable(begun._reader, None if output is None else Path(output))
+        if isinstance(recording, Recording):
+            begun = recording
+        else:
+            begun = stack.enter_context(Recording(unfinished(Path(recording))))
+        new = None if output is None else Path(output)
+        experiment = resumable(begun._reader, new, [change_of(changes)] if changes else [])
         past = past_of(begun._reader)
         launcher = _launcher(experiment, workers)
         return execute(experiment, output, launcher, progress, deadline, force, past)
@@ -114,14 +138,14 @@ def resume(
 def _launcher(experiment: Experiment, workers: int | Literal["auto"]) -> Launcher:
     n = experiment.n
     count = workers_worth_it(n) if workers == "auto" else workers
-    if not (isinstance(count, int) and 1 <= count <= n):
+    if not (isinstance(count, Integral) and 1 <= count <= n):
         raise InputError(
             f"workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
     return (
         in_process(experiment)
         if count == 1
-        else local_workers(experiment, count, WorkerPolicy(True, WAIT, _LOG.info))
+        else local_workers(experiment, int(count), WorkerPolicy(True, WAIT, _LOG.info))
     )
 
 
@@ -136,6 +160,8 @@ def execute(
     metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Recording:
     """Run an experiment, and return its recording."""
+    if deadline is not None and not deadline > 0:
+        raise InputError(f"deadline: expected more than 0 s, got {deadline:g}")
     clock = experiment.clock
     end = seconds(clock.t(clock.ticks))
     with ExitStack() as stack:
@@ -147,13 +173,20 @@ def execute(
             place = Place(path, path)
         else:
             place = stack.enter_context(place_for(Path(output), experiment.name, force=force))
-        stopped = stack.enter_context(_interrupts())
+        ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        interrupted = stack.enter_context(interrupts([] if ignored else [signal.SIGINT]))
+        raised: BaseException | None = None
 
         def watch(time_ns: int) -> None:
-            if progress:
-                progress(seconds(time_ns), end)
-            if stopped():
+            nonlocal raised
+            if interrupted():
                 raise Interrupted
+            try:
+                if progress:
+                    progress(seconds(time_ns), end)
+            except BaseException as error:  # the caller's, once the recording is closed
+                raised = error
+                raise Interrupted from error
 
         outcome = run_experiment(
             experiment,
@@ -165,33 +198,11 @@ def execute(
             metadata=metadata,
         )
         path = place.settle(outcome.status == "completed")
-        if stopped():
+        if raised:
+            raise raised
+        if interrupted():
             raise KeyboardInterrupt
         if output is None:
             undo.pop_all()
             return Recording._temporary(path, folder)
     return Recording(path)
-
-
-@contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C into a question with the answer yes; the second ends all at once.
-
-    Where interrupts go is decided in the main thread alone; in another one they do not arrive.
-    """
-    came = False
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal came
-        if came:
-            raise KeyboardInterrupt
-        came = True
-
-    before = signal.signal(signal.SIGINT, stop)
-    try:
-        yield lambda: came
-    finally:
-        signal.signal(signal.SIGINT, before)

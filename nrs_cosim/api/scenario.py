@@ -5,7 +5,7 @@ relative to its folder, when it is made.
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
@@ -97,22 +97,37 @@ class Scenario:
         scenario._text, scenario._experiment = text, experiment
         return scenario
 
-    def replace(self, changes: Mapping[str, Any], *, name: str | None = None) -> "Scenario":
-        """Return this scenario with other values.
+    def replace(
+        self,
+        changes: Mapping[str, Any],
+        *,
+        robots: Collection[int] | None = None,
+        name: str | None = None,
+    ) -> "Scenario":
+        """Return this scenario with other values, as `nrs run --set` has them.
+
+        What a value excludes goes: another FMU is another plant, of whose table nothing is kept,
+        and so it is with another kind of target and another form of network.
 
         Args:
             changes: Values by key, such as `{"algorithm.alpha": 0.8}`; arrays of NumPy are taken
                 as lists. A value of None takes the key out.
+            robots: Whose plants, controllers, disturbances or initial states are changed; all
+                unless given.
             name: What its runs are called; by default as before.
 
         Raises:
             InputError: A key is unknown, or a value is wrong; all of them are named.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> stiff = scenario.replace({"controller.kp": 250.0}, robots=[2, 3])
+            >>> stiff["robots"]
+            [{'id': 2, 'controller': {'kp': 250.0}}, {'id': 3, 'controller': {'kp': 250.0}}]
         """
-        document = tomlkit.parse(self._text)
-        for key, value in changes.items():
-            _set(document, key, value)
         own = name or self.name
-        text = tomlkit.dumps(document)
+        text = with_changes(self._text, [change_of(changes, robots)])
         return self._of(text, resolve_scenario(text, own, self._experiment.folder, own))
 
     def to_toml(self) -> str:
@@ -178,14 +193,8 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _set(document: Any, key: str, value: Any) -> None:
-    *tables, name = key.split(".")
-    table = document
-    for part in tables:
-        table = table.setdefault(part, tomlkit.table())
-        if not isinstance(table, Mapping):
-            raise InputError(f"{key}: {part} is no table")
-    if value is None:
-        table.pop(name, None)
-    else:
-        table[name] = plain(value)
+def change_of(changes: Mapping[str, Any], robots: Collection[int] | None = None) -> Change:
+    """Return values by key, such as `algorithm.alpha`, as a change of all robots or of some."""
+    values = {tuple(key.split(".")): plain(value) for key, value in changes.items()}
+    text = ",".join(f"{'.'.join(key)}={value!r}" for key, value in values.items())
+    return Change("changes", text, None if robots is None else tuple(sorted({*robots})), values)

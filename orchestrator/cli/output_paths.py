@@ -59,7 +59,8 @@ def place_for(output: Path | None, name: str, *, force: bool = False) -> Iterato
             is_held = final.stat().st_size > 0
             if is_held and not force:
                 raise InputError(
-                    f"{output}: is there already; give another name, or --force to replace it"
+                    f"{output}: is there already; give another name, or --force to replace it "
+                    "(force=True in Python)"
                 )
             written = stack.enter_context(_part_of(whole)) if is_held else final
         except OSError as error:
@@ -103,7 +104,7 @@ def make_folder(output: Path) -> None:
 def expect_another(output: Path | None, recording: Path) -> None:
     """Raise `InputError` for an output that is the very recording that is read."""
     if output is not None and output.exists() and output.samefile(recording):
-        raise InputError(f"-o {output}: is the recording itself; give another name")
+        raise InputError(f"{output}: is the recording itself; give another name")
 
 
 def _new(name: str) -> Path:

@@ -2,10 +2,8 @@
 
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from math import inf
 from pathlib import Path
-from types import FrameType
 
 import typer
 
@@ -21,6 +19,7 @@ from nrs_cosim.orchestrator.cli.tables import grid
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace, RealTime
 from nrs_cosim.orchestrator.engine.plants import find_recorded, group_by_archive
@@ -104,7 +103,7 @@ def perform(
     clock = experiment.clock
     with (
         place_for(output, experiment.name, force=force) as place,
-        _signals() as stopped,
+        interrupts(_ending()) as stopped,
         progress.running(err, clock) as reached,
     ):
 
@@ -199,7 +198,7 @@ def resumable(reader: Reader, output: Path | None, changes: Sequence[Change] = (
     if not more and experiment.clock.ticks <= reader.ticks:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
     if output is not None and output.exists() and output.samefile(reader.path):
-        raise InputError(f"-o {output}: is the recording to resume; give another name")
+        raise InputError(f"{output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
     find = find_recorded(about(reader).plants, experiment.folder)
@@ -224,8 +223,8 @@ def _continued(reader: Reader, changes: Sequence[Change]) -> Experiment:
     if again.clock.ticks < reader.ticks:
         end = seconds(again.clock.t(reader.ticks))
         raise InputError(
-            f"--set run.duration: expected at least {end!r} s, which are recorded, got "
-            f"{again.scenario.run.duration!r} s"
+            f"{changes[-1].option} run.duration: expected at least {end!r} s, which are recorded, "
+            f"got {again.scenario.run.duration!r} s"
         )
     return again
 
@@ -235,34 +234,12 @@ def show(text: str) -> None:
     say("blue", "worker", text)
 
 
-@contextmanager
-def _signals() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a question with the answer yes.
+def _ending() -> list[signal.Signals]:
+    """Return the signals that end a run: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.
 
-    The second ends all; as long as nobody has asked, a run is still being set up, and the first
-    does. SIGHUP comes when a terminal is closed; what ignores it, as under nohup, goes on to.
+    What ignores SIGHUP, as under nohup, goes on to.
     """
-    asked = stopped = False
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal stopped
-        if not asked:
-            raise KeyboardInterrupt("before the run began; nothing is recorded")
-        if stopped:
-            raise KeyboardInterrupt("twice, so at once")
-        stopped = True
-
-    def ask() -> bool:
-        nonlocal asked
-        asked = True
-        return stopped
-
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
-        yield ask
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return numbers

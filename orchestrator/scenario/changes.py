@@ -182,7 +182,7 @@ def _own(document: tomlkit.TOMLDocument, robot: int, option: str) -> Any:
 
 
 def _apply(table: Any, values: Mapping[Key, Any]) -> None:
-    """Set values in a table of a scenario, or of a robot."""
+    """Set values in a table of a scenario, or of a robot; None takes a key out."""
     _make_room(table, values)
     for (*above, name), value in values.items():
         inner = table
@@ -190,14 +190,18 @@ def _apply(table: Any, values: Mapping[Key, Any]) -> None:
             if not isinstance(inner.get(part), dict):
                 inner[part] = tomlkit.table()
             inner = inner[part]
-        inner[name] = value
+        if value is None:
+            inner.pop(name, None)
+        else:
+            inner[name] = value
 
 
 def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
     """Take out what cannot stay beside values: another FMU's keys, or another form's."""
-    if ("plant", "fmu") in values:
+    given = {key for key, value in values.items() if value is not None}
+    if ("plant", "fmu") in given:
         table["plant"] = tomlkit.table()
-    forms = {key[1] for key in values if key[0] == "network" and len(key) > 1} & _NETWORKS
+    forms = {key[1] for key in given if key[0] == "network" and len(key) > 1} & _NETWORKS
     network = table.get("network")
     if forms and isinstance(network, dict) and not forms & network.keys():
         table["network"] = tomlkit.table()
@@ -208,7 +212,7 @@ def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
     run = table.get("run")
     if isinstance(run, dict):
         for one, others in _TIMES.items():
-            if ("run", one) in values:
+            if ("run", one) in given:
                 for other in others:
                     run.pop(other, None)
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import select
 import signal
 from collections import defaultdict
 from pathlib import Path
@@ -83,6 +84,17 @@ def workers_of(parent=None):
         if int(ppid) == (parent or os.getpid()) and state != "Z" and WORKER in words:
             found[words[words.index("--name") + 1]] = int(folder.name)
     return found
+
+
+def expect_ended(pids):
+    """Wait for the end of processes, which may be nobody's children any more."""
+    for pid in pids:
+        try:
+            handle = os.pidfd_open(pid)
+        except ProcessLookupError:
+            continue
+        assert select.select([handle], [], [], GUARD)[0], f"process {pid} is still there"
+        os.close(handle)
 
 
 class Spread:

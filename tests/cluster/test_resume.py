@@ -3,7 +3,6 @@
 import os
 import re
 import resource
-import select
 import signal
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import Spread, digest, lossy, mixed, story, workers_of
+from tests.cluster.local_runs import Spread, digest, expect_ended, lossy, mixed, story, workers_of
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.plant_fmu.archives import rewritten
@@ -65,17 +64,6 @@ def toml(tmp_path):
     path = tmp_path / "lossy.toml"
     path.write_text(LOSSY.text, "utf-8")
     return path
-
-
-def expect_ended(pids):
-    """Wait for the end of processes, which may be nobody's children any more."""
-    for pid in pids:
-        try:
-            handle = os.pidfd_open(pid)
-        except ProcessLookupError:
-            continue
-        assert select.select([handle], [], [], 60)[0], f"process {pid} is still there"
-        os.close(handle)
 
 
 @pytest.mark.parametrize(("before", "k", "after"), [(3, 47, 2), (2, 130, 1), (1, 203, 3)])
@@ -222,7 +210,7 @@ def test_what_cannot_be_resumed_is_refused(tmp_path, whole):
     for same in (cut, link):
         done = nrs("resume", cut, "-o", same)
         assert done.returncode == 2
-        assert done.stderr.startswith(f"error: -o {same}: is the recording to resume; give another")
+        assert done.stderr.startswith(f"error: {same}: is the recording to resume; give another")
     assert cut.read_bytes() == before
 
 
