@@ -29,7 +29,7 @@ from nrs_cosim.estimator_agents.receive_buffer import Missing
 from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
-from nrs_cosim.orchestrator.scenario.initial import Quantity, initial_rows
+from nrs_cosim.orchestrator.scenario.initial import initial_rows
 from nrs_cosim.orchestrator.scenario.networks import topologies_of
 from nrs_cosim.orchestrator.scenario.own import Own, own_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
@@ -115,11 +115,17 @@ class Experiment:
         return fields
 
     @cached_property
+    def kept(self) -> Fields:
+        """The fields of an agent's state: what the algorithm's agents keep."""
+        own: Any = getattr(self.algorithm, "own", self.algorithm)
+        fields: Fields = getattr(own, "STATE", ESTIMATE)
+        return fields
+
+    @cached_property
     def codecs(self) -> Codecs:
         """What codes the run's messages: of what the algorithm sends and keeps."""
         own: Any = getattr(self.algorithm, "own", self.algorithm)
-        kept = getattr(own, "STATE", ESTIMATE)
-        return Codecs.of(self.sizes, type(own).__name__, self.sent, kept)
+        return Codecs.of(self.sizes, type(own).__name__, self.sent, self.kept)
 
     @cached_property
     def links(self) -> Links | None:
@@ -164,9 +170,17 @@ class Experiment:
         """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""
         return Estimate(self._initial("position", robots), self._initial("velocity", robots))
 
+    def initial_state(self, robots: Sequence[int] | None = None) -> dict[str, Array]:
+        """Return what agents keep at t_0, (rows, *shape) each, of some robots or of all."""
+        those = self._those(robots)
+        return {
+            name: initial_rows(self.scenario, name, those, field.size(self.sizes), field.initial)
+            for name, field in self.kept.items()
+        }
+
     def bodies(self, robots: Sequence[int] | None = None) -> list[Body]:
         """Return what each of some robots starts with, or of all."""
-        names: tuple[Quantity, ...] = ("q", "qd", "position", "velocity")
+        names = ("q", "qd", "position", "velocity")
         start = {name: self._initial(name, robots) for name in names}
         return [
             self._body(robot, {name: rows[row] for name, rows in start.items()})
@@ -184,8 +198,8 @@ class Experiment:
             **start,
         )
 
-    def _initial(self, name: Quantity, robots: Sequence[int] | None) -> Array:
-        return initial_rows(self.scenario, name, self._those(robots))
+    def _initial(self, name: str, robots: Sequence[int] | None) -> Array:
+        return initial_rows(self.scenario, name, self._those(robots), (self.m,))
 
     def _those(self, robots: Sequence[int] | None) -> Sequence[int]:
         return range(1, self.n + 1) if robots is None else robots

@@ -1,6 +1,6 @@
 """What may be wrong with a scenario's tables in shape, or in the relation of one to another."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
@@ -15,14 +15,13 @@ from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
-from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 from nrs_cosim.orchestrator.scenario.targets import unsampled_times
 from nrs_cosim.orchestrator.scenario.times import wrong_times
+from nrs_cosim.orchestrator.scenario.wrong_initial import AXES, length_fault, wrong_initial
 from nrs_cosim.orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
 from nrs_cosim.plant_fmu.archives.quantities import MOTION, UNITS
 
 SHORTEST = 1e-6
-AXES = "numbers, one for each of the target's axes"
 ELSEWHERE = {
     "kp": "controller.kp",
     "kd": "controller.kd",
@@ -56,9 +55,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
         yield from unused_turns(experiment)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
-    for name, value in scenario.initial:
-        yield from _draw_faults(f"initial.{name}", value)
-        yield from _initial_faults(f"initial.{name}", value, n, m)
+    yield from wrong_initial(experiment, sized=not network_faults)
     if scenario.faults != Faults():
         links = None if network_faults else experiment.topologies.links
         yield from wrong_faults(scenario, links, _sent(experiment))
@@ -90,10 +87,6 @@ def _robot_faults(scenario: Scenario) -> Iterator[str]:
             yield from _gain_faults(f"{here}.controller", robot.controller, m)
         if robot.disturbance:
             yield from _axes_faults(f"{here}.disturbance", robot.disturbance, m)
-        for name, value in robot.initial:
-            yield from _draw_faults(f"{here}.initial.{name}", value)
-            if isinstance(value, tuple):
-                yield from _length_fault(f"{here}.initial.{name}", value, m, AXES)
 
 
 def _workers_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
@@ -151,40 +144,16 @@ def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
 def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
     for name, value in controller:
         if isinstance(value, tuple):
-            yield from _length_fault(
+            yield from length_fault(
                 f"{where}.{name}", value, m, "entries, one for each of the target's axes"
             )
             for i, row in enumerate(value):
                 if isinstance(row, tuple):
-                    yield from _length_fault(f"{where}.{name}[{i}]", row, m, AXES)
+                    yield from length_fault(f"{where}.{name}[{i}]", row, m, AXES)
 
 
 def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:
     if disturbance.axes:
-        yield from _length_fault(
+        yield from length_fault(
             f"{where}.axes", disturbance.axes, m, "axes, one for each of the target's axes"
         )
-
-
-def _draw_faults(where: str, value: Any) -> Iterator[str]:
-    if isinstance(value, Uniform) and value.uniform[0] > value.uniform[1]:
-        yield f"{where}.uniform: expected [low, high] with low <= high, got {list(value.uniform)}"
-
-
-def _initial_faults(where: str, value: Any, n: int, m: int) -> Iterator[str]:
-    """Yield what is wrong with the shape of what all robots start with."""
-    if not isinstance(value, tuple):
-        return
-    rows = [row for row in value if isinstance(row, tuple)]
-    shape = f"expected {m} numbers for each robot, or {n} x {m}, a row for each"
-    if not rows and len(value) != m:
-        yield f"{where}: {shape}, got {len(value)} numbers"
-    elif rows and len(rows) != n:
-        yield f"{where}: {shape}, got {len(rows)} rows"
-    for i, row in enumerate(rows):
-        yield from _length_fault(f"{where}[{i}]", row, m, AXES)
-
-
-def _length_fault(where: str, value: Sequence[Any], length: int, of: str) -> Iterator[str]:
-    if len(value) != length:
-        yield f"{where}: expected {length} {of}, got {len(value)}"

@@ -313,17 +313,17 @@ def test_a_plant_names_variables_and_gives_parameters_in_many_forms(paper):
 
 def test_draws_depend_on_seed_purpose_and_robot_alone(paper):
     uniform = Uniform(uniform=(-25.0, 25.0))
-    assert draw(1, "q", 3, uniform, 2).tolist() == draw(1, "q", 3, uniform, 2).tolist()
+    assert draw(1, "q", 3, uniform, (2,)).tolist() == draw(1, "q", 3, uniform, 2).tolist()
     others = [
-        draw(2, "q", 3, uniform, 2),
-        draw(1, "qd", 3, uniform, 2),
-        draw(1, "q", 4, uniform, 2),
+        draw(2, "q", 3, uniform, (2,)),
+        draw(1, "qd", 3, uniform, (2,)),
+        draw(1, "q", 4, uniform, (2,)),
     ]
     for other in others:
-        assert not np.intersect1d(other, draw(1, "q", 3, uniform, 2)).size
+        assert not np.intersect1d(other, draw(1, "q", 3, uniform, (2,))).size
     start = paper().initial_estimates()
-    assert start.position[2].tolist() == draw(1, "position", 3, uniform, 2).tolist()
-    assert start.velocity[5].tolist() == draw(1, "velocity", 6, uniform, 2).tolist()
+    assert start.position[2].tolist() == draw(1, "position", 3, uniform, (2,)).tolist()
+    assert start.velocity[5].tolist() == draw(1, "velocity", 6, uniform, (2,)).tolist()
 
 
 def test_draws_fill_their_range():

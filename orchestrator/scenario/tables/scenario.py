@@ -6,7 +6,7 @@ have. n is the number of robots and m the number of the target's axes.
 
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmChoice
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
@@ -16,6 +16,7 @@ from nrs_cosim.orchestrator.scenario.tables.targets import Axis, TargetMotion
 from nrs_cosim.orchestrator.scenario.tables.values import (
     Count,
     Gain,
+    InitialArray,
     InitialRow,
     InitialRows,
     Number,
@@ -92,10 +93,25 @@ _ROW = "a number, m numbers, or {uniform = [low, high]}"
 _ROWS = "a number, m numbers, n x m numbers, or {uniform = [low, high]}"
 
 
-class Initial(Table):
+class Kept(Table):
+    """What robots start with: these keys, and each further field that the algorithm keeps."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, InitialArray] = Field(init=False)
+
+    def given(self, name: str) -> Any:
+        """Return what is given for a field; None where nothing is."""
+        if name in type(self).model_fields:
+            return getattr(self, name)
+        return (self.model_extra or {}).get(name)
+
+
+class Initial(Kept):
     """Estimates and states of all robots at t_0: at rest at 0, unless given.
 
-    A number is that of all joints of all robots, m numbers are those of each robot.
+    A number is that of all joints of all robots, m numbers are those of each robot. Each further
+    field that the algorithm keeps is a key too: a number, numbers in its shape, numbers in that
+    shape for each of the n robots, or a draw.
     """
 
     position: InitialRows = Field(0.0, description=f"eps_i(t_0): {_ROWS}")
@@ -104,8 +120,11 @@ class Initial(Table):
     qd: InitialRows = Field(0.0, description=f"rad/s: {_ROWS}")
 
 
-class RobotInitial(Table):
-    """Estimates and states of one robot at t_0; what is not given stays as for all."""
+class RobotInitial(Kept):
+    """Estimates and states of one robot at t_0; what is not given stays as for all.
+
+    Further fields are keys as in [initial].
+    """
 
     position: InitialRow | None = Field(None, description=f"eps_i(t_0): {_ROW}")
     velocity: InitialRow | None = Field(None, description=f"ups_i(t_0): {_ROW}")

@@ -3,9 +3,10 @@
 n is the number of robots and m the number of the target's axes.
 """
 
+from math import isfinite
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -28,13 +29,14 @@ class Table(BaseModel):
 
 NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
 VECTOR, MATRIX = "a list of numbers", "a list of lists of numbers"
+NESTED = "lists of numbers, in one another"
 VALUES, ROWS, NAMES = "a list", "a list of lists", "a list of names"
 DRAW, PATTERN = "{uniform = [low, high]}", "{pattern = …, base = …}"
 PERIODS, BY_FIELD = "a whole number", "{position = …, velocity = …}"
 HARMONIC, SAMPLED, MOVING = "a harmonic target", "a sampled target", "an FMU as target"
 EDGE, WEIGHTED = "[source, sink]", "[source, sink, weight]"
 FORMS = frozenset(
-    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS}
+    {NUMBER, TRUTH, TEXT, VECTOR, MATRIX, NESTED, VALUES, ROWS, NAMES, DRAW, PATTERN, PERIODS}
     | {BY_FIELD, HARMONIC, SAMPLED, MOVING, EDGE, WEIGHTED}
 )
 
@@ -48,6 +50,21 @@ def _form(value: Any) -> str:
     if not isinstance(value, list | tuple):
         return ""
     return MATRIX if any(isinstance(row, list | tuple) for row in value) else VECTOR
+
+
+def _array_form(value: Any) -> str:
+    if isinstance(value, dict | Uniform):
+        return DRAW
+    return NESTED if isinstance(value, list | tuple) else NUMBER
+
+
+def _numbers(value: Any) -> Any:
+    """Return lists of numbers in one another, as tuples."""
+    if isinstance(value, list | tuple):
+        return tuple(_numbers(item) for item in value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise ValueError("lists of finite numbers, in one another")
+    return float(value)
 
 
 class Uniform(Table):
@@ -72,4 +89,10 @@ InitialRows = Annotated[
 InitialRow = Annotated[
     Annotated[Number, Tag(NUMBER)] | Annotated[Vector, Tag(VECTOR)] | Annotated[Uniform, Tag(DRAW)],
     Discriminator(_form),
+]
+InitialArray = Annotated[
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[tuple[Any, ...], AfterValidator(_numbers), Tag(NESTED)]
+    | Annotated[Uniform, Tag(DRAW)],
+    Discriminator(_array_form),
 ]
