@@ -5,7 +5,7 @@ CosimError
 ├── InputError            what the user gave is wrong: a file, a field, an option   (exit 2)
 │   ├── AlgorithmError      estimator_agents: another package's does not work; a RunError too
 │   ├── FmuError            plant_fmu: an FMU that cannot be built, found, read or used
-│   ├── MissingExtraError   recordings: what draws is not installed
+│   ├── MissingExtraError   a package that not everybody needs is not installed
 │   ├── ScenarioError       orchestrator: a scenario's field or shape
 │   ├── UncreatableError    recordings: no file can be made there
 │   └── UnreadableError     recordings: the file is no recording
@@ -43,6 +43,16 @@ class CosimError(Exception):
 
 class InputError(CosimError):
     """The user's input is wrong; the text names the field or file, the value and what to do."""
+
+
+class MissingExtraError(InputError):
+    """Something needs packages of an extra that is not installed."""
+
+    def __init__(self, need: str, extra: str) -> None:
+        """Say what needs which package, and which extra brings it."""
+        super().__init__(
+            f"{need}, which is not installed: pip install '.[{extra}]' in nrs-cosim's sources"
+        )
 
 
 class RunError(CosimError):

@@ -22,7 +22,3 @@ class UnwritableError(RecordingError, RunError):
     """The disk refused the recording, or it was closed already."""
 
     kind = "disk"
-
-
-class MissingExtraError(RecordingError, InputError):
-    """What draws is not installed; the text names the extra that brings it."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted, shortened
 
@@ -72,11 +72,9 @@ def _parquet(path: Path) -> Columns:
     try:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
         from pyarrow import parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            f"{path}: pyarrow is missing; "
-            "pip install '.[analysis]' in nrs-cosim's sources, or give a .csv file"
-        ) from error
+    except ImportError:
+        need = f"{path}: unlike a .csv file, a .parquet file needs pyarrow"
+        raise MissingExtraError(need, "analysis") from None
     try:
         table = parquet.read_table(path)
         return {

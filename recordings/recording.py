@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.export.tables import (
     LINK_EVENTS,
     SAMPLES,
@@ -144,13 +145,15 @@ class Recording:
         return rows(self._reader, tables, robots, _ns("start", start), _ns("end", end))
 
     def dataset(self) -> "xarray.Dataset":
-        """Return samples and states as an xarray Dataset; needs the extra `analysis`.
+        """Return samples and states as an xarray Dataset.
 
         Dimensions are `time` (the output grid, s), `sampling_time` (t_k, s), `robot` and `joint`,
-        from 1. What was not recorded is NaN.
+        from 1. What was not recorded is NaN. `MissingExtraError` without the extra `analysis`.
         """
-        from nrs_cosim.recordings.export.dataset import dataset  # noqa: PLC0415 (an extra)
-
+        try:
+            from nrs_cosim.recordings.export.dataset import dataset  # noqa: PLC0415 (an extra)
+        except ImportError:
+            raise MissingExtraError("a Dataset needs xarray", "analysis") from None
         return dataset(self._reader)
 
     def close(self) -> None:

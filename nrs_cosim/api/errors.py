@@ -4,7 +4,7 @@ CosimError
 ├── InputError            what was given is wrong: a file, a field, an argument
 │   ├── AlgorithmError      an installed algorithm does not work; a RunError too
 │   ├── FmuError            an FMU that cannot be built, found, read or used
-│   ├── MissingExtraError   what draws is not installed
+│   ├── MissingExtraError   a package that not everybody needs is not installed
 │   ├── ScenarioError       a scenario's field or shape
 │   ├── UncreatableError    no file can be made there
 │   └── UnreadableError     the file is no recording
@@ -16,16 +16,11 @@ CosimError
     └── UnwritableError     the disk refused
 """
 
-from nrs_cosim.bus.errors import BusError, CosimError, InputError, RunError
+from nrs_cosim.bus.errors import BusError, CosimError, InputError, MissingExtraError, RunError
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.orchestrator.errors import DivergedError, ScenarioError, WorkerError
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.recordings.errors import (
-    MissingExtraError,
-    UncreatableError,
-    UnreadableError,
-    UnwritableError,
-)
+from nrs_cosim.recordings.errors import UncreatableError, UnreadableError, UnwritableError
 
 __all__ = [
     "AlgorithmError",

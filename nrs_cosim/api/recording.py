@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.api.scenario import Scenario
+from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.orchestrator.analysis.results import Result
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.report.subject import story_of
@@ -104,8 +105,10 @@ class Recording(Tables):
 
     def to_pandas(self, table: Literal["samples", "states"] = "states") -> "pd.DataFrame":
         """Return a table, a column a number: `position_1`, …; needs the extra `analysis`."""
-        import pandas as pd  # noqa: PLC0415 (an extra)
-
+        try:
+            import pandas as pd  # noqa: PLC0415 (an extra)
+        except ImportError:
+            raise MissingExtraError("a DataFrame needs pandas", "analysis") from None
         rows = self.samples() if table == "samples" else self.states()
         columns: dict[str, Any] = {}
         for name in rows.dtype.names or ():

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from nrs_cosim.bus.errors import CosimError, InputError
+from nrs_cosim.bus.errors import CosimError, InputError, MissingExtraError
 from nrs_cosim.orchestrator.cli import replay_commands, run_commands
 from nrs_cosim.orchestrator.cli.fmu_commands import fmu
 from nrs_cosim.orchestrator.cli.group import Commands
@@ -177,11 +177,8 @@ def scene(
 
     try:
         from nrs_cosim.orchestrator.report.shapes import shapes_of, write_scene
-    except ImportError as error:
-        raise InputError(
-            "scene: foxglove-schemas-protobuf is missing; "
-            "pip install '.[scene]' in nrs-cosim's sources"
-        ) from error
+    except ImportError:
+        raise MissingExtraError("a scene needs foxglove-schemas-protobuf", "scene") from None
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("show")
         shapes = shapes_of(experiment_of(reader))

@@ -67,13 +67,10 @@ def report(
 
 
 def _print(stories: "list[Story]", path: Path, kind: str) -> None:
-    from nrs_cosim.recordings.errors import MissingExtraError
+    from nrs_cosim.bus.errors import MissingExtraError
 
     try:
         from nrs_cosim.recordings.report.print import write_figures
     except ImportError:
-        raise MissingExtraError(
-            f"{kind}: figures need matplotlib, which is not installed: "
-            "pip install '.[report]' in nrs-cosim's sources"
-        ) from None
+        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
     write_figures(stories, path, kind)

@@ -7,7 +7,7 @@ from queue import Empty, Queue
 import typer
 
 from nrs_cosim.bus.clock import NS_PER_S
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.terminal import err, out, say
-from nrs_cosim.recordings.errors import MissingExtraError, UncreatableError
+from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
 
 FAILED = 1
@@ -30,10 +30,7 @@ def draw(found: Comparison, picture: Path) -> None:
     try:
         from nrs_cosim.recordings.report.distance import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
-        raise MissingExtraError(
-            "--picture: needs matplotlib, which is not installed: "
-            "pip install '.[report]' in nrs-cosim's sources"
-        ) from None
+        raise MissingExtraError("--picture: needs matplotlib", "report") from None
     try:
         write_distances(found.times, found.apart, QUANTITIES, picture)
     except OSError as error:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.tables import (
     LINK_EVENTS,
@@ -37,8 +37,8 @@ Opener = Callable[[Path, MessageTable, int], AbstractContextManager[Put]]
 def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     """Write the tables into a folder, made if need be; return their paths.
 
-    Parquet needs the extra `analysis`: `InputError` without it. `UncreatableError` when the folder
-    cannot be written, `UnreadableError` as `rows`; then no table is replaced.
+    Parquet needs the extra `analysis`: `MissingExtraError` without it. `UncreatableError` when the
+    folder cannot be written, `UnreadableError` as `rows`; then no table is replaced.
     """
     reader.expect_ticks("export")
     expect_joints(reader)
@@ -82,8 +82,6 @@ def _csv(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
 def _parquet() -> Opener:
     try:
         from nrs_cosim.recordings.export.parquet import parquet_table  # noqa: PLC0415 (an extra)
-    except ImportError as error:
-        raise InputError(
-            "--format parquet: pyarrow is missing; pip install '.[analysis]' in nrs-cosim's sources"
-        ) from error
+    except ImportError:
+        raise MissingExtraError("--format parquet: needs pyarrow", "analysis") from None
     return parquet_table

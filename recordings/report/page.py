@@ -18,7 +18,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
-from nrs_cosim.recordings.errors import MissingExtraError
+from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.report import network, text
 from nrs_cosim.recordings.report.arrays import Arrays
 from nrs_cosim.recordings.report.data import Story
@@ -117,10 +117,7 @@ def _part(name: str) -> str:
 def expect_plotly() -> None:
     """Raise MissingExtraError without plotly."""
     if find_spec("plotly") is None:
-        raise MissingExtraError(
-            "a page needs plotly, which is not installed: "
-            "pip install '.[report]' in nrs-cosim's sources"
-        )
+        raise MissingExtraError("a page needs plotly", "report")
 
 
 def _plotly() -> str:

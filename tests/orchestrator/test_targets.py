@@ -104,7 +104,9 @@ def test_lines_of_blanks_are_no_samples(tmp_path):
 
 def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ScenarioError, match=r"target.file: .*pyarrow is missing; pip install"):
+    with pytest.raises(
+        ScenarioError, match=r"target.file: .*\.parquet file needs pyarrow, which is not"
+    ):
         read(tmp_path, name="track.parquet")
 
 

@@ -30,7 +30,6 @@ from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.checking import built
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.opening import open_plants
-from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
@@ -402,13 +401,6 @@ def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
         measured = measure(reader, experiment_of(reader))
     assert measured.position_estimate < 0.01
     assert measured.position_tracking < 0.02
-
-
-def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "nrs_cosim.plant_fmu.bundled.rigid_body", raising=False)
-    monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(FmuError, match=r"pip install '\.\[urdf\]' in nrs-cosim's sources"):
-        build_urdf(read_urdf(ARM))
 
 
 # The command

@@ -1,7 +1,6 @@
 """A recording as arrays, tables and files, against its messages taken one by one."""
 
 import csv
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import kind_of, node_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings import Recording
-from nrs_cosim.recordings.errors import InputError, UnreadableError
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES
 from nrs_cosim.recordings.mcap.columns import columns
@@ -203,19 +202,6 @@ def test_a_run_without_faults_has_no_such_table(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", ticks=2)
     with Reader(tmp_path / "a.mcap") as reader:
         assert [path.name for path in export(reader, tmp_path)] == ["samples.csv", "states.csv"]
-
-
-def test_parquet_without_its_extra_says_what_to_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorded(tmp_path / "a.mcap", ticks=1)
-    monkeypatch.delitem(sys.modules, "nrs_cosim.recordings.export.parquet", raising=False)
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with (
-        Reader(tmp_path / "a.mcap") as reader,
-        pytest.raises(InputError, match=r"--format parquet: pyarrow is missing; pip install"),
-    ):
-        export(reader, tmp_path, "parquet")
 
 
 def test_a_recording_shows_what_it_is_and_gives_a_robot_by_its_number(tmp_path: Path) -> None:

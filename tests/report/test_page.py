@@ -17,7 +17,6 @@ from nrs_cosim.orchestrator.report.subject import arm_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.report import page as pages
 from nrs_cosim.recordings.report.decimation import BUCKETS, kept
 from nrs_cosim.recordings.report.figures import figures
 from nrs_cosim.recordings.report.page import page
@@ -250,19 +249,6 @@ def test_arms_have_the_lengths_that_their_plants_tell():
     assert arm_of(Plant(fmu="planar_robot"), 2).lengths == ()
     unknown = arm_of(Plant(fmu="theirs.fmu"), 3)
     assert (unknown.lengths, unknown.known) == ((1.0, 1.0, 1.0), False)
-
-
-def test_a_missing_extra_is_named(paper, tmp_path, monkeypatch):
-    monkeypatch.setattr(pages, "find_spec", lambda _name: None)
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    monkeypatch.delitem(
-        __import__("sys").modules, "nrs_cosim.recordings.report.print", raising=False
-    )
-    for form in ("html", "png"):
-        out = tmp_path / f"page.{form}"
-        result = nrs.invoke(app, ["report", str(paper), "-o", str(out), "--format", form])
-        assert "pip install '.[report]' in nrs-cosim's sources" in str(result.exception)
-        assert not out.exists()
 
 
 def test_where_nothing_can_be_written_is_named(paper, tmp_path):
