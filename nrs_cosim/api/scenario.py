@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import storable
 from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -176,7 +177,7 @@ class Scenario:
         """Return what the scenario is, on a line."""
         n, ticks = self.robots, self._experiment.clock.ticks
         algorithm = self._experiment.scenario.algorithm.name
-        return f"Scenario({self.name!r}: {n} robot{'s' * (n > 1)}, {algorithm}, {ticks} ticks)"
+        return f"Scenario({self.name!r}: {count_of(n, 'robot')}, {algorithm}, {ticks} ticks)"
 
 
 def plain(value: Any) -> Any:

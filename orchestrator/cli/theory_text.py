@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import inf, isnan
 from typing import TYPE_CHECKING
 
+from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
@@ -77,7 +78,7 @@ def _networks(checked: "Check") -> dict[str, str]:
 def _ways(network: "NetworkSummary") -> str:
     """Say how the target comes to all."""
     return (
-        f"a path of at most {_count(network.depth, 'link')} leads from the target to every robot "
+        f"a path of at most {count_of(network.depth, 'link')} leads from the target to every robot "
         f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it"
     )
 
@@ -152,17 +153,12 @@ def _parts(network: "NetworkSummary") -> str:
     if not loops:
         return "no robots hear one another in a loop"
     shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
-    parts = _count(len(network.components), "strongly connected component")
+    parts = count_of(len(network.components), "strongly connected component")
     return f"{parts}, of several robots: {shown}"
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
-
-
 def _robots(robots: Sequence[int]) -> str:
-    numbers = ", ".join(map(str, robots[:8])) + (", …" if len(robots) > 8 else "")
-    return f"robot{'s' * (len(robots) > 1)} {numbers}"
+    return numbered("robot", robots, 8)
 
 
 def _spectrum(found: "Spectrum", whole: bool) -> str:

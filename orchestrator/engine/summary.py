@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.clock import NS_PER_S
+from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import storable
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -70,7 +71,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
     """Return a run's summary as short lines by name."""
     plants = (
         f"{plant['fmu']} (FMI {plant['fmi_version']}, {plant['drive']}, "
-        f"{len(plant['robots'])} robot{'s' * (len(plant['robots']) > 1)})"
+        f"{count_of(len(plant['robots']), 'robot')})"
         for plant in summary["plants"]
     )
     parent, target = summary["parent"], summary["target"]

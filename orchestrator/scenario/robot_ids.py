@@ -3,9 +3,8 @@
 import re
 from collections.abc import Sequence
 
-import numpy as np
-
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.bus.text import quoted
 
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
@@ -38,16 +37,9 @@ def parse_robots(text: str, where: str, most: int | None = None) -> tuple[int, .
     return tuple(sorted(named))
 
 
-def spans(numbers: Sequence[int]) -> str:
-    """Return ascending numbers as `1-3, 7`."""
-    array = np.asarray(numbers)
-    runs = np.split(array, np.flatnonzero(np.diff(array) != 1) + 1)
-    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
-
-
 def named(numbers: Sequence[int]) -> str:
     """Return `robot 7` or `robots 1-3, 7`."""
-    return f"robot{'s' * (len(numbers) > 1)} {spans(numbers)}"
+    return numbered("robot", numbers)
 
 
 def multiple(factor: float) -> str:

@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -124,11 +125,11 @@ def _wrong_topology(where: str, digraph: Digraph, topology: Topology) -> Iterato
             )
     unreached = topology.unreached()
     if unreached:
-        more = f", … ({len(unreached)} robots)" if len(unreached) > SHOWN else ""
+        more = f" ({count_of(len(unreached), 'robot')})" if len(unreached) > SHOWN else ""
         pinned = {"adjacency": "pinning", "generator": f"{where}.generator.pinned"}
         yield (
             f"{where}: expected a spanning tree rooted at the target (assumption A2), but no path "
-            f"leads from the target to robot {', '.join(map(str, unreached[:SHOWN]))}{more}; let "
+            f"leads from the target to {numbered('robot', unreached, SHOWN)}{more}; let "
             f"one of them hear the target ({pinned.get(form, 'an edge from 0')}) or a robot that "
             f"does"
         )

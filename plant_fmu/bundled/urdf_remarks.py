@@ -3,6 +3,8 @@
 What is the same of many elements is one line that names them all.
 """
 
+from nrs_cosim.bus.plurals import plural
+
 
 class Remarks:
     """Faults or warnings, in the order in which they were first found."""
@@ -28,8 +30,6 @@ class Remarks:
     def lines(self) -> tuple[str, ...]:
         """Return a sentence for each."""
         return tuple(
-            f"{what}{'s' if len(names) > 1 else ''} {', '.join(map(repr, names))}: {text}"
-            if what
-            else text
+            f"{plural(what, len(names))} {', '.join(map(repr, names))}: {text}" if what else text
             for (what, text), names in self._names.items()
         )

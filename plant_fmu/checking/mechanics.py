@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.checking.budget import Budget
@@ -97,7 +98,7 @@ class MechanicsProbe:
         """s: between two velocities, the longer one and the shorter one"""
         sizes = np.sqrt((first**2).sum(axis=0))
         if still := (np.flatnonzero(sizes == 0) + 1).tolist():
-            raise FmuError(f"nothing moves by a torque on {_joints(still)}")
+            raise FmuError(f"nothing moves by a torque on {numbered('joint', still)}")
         self._pushes /= sizes
         self._moves = True
 
@@ -126,8 +127,8 @@ class MechanicsProbe:
         inverse: Array = (np.array(pushed) - rest).T / self._pushes
         if self._moves and (still := (np.flatnonzero(~inverse.any(axis=0)) + 1).tolist()):
             raise FmuError(
-                f"at q = {q.tolist()} nothing moves by a torque on {_joints(still)}, though it did "
-                "when it was first started; does a reset start it anew?"
+                f"at q = {q.tolist()} nothing moves by a torque on {numbered('joint', still)}, "
+                "though it did when it was first started; does a reset start it anew?"
             )
         return inverse, rest
 
@@ -227,7 +228,3 @@ class MechanicsProbe:
                 f"it was told to start at q, qd = {q.tolist()}, {qd.tolist()} and starts at "
                 f"{there.tolist()}"
             )
-
-
-def _joints(numbers: Sequence[int]) -> str:
-    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.presence import expect_apart
@@ -101,8 +102,7 @@ def _by_cvode(
     plants = ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why, free=free)
     if states := plants.without_nominal:
         plants.drive += (
-            f" (nominal value 1 for {'states' if len(states) > 1 else 'state'} "
-            f"{', '.join(map(str, states))}, whose own is not positive)"
+            f" (nominal value 1 for {numbered('state', states)}, whose own is not positive)"
         )
     return plants
 

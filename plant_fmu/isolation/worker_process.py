@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from nrs_cosim.bus.errors import Cause
+from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.isolation.progress import Progress
@@ -161,7 +162,9 @@ class FmuProcess:
 
     def _failure(self, ended: str, seconds: float | None) -> FmuError | StepError:
         progress = self._progress
-        who = progress.who or _robots(self._robots)
+        several = len(self._robots) > 1  # a target is alone
+        named = numbered("robot", self._robots) if several else called(self._robots[0])
+        who = progress.who or named
         what = "the FMU" if progress.calls else "its worker process"
         act = f", in {progress.act}" if progress.act else ""
         cause = f"{what} {ended}{act}{last_words(self._printed)}"
@@ -176,7 +179,3 @@ class FmuProcess:
 def _cause(robot: int | None, seconds: float | None) -> Cause:
     time_ns = None if seconds is None else round(seconds * 1e9)
     return Cause(StepError.kind, time_ns=time_ns, robot=robot)
-
-
-def _robots(robots: Sequence[int]) -> str:
-    return called(robots[0]) if len(robots) == 1 else f"robots {', '.join(map(str, robots))}"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.recordings.report.data import Story
 
 _MEASURED = {
@@ -25,12 +26,11 @@ def lead(story: Story) -> str:
     subject, topology = story.subject, story.subject.topology
     pinned = topology.sink[topology.source == 0].tolist()
     among = int((topology.source > 0).sum())
-    robots = f"{story.n} robot{'s' * (story.n > 1)}"
-    joints = f"{story.m} joint{'s' * (story.m > 1)}"
-    seen = _listed(pinned)
+    robots, joints = count_of(story.n, "robot"), count_of(story.m, "joint")
+    who = numbered("robot", pinned, 8) if pinned else "nobody"
     sentences = [
-        f"{robots} with {joints} each follow a target that {seen} hear{'s' * (len(pinned) == 1)}; "
-        f"their estimates of it spread over {_count(among, 'link')} among the robots.",
+        f"{robots} with {joints} each follow a target that {who} hear{'s' * (len(pinned) == 1)}; "
+        f"their estimates of it spread over {count_of(among, 'link')} among the robots.",
         *([subject.turns] if subject.turns else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
@@ -110,16 +110,3 @@ def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
             yield from _leaves(f"{key}, {name}", inner)
     else:
         yield key, f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
-
-
-def _listed(robots: list[int]) -> str:
-    if not robots:
-        return "nobody"
-    if len(robots) > 8:
-        return f"{len(robots)} of them"
-    *some, last = map(str, robots)
-    return f"robots {', '.join(some)} and {last}" if some else f"robot {last} alone"

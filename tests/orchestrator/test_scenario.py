@@ -71,7 +71,7 @@ BAD = {
     "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a whole number, got 1.5"),
     "no path from the target": (
         ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 0, 0, 0, 1]"),
-        "no path leads from the target to robot 1, 2, 3, 4, 5",
+        "no path leads from the target to robots 1-5",
     ),
     "short row": (
         ("[1, 0, 0, 0, 0, 0]", "[1, 0]"),

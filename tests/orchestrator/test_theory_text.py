@@ -154,7 +154,7 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
 def test_one_is_no_plural_and_nothing_is_said_twice():
     result = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
     assert result["parts"].startswith(
-        "1 strongly connected component, of several robots: robots 1, 2"
+        "1 strongly connected component, of several robots: robots 1-2"
     )
     assert "at most 2 links leads" in result["network"]
     assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]

@@ -166,7 +166,7 @@ def test_a_nominal_value_that_is_not_positive_is_taken_for_1_and_told(
             q.append(plants[-1].q[0, 0])
     assert q[0] == q[1] == pytest.approx(0.5, abs=1e-6)
     drive = "Model Exchange, CVODE rtol 1e-09"
-    remark = " (nominal value 1 for states 1, 2, whose own is not positive)"
+    remark = " (nominal value 1 for states 1-2, whose own is not positive)"
     assert [each.drive for each in plants] == [drive + remark, drive]
 
 

@@ -82,7 +82,7 @@ def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_
     result = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
     assert verdicts(checked) == result
     for name in ("rests", "power"):
-        assert "nothing moves by a torque on joints 1, 2" in found(checked, name).text
+        assert "nothing moves by a torque on joints 1-2" in found(checked, name).text
         assert found(checked, name).text.endswith("does a reset start it anew?")
 
 

@@ -237,7 +237,7 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, lif
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     done = run_here(scenario())
     assert done.returncode == 2
-    result = "plant: faulty.fmu: robots 1, 2, 3: the FMU aborted (SIGABRT), in loading"
+    result = "plant: faulty.fmu: robots 1-3: the FMU aborted (SIGABRT), in loading"
     assert done.stderr == f"error: s.toml: {result}\n"
     nothing_left(place, life.until(None))
     assert not (place / "run.mcap").exists()
@@ -403,7 +403,7 @@ def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
         plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
         (pid,) = life.until("\n")
         os.kill(int(pid), signal.SIGKILL)
-        with pytest.raises(StepError, match=r"robots 1, 2 .* at t = 0 s: the FMU was killed \(SIG"):
+        with pytest.raises(StepError, match=r"robots 1-2 .* at t = 0 s: the FMU was killed \(SIG"):
             plants.advance(0.0, 0.1)
 
 
@@ -413,7 +413,7 @@ def test_a_worker_that_ends_while_it_saves_is_a_failed_step(faulty, life):
         (pid,) = life.until("\n")
         plants.advance(0.0, 0.1)
         os.kill(int(pid), signal.SIGKILL)
-        with pytest.raises(StepError, match=r"robots 1, 2 .* at t = 0\.1 s: the FMU was killed"):
+        with pytest.raises(StepError, match=r"robots 1-2 .* at t = 0\.1 s: the FMU was killed"):
             plants.save()
 
 

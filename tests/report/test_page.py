@@ -115,7 +115,7 @@ def test_a_page_is_small_and_refers_to_nothing_outside(paper, tmp_path):
 def test_words_and_numbers_are_those_of_the_run(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
     assert "6 robots with 2 joints each" in run["lead"]
-    assert "robot 3 alone" in run["lead"]
+    assert "a target that robot 3 hears" in run["lead"]
     assert "dcea1 (alpha = 0.9, beta = 1.1)" in run["lead"]
     measured = [row["value"] for row in run["measured"]]
     assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
