@@ -72,14 +72,14 @@ class Clock:
     jitter: Jitter | None = None
 
     @property
-    def turn(self) -> int:
+    def cycle(self) -> int:
         """t_L: how long the list is."""
         return self.times[-1]
 
     @property
     def period(self) -> int | None:
         """h, where sampling is periodic."""
-        return self.turn if len(self.times) == 1 and not self.jitter else None
+        return self.cycle if len(self.times) == 1 and not self.jitter else None
 
     @property
     def gaps(self) -> list[int]:
@@ -104,7 +104,7 @@ class Clock:
 
     def since(self, time: int) -> int:
         """Return the first k with t_k >= a time."""
-        turns, rest = divmod(time, self.turn)
+        turns, rest = divmod(time, self.cycle)
         k = turns * len(self.times) + (bisect_left(self.times, rest) + 1 if rest else 0)
         return k if self.t(k) >= time else k + 1
 

@@ -67,7 +67,7 @@ ESTIMATE: Fields = {
 """What an algorithm sends and keeps that declares neither: ε and υ."""
 
 
-def columns(name: str, shape: Shape) -> list[str]:
+def column_names(name: str, shape: Shape) -> list[str]:
     """Return a name for each number of an array: name, name_i, name_i_j, …, from 1."""
     indices = product(*(range(1, size + 1) for size in shape))
     return ["_".join([name, *map(str, index)]) for index in indices]

@@ -29,7 +29,7 @@ class InteractionGraphs:
         return cls(topology, topology)
 
     @property
-    def hetero(self) -> bool:
+    def has_two_digraphs(self) -> bool:
         """Whether there are two digraphs: sampled hetero-information."""
         return self.position is not self.velocity
 
@@ -77,7 +77,7 @@ class TopologySchedule:
         return len(self.exchanges) == 1
 
     @property
-    def turning(self) -> bool:
+    def switching(self) -> bool:
         """Whether exchanges take turns for ever."""
         return self.repeat is not None and not self.is_constant
 
@@ -86,7 +86,7 @@ class TopologySchedule:
         tick = (k - 1) % self.repeat + 1 if self.repeat else k
         return bisect_right(self.since, tick) - 1
 
-    def turns(self) -> list[tuple[int, int]]:
+    def phases(self) -> list[tuple[int, int]]:
         """Return exchange and number of ticks of each turn of one period, in order."""
         if not self.repeat:
             return []

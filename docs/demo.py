@@ -15,7 +15,7 @@ _WORDS = {
 }
 
 
-def verdict(recording: nrs.Recording) -> str:
+def sentence(recording: nrs.Recording) -> str:
     """Return a run's end and how its errors stand to the theory, in a sentence."""
     names = iter(("estimates of position", "of velocity", "tracking of position", "of velocity"))
     by_status: dict[str, list[str]] = {}
@@ -33,7 +33,7 @@ if __name__ == "__main__":
     path = Path(sys.argv[1])
     page = path.with_suffix(".html")
     with nrs.Recording(path) as recording:
-        print(verdict(recording))
+        print(sentence(recording))
     command = Path(sys.prefix, "bin", "nrs")
     if command.is_relative_to(Path.cwd()):
         command = command.relative_to(Path.cwd())

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from nrs_cosim.orchestrator.analysis.comparison import Judgement, judge
+from nrs_cosim.orchestrator.analysis.comparison import TheoryComparison, compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check, check
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
@@ -46,7 +46,7 @@ class Case:
     h: float
     checked: Check
     measured: SteadyState
-    judged: Judgement
+    compared: TheoryComparison
     times: np.ndarray
     """(t,) s"""
     estimates: np.ndarray
@@ -57,7 +57,7 @@ class Case:
     """(2, t, n m) of ε_0 and υ_0, for each robot."""
 
     @property
-    def growth(self) -> float:
+    def rho(self) -> float:
         """How many times larger the estimates' errors are in the last fifth than in the third."""
         size = np.abs(self.estimates - self.target).max(axis=(0, 2))
         fifths = [part.max() for part in np.array_split(size, 5)]
@@ -80,7 +80,7 @@ def case_of(name: str, data: Path) -> Case:
     run(file, path)
     with Reader(path) as reader:
         measured = measure(reader)
-        judged = judge(reader, file, measured)
+        compared = compare_to_theory(reader, file, measured)
         table = np.concatenate(list(states(reader)))
     table = table[np.lexsort((table["robot"], table["time_ns"]))]
     count = len(np.unique(table["time_ns"]))
@@ -92,7 +92,7 @@ def case_of(name: str, data: Path) -> Case:
     moved = [motion.position, motion.velocity]
     shaped = [np.array(part).reshape(2, count, -1) for part in (estimates, errors, moved)]
     period = file.scenario.run.sampling_period
-    return Case(period, check(file), measured, judged, times, *shaped)
+    return Case(period, check(file), measured, compared, times, *shaped)
 
 
 def plot(ax: Axes, case: Case, values: np.ndarray, label: str, detail: float) -> None:
@@ -102,7 +102,7 @@ def plot(ax: Axes, case: Case, values: np.ndarray, label: str, detail: float) ->
     """
     ax.plot(case.times, values, lw=0.5)
     ax.set_ylabel(label)
-    if verdict(case) == "diverges":
+    if convergence_of(case) == "diverges":
         return
     last = case.times >= case.times[-1] - detail
     low, high = ax.get_ylim()
@@ -137,9 +137,9 @@ def draw(figure: str, cases: dict[str, Case], page: Path) -> None:
         plt.close(sheet)
 
 
-def verdict(case: Case) -> str:
+def convergence_of(case: Case) -> str:
     """Say what becomes of the estimates, by the run alone."""
-    return "diverges" if case.growth > GROWTH else "settles"
+    return "diverges" if case.rho > GROWTH else "converges"
 
 
 def region(case: Case) -> str:
@@ -160,7 +160,7 @@ def table(cases: dict[str, Case]) -> list[str]:
                 f"Example {name[0]}, {name[1]}",
                 what,
                 said,
-                f"{verdict(cases[name])}: ρ = {cases[name].checked.spectral_radius:.6f}, "
+                f"{convergence_of(cases[name])}: ρ = {cases[name].checked.spectral_radius:.6f}, "
                 f"sup ‖ε̄‖∞ = {cases[name].measured.position_estimate:.4g}, "
                 f"sup ‖e‖₂ = {cases[name].measured.position_tracking:.4g}",
             )
@@ -204,9 +204,9 @@ def bounds(cases: dict[str, Case]) -> list[str]:
     """Return rows of each case's errors beside the bounds."""
     rows = []
     for name, case in cases.items():
-        for row in case.judged.quantities:
+        for row in case.compared.quantities:
             b = row.bound
-            numbers = [row.measured, b.exact, b.sharp, b.paper]
+            numbers = [row.measured, b.steady_state, b.worst_case, b.paper]
             shown = ["–" if x is None else f"{x:.4g}" for x in numbers]
             rows.append(f"| {name} | `{b.name.replace('|', '‖')}` | " + " | ".join(shown) + " |")
     return rows
@@ -226,12 +226,12 @@ What could not be reproduced, and why:
   them nor the time that the figures span;
 - the plant to the last digit: the paper cites its parameters from Feng, Yu and Man (2002), and ours
   are a reading of them. The estimates do not depend on it;
-- case 1b settles as ρ = 0.9973 has it, defective, over some 600 s: in a shorter figure it is still
+- case 1b converges as ρ = 0.9973 has it, defective, over some 600 s: a shorter figure has it
   on its way.
 
 ## Errors in the last fifth, and what bounds them
 
-| case | error | measured | this target | any target | the paper's bound |
+| case | error | measured | steady state | worst case | the paper's bound |
 |---|---|---|---|---|---|
 {bounds}
 

@@ -17,7 +17,7 @@ Its jump is not linear: there are no modes.
 The demand β > h γ2 is ours, what β' > sup |a_0| comes to. Without it a robot is left behind by a
 target that keeps accelerating. With it, one that hears the target alone comes to |ῡ| ≤ β + h γ2 and
 stays: beyond β a jump takes β away and the target gives back h γ2 at most, and within β it ends
-within β. Of a robot that hears robots nothing is promised: these jump by β too, and not by h γ2.
+within β. Of a robot that hears robots nothing is proven: these jump by β too, and not by h γ2.
 """
 
 from dataclasses import dataclass

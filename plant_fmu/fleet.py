@@ -19,7 +19,7 @@ class Fleet:
         self._rows = [rows.tolist() for rows, _ in groups]
         self.plants = [plants for _, plants in groups]
         """Of each group."""
-        self.exact = all(plants.exact for plants in self.plants)
+        self.checkpointable = all(plants.checkpointable for plants in self.plants)
         self.q, self.qd, self.tau = (np.empty((rows, m)) for _ in range(3))
         self._gather()
 

@@ -105,10 +105,10 @@ class Checkpointed(Protocol):
 
     A checkpoint is taken after an `advance` and before the next `hold`, and what follows it is the
     same to the last bit. A robot's is its own: robots that were saved together may go on apart, and
-    the other way round. What is not `exact` has none, and must not be asked for one.
+    the other way round. What is not `checkpointable` has none, and must not be asked for one.
     """
 
-    exact: bool
+    checkpointable: bool
     """Whether all FMUs claim that their states can be saved, which `nrs fmu check` tries."""
 
     def save(self) -> list[bytes]:

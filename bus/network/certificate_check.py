@@ -15,11 +15,11 @@ from nrs_cosim.bus.network.access import RESERVED, expect_worker_name
 from nrs_cosim.bus.network.certificates import Tls, context
 
 SOON = timedelta(days=30)
-Verdict = Literal["ok", "warning", "fails"]
+CertificateStatus = Literal["ok", "warning", "fails"]
 
 
-def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, Verdict, str]]:
-    """Yield what was looked at, the verdict, and what was seen or is to be done."""
+def vet(tls: Tls, now: datetime | None = None) -> Iterator[tuple[str, CertificateStatus, str]]:
+    """Yield what was looked at, the status, and what was seen or is to be done."""
     try:
         context(tls)
     except InputError as error:
@@ -51,7 +51,7 @@ def common_name(tls: Tls) -> str | None:
 
 def _signed(
     own: x509.Certificate, between: list[x509.Certificate], authorities: list[x509.Certificate]
-) -> tuple[str, Verdict, str]:
+) -> tuple[str, CertificateStatus, str]:
     at = own
     for _ in range(len(between) + 1):
         if any(_issued(at, authority) for authority in authorities):
@@ -72,7 +72,7 @@ def _issued(one: x509.Certificate, by: x509.Certificate) -> bool:
     return True
 
 
-def _in_date(certificates: list[x509.Certificate], now: datetime) -> tuple[Verdict, str]:
+def _in_date(certificates: list[x509.Certificate], now: datetime) -> tuple[CertificateStatus, str]:
     begin = max(one.not_valid_before_utc for one in certificates)
     end = min(one.not_valid_after_utc for one in certificates)
     if now < begin:
@@ -84,7 +84,7 @@ def _in_date(certificates: list[x509.Certificate], now: datetime) -> tuple[Verdi
     return "ok", f"until {end:%Y-%m-%d}"
 
 
-def _named(own: x509.Certificate) -> Iterator[tuple[str, Verdict, str]]:
+def _named(own: x509.Certificate) -> Iterator[tuple[str, CertificateStatus, str]]:
     names = [str(a.value) for a in own.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)]
     yield "worker", *_name_of_a_worker(names)
     try:
@@ -100,7 +100,7 @@ def _named(own: x509.Certificate) -> Iterator[tuple[str, Verdict, str]]:
         yield "addresses", "fails", f"no subject alternative name; {advice}"
 
 
-def _name_of_a_worker(names: list[str]) -> tuple[Verdict, str]:
+def _name_of_a_worker(names: list[str]) -> tuple[CertificateStatus, str]:
     if len(names) != 1:
         said = f"expected one common name, the worker's, got {len(names)}"
         return "fails", f"{said}; have a certificate issued with one"

@@ -1,1 +1,1 @@
-"""What can be promised of a run before it, and told of it after: docs/theory.md derives it."""
+"""The theory of linear estimators: spectra, norms, bounds: docs/theory.md derives it."""

@@ -26,13 +26,13 @@ from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from nrs_cosim.estimator_agents.theory.varying import joint_spectral_radius
 
 Complex = NDArray[np.complex128]
-Verdict = Literal["proven", "refuted", "not decided"]
+ConvergenceStatus = Literal["proven", "refuted", "not decided"]
 
 PIECES = 3
 """Of the span of δ, each in the hull of three points."""
 REFINED, NEAR = 8, 1e-3
 """Eigenvalues of D, the worst, for which a search goes on where a norm leaves more than so much."""
-SHARES, TURNS = (0.01, 0.03, 0.1, 0.3, 0.6, 0.9), 4
+SHARES, ITERATIONS = (0.01, 0.03, 0.1, 0.3, 0.6, 0.9), 4
 """Norms that are tried: r² from ρ² on towards 1, and how often the largest gets more weight."""
 
 
@@ -46,7 +46,7 @@ class Periods:
     """T: by how much a sampling time may be early."""
 
     @property
-    def alike(self) -> float | None:
+    def constant_period(self) -> float | None:
         """h, where all are the same."""
         return self.gaps[0] if len(self.gaps) == 1 and not self.early else None
 
@@ -67,39 +67,39 @@ class Periods:
 
 
 @dataclass(frozen=True, slots=True)
-class Growth:
+class RadiusBounds:
     """Bounds on what the error is multiplied by at a sampling time, in the long run at worst."""
 
     lower: float
     upper: float
 
     @property
-    def verdict(self) -> Verdict:
+    def status(self) -> ConvergenceStatus:
         """Whether the error shrinks for all sampling times that there may be."""
         if self.upper < 1:
             return "proven"
         return "refuted" if self.lower >= 1 else "not decided"
 
     @property
-    def factor(self) -> float:
-        """The growth, where it is known; else not a number."""
+    def radius(self) -> float:
+        """The radius, where it is known; else not a number."""
         return self.upper if self.upper == self.lower else nan
 
 
-def growth(algorithm: Algorithm, spectrum: Spectrum, periods: Periods) -> Growth:
-    """Return the growth of the error; not numbers where the jump is not linear."""
+def radius_bounds(algorithm: Algorithm, spectrum: Spectrum, periods: Periods) -> RadiusBounds:
+    """Return bounds on the spectral radius; not numbers where the jump is not linear."""
     found = linear_jump(algorithm)
     if found is None:
-        return Growth(nan, nan)
+        return RadiusBounds(nan, nan)
     keep, gain = found
     away = np.unique(np.round(1 - spectrum.real + 1j * np.abs(spectrum.imag), 12))
     blocks = keep - away[:, None, None] * gain
     if not keep[1, 0] and not gain[1, 0]:
         exact = float(np.abs(blocks[:, [0, 1], [0, 1]]).max())
-        return Growth(exact, exact)
+        return RadiusBounds(exact, exact)
     if not periods.early:
         exact = _of_list(blocks, periods.gaps)
-        return Growth(exact, exact)
+        return RadiusBounds(exact, exact)
     return _of_jitter(blocks, periods.mean, periods.early)
 
 
@@ -120,7 +120,7 @@ def _of_list(blocks: Complex, gaps: tuple[float, ...]) -> float:
     return float(np.exp((size + np.log(_radii(product))) / len(gaps)).max())
 
 
-def _of_jitter(blocks: Complex, h: float, early: float) -> Growth:
+def _of_jitter(blocks: Complex, h: float, early: float) -> RadiusBounds:
     """Return bounds: by values for the lower one, with Bézier points for the upper one."""
     ends = np.linspace(0, early, PIECES + 1)
     values = np.stack([_bent(blocks, h, end, end) for end in ends])
@@ -140,7 +140,7 @@ def _of_jitter(blocks: Complex, h: float, early: float) -> Growth:
                 lower = max(lower, found.lower)
             elif found is not None:
                 highest[i] = min(highest[i], found.upper)
-    return Growth(lower, max(lower, float(highest.max())))
+    return RadiusBounds(lower, max(lower, float(highest.max())))
 
 
 def _bent(blocks: Complex, h: float, one: float, other: float) -> Complex:
@@ -177,7 +177,7 @@ def _in_a_norm(matrices: Complex, enough: float) -> NDArray[np.float64]:
         q, n = those.shape[:2]
         turned = those.conj().swapaxes(-1, -2)
         weights = np.full((q, n), 1 / q)
-        for _ in range(TURNS):
+        for _ in range(ITERATIONS):
             L = np.einsum("qn,qnab,qncd->nadbc", weights, turned, those).reshape(n, 4, 4)
             radius = np.abs(np.linalg.eigvals(L)).max(axis=1, initial=0)
             r2 = radius + share * np.maximum(np.abs(1 - radius), 1e-9)
@@ -194,6 +194,6 @@ def _in_norm_of(P: Complex, matrices: Complex) -> NDArray[np.float64]:
     sizes, vectors = np.linalg.eigh((P + P.conj().swapaxes(-1, -2)) / 2)
     root = np.sqrt(np.maximum(sizes, 1e-9 * sizes[:, 1:]))[:, None, :]
     turned = vectors.conj().swapaxes(-1, -2)
-    alike = (vectors * root @ turned) @ matrices @ (vectors / root @ turned)
-    norms: NDArray[np.float64] = np.linalg.norm(alike, 2, axis=(-2, -1))
+    constant_period = (vectors * root @ turned) @ matrices @ (vectors / root @ turned)
+    norms: NDArray[np.float64] = np.linalg.norm(constant_period, 2, axis=(-2, -1))
     return norms

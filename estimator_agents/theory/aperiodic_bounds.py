@@ -45,12 +45,13 @@ WORK = 2e9
 """Multiplications that a list may take."""
 
 
-def sharp_of_list(
+def worst_case_of_list(
     recursion: Recursion, gaps: Sequence[float], gamma_1: float, gamma_2: float, factor: float
 ) -> tuple[EstimateBounds, EstimateBounds] | None:
-    """Return the sharp bounds at the sampling times, left limits, and at all times.
+    """Return the worst-case bounds at the sampling times, left limits, and at all times.
 
-    Of the recursion K, G and D count, and `factor` < 1 is the growth. None where it takes too long.
+    Of the recursion K, G and D count, and `factor` < 1 is the spectral radius. None where it takes
+    too long.
     """
     n, jump, h = recursion.n, recursion.jump, np.array(gaps)
     rounds = int(WORK / ((jump.nnz + 2 * n) * 2 * len(h)))
@@ -82,7 +83,7 @@ def sharp_of_list(
     return None
 
 
-def sharp_aperiodic(
+def worst_case_aperiodic(
     recursion: Recursion, r: float, gamma_1: float, gamma_2: float, radius: float
 ) -> tuple[EstimateBounds, EstimateBounds] | None:
     """Return bounds at the sampling times, left limits, and at all times, for periods h ± r.

@@ -1,10 +1,10 @@
 """How far the estimates stay from the target in the long run: three answers, each within the next.
 
-- exact: for a target of sines. Δ(k) is then Σ Im Δ̂ e^{jωkh}, and x(t_k) → Σ Im X e^{jωkh} with
-  (e^{jωh} I − A) X = Δ̂; its largest value is at most Σ |X|, and comes as near to it as one likes
-  when no ωh is a rational part of 2π or of another;
-- sharp: over all targets with |υ_0| ≤ γ1, |a_0| ≤ γ2 (A1). On (t_k, t_{k+1}] an acceleration adds
-  −∫ ((t_{k+1} − w) A^j 1⊗[1; 0] + A^j 1⊗[0; 1]) a_0(w) dw to x(t_{k+1+j}), and the sum of the
+- steady state: for a target of sines. Δ(k) is then Σ Im Δ̂ e^{jωkh}, and x(t_k) →
+  Σ Im X e^{jωkh} with (e^{jωh} I − A) X = Δ̂; its largest value is at most Σ |X|, and comes as near
+  to it as one likes when no ωh is a rational part of 2π or of another;
+- worst case: over all targets with |υ_0| ≤ γ1, |a_0| ≤ γ2 (A1). On (t_k, t_{k+1}] an acceleration
+  adds −∫ ((t_{k+1} − w) A^j 1⊗[1; 0] + A^j 1⊗[0; 1]) a_0(w) dw to x(t_{k+1+j}), and the sum of the
   integrals' moduli is reached by some target as far as γ1 lets it;
 - paper: Theorems 1 and 3, h κ, of ‖Δ(k)‖∞ ≤ h max(2 γ1, γ2) (equation 0.7) and a small-value norm.
 """
@@ -44,7 +44,7 @@ class EstimateBounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Promise:
+class PaperBound:
     """The paper's bounds, with what they are made of: κ3 is κ1 of the matrix Γ."""
 
     norm: SmallValueNorm
@@ -59,7 +59,7 @@ class Promise:
     """δ1 = h κ1 and δ2 = h min(κ1, κ2) (equation 6.6), or h κ3 for both (equation 5.3)."""
 
 
-def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | None:
+def paper_bound(recursion: Recursion, gamma_1: float, gamma_2: float) -> PaperBound | None:
     """Return Theorem 1's or 3's bounds; None where no small-value norm is found."""
     h = recursion.h
     drag = np.abs(recursion.drag[:, 1]) * gamma_1 / h
@@ -73,13 +73,13 @@ def promise(recursion: Recursion, gamma_1: float, gamma_2: float) -> Promise | N
     if apart is not None:
         kappa_2 = apart.gain * float(gamma_2 + drag[1])
     best = kappa if kappa_2 is None else min(kappa, kappa_2)
-    return Promise(norm, kappa, apart, kappa_2, EstimateBounds(h * kappa, h * best))
+    return PaperBound(norm, kappa, apart, kappa_2, EstimateBounds(h * kappa, h * best))
 
 
-def sharp(
+def worst_case(
     recursion: Recursion, gamma_1: float, gamma_2: float, radius: float
 ) -> EstimateBounds | None:
-    """Return the sharp bounds at the sampling times, left limits.
+    """Return the worst-case bounds at the sampling times, left limits.
 
     None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
     """
@@ -88,19 +88,20 @@ def sharp(
     return None if most is None else largest(most)
 
 
-def sharp_always(
+def worst_case_always(
     recursion: Recursion,
     gamma_1: float,
     gamma_2: float,
     radius: float,
     before: EstimateBounds | None = None,
 ) -> EstimateBounds | None:
-    """Return the sharp bounds at all times: an interval's are at its ends, and so also after jumps.
+    """Return the worst-case bounds at all times: an interval's are at its ends,
+    and so also after jumps.
 
     In between x is affine in time but for what the target does meanwhile, at most a convex part.
-    `before` is what `sharp` has of the same, if that is known already.
+    `before` is what `worst_case` has of the same, if that is known already.
     """
-    before = before or sharp(recursion, gamma_1, gamma_2, radius)
+    before = before or worst_case(recursion, gamma_1, gamma_2, radius)
     if before is None:
         return None
     most = worst(recursion, gamma_1, gamma_2, radius, recursion.jump, recursion.h)
@@ -134,7 +135,7 @@ def worst(
     seen: sparse.csr_array,
     h: float,
 ) -> Array | None:
-    """Return the sharp bounds, (p,), on `seen` x, (p, 2 n), at the sampling times.
+    """Return the worst-case bounds, (p,), on `seen` x, (p, 2 n), at the sampling times.
 
     The target moves for h, s, at most between two of them.
     """
@@ -239,9 +240,9 @@ def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> Stea
     frequency, waves = target.phasors()
     phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)
     for w, omega in enumerate(frequency):
-        turn = np.exp(1j * omega * h)
-        given = (keep - turn * np.eye(2)) @ [1, 1j * omega]
-        X = solve(turn * unit - A, np.kron(given, ones))
+        phase = np.exp(1j * omega * h)
+        given = (keep - phase * np.eye(2)) @ [1, 1j * omega]
+        X = solve(phase * unit - A, np.kron(given, ones))
         phasor[w] = X.reshape(2, n, 1) * waves[w]
     constant = np.zeros((2, n, waves.shape[1]))
     if recursion.drag.any():

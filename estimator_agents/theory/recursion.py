@@ -7,7 +7,7 @@ then comes the flow F = [[1, h], [0, 1]]. Hence, one axis of m (paper, equations
 
 Where positions and velocities have digraphs of their own, each has its D in its column of G.
 
-K and G are found by asking the algorithm itself to jump: what is promised is of what runs.
+K and G are found by asking the algorithm itself to jump: what is proven is of what runs.
 """
 
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ def recursion_of(
         return None
     exchange = over if isinstance(over, InteractionGraphs) else InteractionGraphs.of(over)
     D = exchange.position.D
-    other = exchange.velocity.D if exchange.hetero else D
+    other = exchange.velocity.D if exchange.has_two_digraphs else D
     return Recursion(h, *found, D, other, sparse.eye_array(D.shape[0], format="csr"))
 
 

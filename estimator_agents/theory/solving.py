@@ -1,4 +1,4 @@
-"""A x = b for sparse A; not numbers where A is singular, so that nothing is promised of it.
+"""A x = b for sparse A; not numbers where A is singular, so that nothing is proven of it.
 
 Where the second half of x depends on nothing of the first, as velocities on no positions, it is
 found first, and each half by itself. The factors of a large digraph without structure are dense:

@@ -42,10 +42,10 @@ def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
         cycle: Spectrum = length * np.exp(2j * np.pi * np.arange(p) / p)
         return cycle
     root = sparse.diags_array(np.sqrt(degree))
-    alike = (root @ block @ sparse.diags_array(1 / np.sqrt(degree))).tocsr()
-    if abs(alike - alike.T).max() <= 1e-13:
-        order = reverse_cuthill_mckee(alike, symmetric_mode=True)
-        ranked = alike[order][:, order].tocoo()
+    constant_period = (root @ block @ sparse.diags_array(1 / np.sqrt(degree))).tocsr()
+    if abs(constant_period - constant_period.T).max() <= 1e-13:
+        order = reverse_cuthill_mckee(constant_period, symmetric_mode=True)
+        ranked = constant_period[order][:, order].tocoo()
         row, column = ranked.coords
         width = int((row - column).max())
         if width <= BAND:

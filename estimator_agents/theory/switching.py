@@ -1,10 +1,10 @@
 """Digraphs that take turns: x(t_{k+1}) = A_σ(k) x(t_k) + Δ(k), with the exchange σ(k) of tick k.
 
-- Turns that repeat after T ticks: z(t_{k+T}) = A_T ⋯ A_1 z(t_k) without the target's part, so that
+- Phases that repeat after T ticks: z(t_{k+T}) = A_T ⋯ A_1 z(t_k) without the target's part, so that
   the factor per tick is ρ(A_T ⋯ A_1)^{1/T}, exactly. With one copy of the robots for each tick of a
   period, of which each is told by the copy before, all is one recursion with one matrix 𝒜 again:
   𝒜 has A_p from copy p to copy p + 1, ρ(𝒜) is that factor, and whatever holds of A holds of 𝒜.
-- The last turn stays: in the long run it alone counts.
+- The last phase stays: in the long run it alone counts.
 - Any order: the joint spectral radius of the A_e (`varying`). It is below 1 when K = I and
   G = diag(α, β) with 0 < α, β < 1, whatever the digraphs, if each has a spanning tree from the
   target (docs/theory.md).
@@ -28,17 +28,17 @@ WORK = 1e9
 MOST_COPIES = 20_000
 """Robots, with all their copies, up to which a period is made one recursion."""
 
-Turns = Sequence[tuple[int, int]]
+Phases = Sequence[tuple[int, int]]
 """Which exchange, and for how many ticks, of one period."""
 
 
-def period(recursions: Sequence[Recursion], turns: Turns) -> Recursion | None:
+def period(recursions: Sequence[Recursion], phases: Phases) -> Recursion | None:
     """Return the recursion of all T copies of the robots; None where these are too many.
 
     Robot i of copy p is number p n + i: copy p is the robots at ticks k with (k − 1) mod T = p.
     """
     first = recursions[0]
-    ticks = [e for e, count in turns for _ in range(count)]
+    ticks = [e for e, count in phases for _ in range(count)]
     if len(ticks) * first.n > MOST_COPIES:
         return None
 
@@ -49,45 +49,45 @@ def period(recursions: Sequence[Recursion], turns: Turns) -> Recursion | None:
         return sparse.csr_array(sparse.block_array(grid))
 
     D = copied([one.D for one in recursions])
-    hetero = any(one.D is not one.D_velocity for one in recursions)
-    other = copied([one.D_velocity for one in recursions]) if hetero else D
+    has_two_digraphs = any(one.D is not one.D_velocity for one in recursions)
+    other = copied([one.D_velocity for one in recursions]) if has_two_digraphs else D
     own = copied([one.own for one in recursions])
     return Recursion(first.h, first.keep, first.gain, D, other, own, len(ticks))
 
 
-def period_factor(recursions: Sequence[Recursion], turns: Turns) -> float:
+def period_radius(recursions: Sequence[Recursion], phases: Phases) -> float:
     """Return ρ(A_T ⋯ A_1)^{1/T}; not a number where it is not found.
 
     All A_e have one block triangular form over the strongly connected parts of their sum.
     """
     matrices = [one.matrix for one in recursions]
-    ticks = sum(count for _, count in turns)
+    ticks = sum(count for _, count in phases)
     count, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
     sizes = np.bincount(label, minlength=count)
     lone = sizes[label] == 1
     with np.errstate(divide="ignore"):
-        logs = sum(n * np.log(np.abs(matrices[e].diagonal()[lone])) for e, n in turns)
+        logs = sum(n * np.log(np.abs(matrices[e].diagonal()[lone])) for e, n in phases)
     found = [float(np.exp(np.max(logs) / ticks))] if lone.any() else []
     for part in np.flatnonzero(sizes > 1):
         rows = np.flatnonzero(label == part)
         blocks = [A[rows][:, rows] for A in matrices]
-        found.append(_of_block(blocks, turns, ticks))
+        found.append(_of_block(blocks, phases, ticks))
     return max(found, key=lambda factor: (np.isnan(factor), factor))
 
 
-def _of_block(blocks: Sequence[sparse.csr_array], turns: Turns, ticks: int) -> float:
+def _of_block(blocks: Sequence[sparse.csr_array], phases: Phases, ticks: int) -> float:
     if blocks[0].shape[0] > DENSE:
-        return _of_large_block(blocks, turns, ticks)
+        return _of_large_block(blocks, phases, ticks)
     product, size = np.eye(blocks[0].shape[0]), 0.0
-    for e, count in turns:
+    for e, count in phases:
         power, more = _power(blocks[e].toarray(), count)
         product, most = _scaled(power @ product)
         size += more + most
     return float(np.exp((size + np.log(_radius(product))) / ticks)) if product.any() else 0.0
 
 
-def _of_large_block(blocks: Sequence[sparse.csr_array], turns: Turns, ticks: int) -> float:
-    order = [blocks[e] for e, count in turns for _ in range(count)]
+def _of_large_block(blocks: Sequence[sparse.csr_array], phases: Phases, ticks: int) -> float:
+    order = [blocks[e] for e, count in phases for _ in range(count)]
 
     def through(x: NDArray[np.float64]) -> NDArray[np.float64]:
         for A in order:

@@ -39,7 +39,7 @@ CROOKED = 1e8
 """The condition of an S from which what it makes small is rounding."""
 ROUNDING = 1e-10
 """By which a longer order must be better than a shorter one, relative."""
-SHARPNESS, TURNS = (30.0, 200.0), 150
+SHARPNESS, ITERATIONS = (30.0, 200.0), 150
 """Of the smooth maximum of norms that S makes small, one after the other; of the search for S."""
 
 
@@ -155,7 +155,7 @@ def _shrunk(matrices: Array) -> Array:
 
     entries = np.eye(p).ravel()
     for sharpness in SHARPNESS:
-        some = {"maxiter": TURNS}
+        some = {"maxiter": ITERATIONS}
         entries = minimize(largest, entries, (sharpness,), "L-BFGS-B", jac=True, options=some).x
     S = entries.reshape(p, p)
     if not np.linalg.cond(S) < CROOKED:

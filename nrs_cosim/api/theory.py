@@ -4,7 +4,7 @@ from typing import Any
 
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
 
@@ -12,14 +12,14 @@ from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
 class Theory:
     """Conditions, convergence and bounds of a scenario; docs/theory.md derives each."""
 
-    __slots__ = ("_checked", "_promised", "bounds")
+    __slots__ = ("_bounds_of_run", "_checked", "bounds")
 
     def __init__(self, scenario: Scenario) -> None:
         experiment = scenario._experiment
         find = Sampling(experiment)
         self._checked = check_experiment(experiment, find)
-        self._promised = promises(experiment, self._checked.growth, find)
-        self.bounds: tuple[Bound, ...] = tuple(bounds(self._promised))
+        self._bounds_of_run = ultimate_bounds(experiment, self._checked.rho, find)
+        self.bounds: tuple[Bound, ...] = tuple(bounds(self._bounds_of_run))
         """What estimation and tracking errors come to in the long run, by quantity."""
 
     @property
@@ -39,7 +39,7 @@ class Theory:
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it, as `nrs check --json` prints it."""
-        return {**self._checked.as_json(), **self._promised.as_json()}
+        return {**self._checked.as_json(), **self._bounds_of_run.as_json()}
 
     def __repr__(self) -> str:
         """Return whether all conditions hold, and the spectral radius."""

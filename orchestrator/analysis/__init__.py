@@ -1,1 +1,1 @@
-"""What theory promises of a scenario, and whether a run kept to it."""
+"""Theory of an experiment: conditions, convergence, bounds; and a run beside them."""

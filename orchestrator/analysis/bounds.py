@@ -8,27 +8,30 @@ import numpy as np
 
 from nrs_cosim.estimator_agents.algorithm import modes
 from nrs_cosim.estimator_agents.target import Harmonic
-from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
-from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
+from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
+    worst_case_aperiodic,
+    worst_case_of_list,
+)
 from nrs_cosim.estimator_agents.theory.design import Design, design
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
-    Promise,
+    PaperBound,
     SteadyMotion,
-    promise,
-    sharp,
-    sharp_always,
+    paper_bound,
     steady_motion,
+    worst_case,
+    worst_case_always,
 )
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
-    growth_of,
     lasting,
     periods_of,
     recursions_of,
+    rho_of,
     spectra_of,
     why_unknown,
 )
@@ -43,15 +46,15 @@ class Tracking:
 
     paper: EstimateBounds | None
     """δ3 and δ4, or δ5 and δ6, of the paper's bounds on the estimates."""
-    sharp: EstimateBounds | None
-    """The same of sharp bounds on the estimates."""
-    proven: EstimateBounds | None
-    """What the proof holds of sharp bounds, where the paper's own step from V̇ does not follow."""
+    paper_of_worst_case: EstimateBounds | None
+    """The same of worst-case bounds on the estimates."""
+    worst_case: EstimateBounds | None
+    """What the proof holds of worst-case bounds, as the paper's step from V̇ does not follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Promises:
-    """What is promised of a run."""
+class UltimateBounds:
+    """What the errors of a run come to in the long run, at most."""
 
     gamma_1: float
     """sup ‖υ_0‖∞ (A1)"""
@@ -60,9 +63,9 @@ class Promises:
     source: str
     """What γ1 and γ2 are of, where that is no formula."""
     why_not: str
-    """Why nothing is promised of the estimates; empty where something is."""
+    """Why there are no bounds on the estimates; empty where there are."""
     aperiodic: bool
-    turning: bool
+    switching: bool
     """Whether digraphs take turns for ever."""
     recursions: list[Recursion]
     """Of each exchange, and the period in the middle between the longest and the shortest."""
@@ -72,13 +75,13 @@ class Promises:
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
-    sharp: EstimateBounds | None
-    paper: Promise | None
+    worst_case: EstimateBounds | None
+    paper: PaperBound | None
     robots: list[Bounded]
     tracking: Tracking
 
     @property
-    def exact(self) -> EstimateBounds | None:
+    def steady_state(self) -> EstimateBounds | None:
         """The largest that the estimates' errors come to, for this target."""
         return self.motion.bound if self.motion else None
 
@@ -88,7 +91,7 @@ class Promises:
         return any(part.sampled for part in self.robots)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the promises for JSON."""
+        """Return the bounds for JSON."""
         return {
             "gamma_1": finite(self.gamma_1),
             "gamma_2": finite(self.gamma_2),
@@ -96,27 +99,27 @@ class Promises:
             "why_not": self.why_not,
             "norms": _norms(self.paper) if self.paper else [],
             "estimates": {
-                "exact": pair_json(self.exact),
-                "sharp": pair_json(self.sharp),
+                "steady_state": pair_json(self.steady_state),
+                "worst_case": pair_json(self.worst_case),
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
             "plants": [_plant(part) for part in self.robots],
             "tracking": {
                 **{name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
-                "unproven": ["paper", "sharp"],
+                "unproven": ["paper", "paper_of_worst_case"],
             },
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What is promised of one quantity in the long run; None where nothing is."""
+    """The bounds of one quantity in the long run; None where there is none."""
 
     name: str
-    exact: float | None
+    steady_state: float | None
     """For the scenario's target."""
-    sharp: float | None
-    """For any target within γ1 and γ2; of tracking, what is proven of sharp estimates."""
+    worst_case: float | None
+    """For any target within γ1 and γ2; of tracking, what is proven of worst-case estimates."""
     paper: float | None
     sampled: bool = False
     """Whether it rests on P3 of some robots as it was sampled, and is no proven bound."""
@@ -124,21 +127,21 @@ class Bound:
     """Whether `paper` does not follow from the paper's proof, as its balls of tracking do not."""
 
 
-def bounds(promised: Promises) -> list[Bound]:
-    """Return the promises by quantity: errors of estimates, then of tracking."""
+def bounds(ultimate: UltimateBounds) -> list[Bound]:
+    """Return the bounds by quantity: errors of estimates, then of tracking."""
     estimates, tracking = (
         ("|eps - eps_0|inf", "|ups - ups_0|inf"),
         ("|q - eps_0|2", "|qd - ups_0|2"),
     )
-    paper, of_tracking = promised.paper.bound if promised.paper else None, promised.tracking
+    paper, of_tracking = ultimate.paper.bound if ultimate.paper else None, ultimate.tracking
     return [
-        *_rows(estimates, promised.exact, promised.sharp, paper),
+        *_rows(estimates, ultimate.steady_state, ultimate.worst_case, paper),
         *_rows(
             tracking,
             None,
-            of_tracking.proven,
+            of_tracking.worst_case,
             of_tracking.paper,
-            sampled=promised.sampled,
+            sampled=ultimate.sampled,
             unproven=True,
         ),
     ]
@@ -146,8 +149,8 @@ def bounds(promised: Promises) -> list[Bound]:
 
 def _rows(
     names: tuple[str, str],
-    exact: EstimateBounds | None,
-    sharpest: EstimateBounds | None,
+    steady_state: EstimateBounds | None,
+    worst: EstimateBounds | None,
     paper: EstimateBounds | None,
     *,
     sampled: bool = False,
@@ -155,7 +158,7 @@ def _rows(
 ) -> list[Bound]:
     """Return bounds of a pair of quantities, of positions and of velocities."""
     return [
-        Bound(name, _of(exact, part), _of(sharpest, part), _of(paper, part), sampled, unproven)
+        Bound(name, _of(steady_state, part), _of(worst, part), _of(paper, part), sampled, unproven)
         for name, part in zip(names, ("position", "velocity"), strict=True)
     ]
 
@@ -164,43 +167,43 @@ def _of(pair: EstimateBounds | None, part: str) -> float | None:
     return getattr(pair, part) if pair else None
 
 
-TRACKED = ("paper", "sharp", "proven")
+TRACKED = ("paper", "paper_of_worst_case", "worst_case")
 
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
-def promises(
-    experiment: Experiment, growth: Growth | None = None, find: Find | None = None
-) -> Promises:
-    """Return what is promised of a run of an experiment; its growth is found unless it is given.
+def ultimate_bounds(
+    experiment: Experiment, rho: RadiusBounds | None = None, find: Find | None = None
+) -> UltimateBounds:
+    """Return the bounds of an experiment; ρ is found unless it is given.
 
     `find` is as `plant_bounds` has it.
     """
     topologies, periods = experiment.topologies, periods_of(experiment)
     target, algorithm = experiment.target, experiment.algorithm
     middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
-    recursions = recursions_of(algorithm, topologies, periods.alike or middle)
+    recursions = recursions_of(algorithm, topologies, periods.constant_period or middle)
     recursion = lasting(recursions, topologies)
-    if growth is None:
-        growth = growth_of(algorithm, topologies, spectra_of(topologies), periods)
+    if rho is None:
+        rho = rho_of(algorithm, topologies, spectra_of(topologies), periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
-    why_not = _why_not(experiment, recursions, recursion, growth)
-    motion, sharpest, always, paper = None, None, None, None
-    if recursion is not None and not why_not and periods.alike is None:
+    why_not = _why_not(experiment, recursions, recursion, rho)
+    motion, worst, always, paper = None, None, None, None
+    if recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
-            both = sharp_of_list(recursion, periods.gaps, *whole, growth.factor)
+            both = worst_case_of_list(recursion, periods.gaps, *whole, rho.radius)
         if both is None:
             radius = spectral_radius(modes(algorithm, spectra_of(topologies)[-1], middle))
-            both = sharp_aperiodic(recursion, r, *whole, radius)
-        sharpest, always = both or (None, None)
+            both = worst_case_aperiodic(recursion, r, *whole, radius)
+        worst, always = both or (None, None)
     elif recursion is not None and not why_not:
-        radius = growth.factor
+        radius = rho.radius
         if isinstance(target, Harmonic):
             motion = steady_motion(recursion, target, radius)
-        sharpest = sharp(recursion, *whole, radius)
-        always = sharp_always(recursion, *whole, radius, sharpest)
-        paper = None if topologies.turning else promise(recursion, *whole)
+        worst = worst_case(recursion, *whole, radius)
+        always = worst_case_always(recursion, *whole, radius, worst)
+        paper = None if topologies.switching else paper_bound(recursion, *whole)
     tracking = Tracking(
         *(
             worst_tracking([_ball(way, part, estimates) for part in robots])
@@ -212,17 +215,17 @@ def promises(
         )
     )
     source = _source(experiment.scenario.target)
-    return Promises(
+    return UltimateBounds(
         *whole,
         source,
         why_not,
-        periods.alike is None,
-        topologies.turning,
+        periods.constant_period is None,
+        topologies.switching,
         recursions,
         1 if topologies.repeat else topologies.since[-1],
-        growth.factor,
+        rho.radius,
         motion,
-        sharpest,
+        worst,
         paper,
         robots,
         tracking,
@@ -246,16 +249,16 @@ def designed(
         return lasting(recursions_of(algorithm, topologies, h), topologies)
 
     def paper_of(h: float) -> EstimateBounds | None:
-        recursion = None if topologies.turning else recursion_at(h)
-        found = promise(recursion, *whole) if recursion else None
+        recursion = None if topologies.switching else recursion_at(h)
+        found = paper_bound(recursion, *whole) if recursion else None
         return found.bound if found else None
 
     def always(h: float) -> EstimateBounds | None:
         recursion = recursion_at(h)
-        radius = growth_of(algorithm, topologies, spectra, Periods((h,))).factor
+        radius = rho_of(algorithm, topologies, spectra, Periods((h,))).radius
         if recursion is None or not radius < 1:
             return None
-        return sharp_always(recursion, *whole, radius, sharp(recursion, *whole, radius))
+        return worst_case_always(recursion, *whole, radius, worst_case(recursion, *whole, radius))
 
     return design(known, wanted, epsilon, paper_of, always)
 
@@ -272,29 +275,29 @@ def _why_not(
     experiment: Experiment,
     recursions: list[Recursion],
     lasting: Recursion | None,
-    growth: Growth,
+    rho: RadiusBounds,
 ) -> str:
     topologies, periods = experiment.topologies, periods_of(experiment)
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
         "links have faults, and the theory is of links without": experiment.links is not None,
-        why_unknown(experiment.algorithm, topologies, periods): isnan(growth.upper),
+        why_unknown(experiment.algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
-        _not_converging(growth): growth.verdict != "proven",
+        _not_converging(rho): rho.status != "proven",
         "the algorithm does not jump linearly": not recursions,
         "a period of turns is too long for bounds on so many robots": lasting is None,
         "of digraphs in turn there are bounds at periodic sampling times alone": (
-            topologies.turning and periods.alike is None
+            topologies.switching and periods.constant_period is None
         ),
     }
     return next((why for why, so in reasons.items() if so), "")
 
 
-def _not_converging(growth: Growth) -> str:
+def _not_converging(rho: RadiusBounds) -> str:
     """Return why it is not proven that the estimates converge."""
-    if growth.verdict == "not decided":
+    if rho.status == "not decided":
         return "it is not decided whether the estimates converge under every jitter"
-    if growth.lower < growth.upper:
+    if rho.lower < rho.upper:
         return "under some jitter the estimates diverge"
     return "the estimates diverge"
 
@@ -313,7 +316,7 @@ def pair_json(pair: EstimateBounds | None) -> dict[str, float | None] | None:
     return {"position": finite(pair.position), "velocity": finite(pair.velocity)}
 
 
-def _norms(paper: Promise) -> list[dict[str, Any]]:
+def _norms(paper: PaperBound) -> list[dict[str, Any]]:
     found = [("A", paper.norm, paper.kappa), ("P", paper.velocity_norm, paper.velocity_kappa)]
     return [
         {

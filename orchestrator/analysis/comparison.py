@@ -1,13 +1,13 @@
-"""After a run: what was measured beside what was promised, quantity by quantity.
+"""After a run: what was measured beside the bounds, quantity by quantity.
 
-The promises are of t → ∞. At t_k there is also what is left of the beginning: z(t_1) after so many
+The bounds are of t → ∞. At t_k there is also what is left of the beginning: z(t_1) after so many
 jumps and flows, with z = x − what x settles to for the run's target. So ‖x(t_k)‖∞ is beyond what is
 proven when it is more than the bound for this target and the largest such rest of the last fifth
 together. z also has the measured factor: the mean by which ‖z‖∞ shrinks at a sampling time, over
 the second half of the ticks until it is lost in rounding. Where it is not known what x settles to,
 z = x: at any t_k the rest of x(t_k) is within the bound for any target. There is no factor then.
 What is left of the robots' own beginning is not known: while the estimates converge, tracking
-beyond its bound is not judged.
+beyond its bound is not compared.
 """
 
 from collections.abc import Iterator
@@ -20,20 +20,20 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.analysis.bounds import Bound, Promises, bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, errors_by_tick
 
 Array = NDArray[np.float64]
-Verdict = Literal["within", "exceeds", "unknown"]
+AgainstBound = Literal["within", "exceeds", "unknown"]
 Status = Literal["within", "transient", "exceeded", "unproven", "not measured"]
 PAPER = "paper"
 
 SLACK = 1e-6
 """Relative: how far a measurement may be above a bound by rounding."""
-SETTLED = 1e-3
+NEGLIGIBLE = 1e-3
 """The part of an error that the beginning may have without being told of."""
 LOST = 1e-9
 """Of the first error: what is below may be rounding."""
@@ -46,7 +46,7 @@ LONGEST = 200_000
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class ComparedQuantity:
     """One quantity of a run."""
 
     bound: Bound
@@ -54,9 +54,9 @@ class Judged:
     """None where nothing was recorded."""
     tick: int
     """The last sampling time up to when it was reached, k."""
-    rest: float | None
+    transient: float | None
     """What is left of the beginning, at most, in the last fifth; None where that is not known."""
-    verdict: Verdict
+    against_bound: AgainstBound
     rounding: float = 0.0
     """What of it may be rounding, or a plant's tolerance."""
 
@@ -69,9 +69,9 @@ class Judged:
         """
         if self.measured is None:
             return "not measured"
-        if self.verdict == "exceeds":
+        if self.against_bound == "exceeds":
             return "exceeded"
-        if self.verdict == "unknown":
+        if self.against_bound == "unknown":
             return "unproven"
         return "transient" if {*self.above} - {PAPER} else "within"
 
@@ -79,29 +79,29 @@ class Judged:
     def bounds(self) -> dict[str, float | None]:
         """The bounds of the long run, by the names that all outputs have for them."""
         b = self.bound
-        return {"this target": b.exact, "any target": b.sharp, PAPER: b.paper}
+        return {"steady_state": b.steady_state, "worst_case": b.worst_case, PAPER: b.paper}
 
     @property
     def above(self) -> tuple[str, ...]:
         """The names of the bounds that were passed."""
         if self.measured is None:
             return ()
-        most = (self.measured - self.rounding) / (1 + SETTLED)
+        most = (self.measured - self.rounding) / (1 + NEGLIGIBLE)
         return tuple(
             law for law, bound in self.bounds.items() if bound is not None and most > bound
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class TheoryComparison:
     """A run beside the theory."""
 
     why_not: str
     """Why the theory says nothing of the estimates; empty where it does."""
-    quantities: tuple[Judged, ...]
-    factor: float | None
+    quantities: tuple[ComparedQuantity, ...]
+    spectral_radius: float | None
     """ρ"""
-    measured_factor: float | None
+    measured_radius: float | None
     """What it was in the run; None where too little was recorded."""
     untracked: str = ""
     """Why there are no bounds on tracking; empty where there are."""
@@ -109,12 +109,12 @@ class Judgement:
     @property
     def left(self) -> float | None:
         """What is left of the beginning, at most; None where that is no part worth telling."""
-        rest = max((row.rest or 0.0 for row in self.quantities), default=0.0)
+        transient = max((row.transient or 0.0 for row in self.quantities), default=0.0)
         most = max((row.measured or 0.0 for row in self.quantities), default=0.0)
-        return rest if rest > SETTLED * most else None
+        return transient if transient > NEGLIGIBLE * most else None
 
     def as_json(self) -> dict[str, Any]:
-        """Return the judgement for JSON."""
+        """Return the comparison for JSON."""
         rows = [
             {
                 "name": row.bound.name,
@@ -123,7 +123,7 @@ class Judgement:
                 "bounds": {law: finite(bound) for law, bound in row.bounds.items()},
                 "sampled": row.bound.sampled,
                 "unproven": [PAPER] if row.bound.unproven else [],
-                "transient": None if row.rest is None else finite(row.rest),
+                "transient": None if row.transient is None else finite(row.transient),
                 "rounding": finite(row.rounding),
                 "status": row.status,
                 "above": list(row.above),
@@ -134,13 +134,15 @@ class Judgement:
 
 
 @np.errstate(all="ignore")  # what is not finite is told as such
-def judge(reader: Reader, experiment: Experiment, measured: SteadyState) -> Judgement:
-    """Return a recording's measurements beside the promises of its experiment."""
+def compare_to_theory(
+    reader: Reader, experiment: Experiment, measured: SteadyState
+) -> TheoryComparison:
+    """Return a recording's measurements beside the bounds of its experiment."""
     try:
-        promised = promises(experiment)
+        ultimate = ultimate_bounds(experiment)
     except InputError as error:  # its algorithm is not installed here
-        return Judgement(str(error), (), None, None)
-    rest, peak, factor = _beginning(reader, experiment, promised)
+        return TheoryComparison(str(error), (), None, None)
+    transient, peak, spectral_radius = _beginning(reader, experiment, ultimate)
     clock = experiment.clock
     found = (
         measured.position_estimate,
@@ -151,9 +153,9 @@ def judge(reader: Reader, experiment: Experiment, measured: SteadyState) -> Judg
     of_estimates = ROUNDING * (measured.size + peak)
     of_robots = of_estimates + TOLERANCE * measured.size
     lost = (of_estimates, of_estimates, of_robots, of_robots)
-    rows = zip(bounds(promised), found, measured.times_ns, rest, lost, strict=True)
+    rows = zip(bounds(ultimate), found, measured.times_ns, transient, lost, strict=True)
     quantities = [
-        Judged(
+        ComparedQuantity(
             bound,
             value,
             clock.since(at + 1) - 1,
@@ -163,55 +165,58 @@ def judge(reader: Reader, experiment: Experiment, measured: SteadyState) -> Judg
         )
         for which, (bound, value, at, left, rounding) in enumerate(rows)
     ]
-    why = next((part.why for part in promised.robots if part.why), "")
+    why = next((part.why for part in ultimate.robots if part.why), "")
     estimates, tracking = quantities[:2], quantities[2:]
-    if any((row.rest or 0.0) > SETTLED * (row.measured or 0.0) for row in estimates):
+    if any((row.transient or 0.0) > NEGLIGIBLE * (row.measured or 0.0) for row in estimates):
         tracking = [
-            replace(row, verdict="unknown") if row.verdict == "exceeds" else row for row in tracking
+            replace(row, against_bound="unknown") if row.against_bound == "exceeds" else row
+            for row in tracking
         ]
-    return Judgement(
-        promised.why_not, (*estimates, *tracking), finite(promised.radius), factor, why
+    return TheoryComparison(
+        ultimate.why_not, (*estimates, *tracking), finite(ultimate.radius), spectral_radius, why
     )
 
 
-def _verdict(bound: Bound, measured: float | None, rest: float | None, rounding: float) -> Verdict:
-    proven = bound.exact if bound.exact is not None else bound.sharp
-    if measured is None or proven is None or rest is None:
+def _verdict(
+    bound: Bound, measured: float | None, transient: float | None, rounding: float
+) -> AgainstBound:
+    proven = bound.steady_state if bound.steady_state is not None else bound.worst_case
+    if measured is None or proven is None or transient is None:
         return "unknown"
-    return "within" if measured <= (proven + rest) * (1 + SLACK) + rounding else "exceeds"
+    return "within" if measured <= (proven + transient) * (1 + SLACK) + rounding else "exceeds"
 
 
 def _beginning(
-    reader: Reader, experiment: Experiment, promised: Promises
+    reader: Reader, experiment: Experiment, ultimate: UltimateBounds
 ) -> tuple[tuple[float | None, ...], float, float | None]:
     """Return the rest of the beginning for each quantity, its peak, and the measured factor.
 
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
-    motion = promised.motion
-    if motion is None and promised.sharp is None:
+    motion = ultimate.motion
+    if motion is None and ultimate.worst_case is None:
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None
-    since = promised.since
+    since = ultimate.since
     story = (one for one in errors_by_tick(reader, experiment.target_at) if one[0] >= since)
     first = next(story, None)
     if first is None or first[0] != since:
         return (None,) * 4, 0.0, None
     z = first[1] if motion is None else first[1] - motion.at(since)
-    left = _left(promised, experiment, z, reader.ticks)
+    left = _left(ultimate, experiment, z, reader.ticks)
     if left is None:
         return (None,) * 4, 0.0, None
-    *rest, peak = left
+    *transient, peak = left
     if motion is None:
-        return (*rest, 0.0, 0.0), peak, None
+        return (*transient, 0.0, 0.0), peak, None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
-    period = sum(ticks for _, ticks in experiment.topologies.turns()) or 1
-    return (*rest, 0.0, 0.0), peak, _factor(aside, period)
+    period = sum(ticks for _, ticks in experiment.topologies.phases()) or 1
+    return (*transient, 0.0, 0.0), peak, _factor(aside, period)
 
 
 def _left(
-    promised: Promises, experiment: Experiment, z: Array, end: int
+    ultimate: UltimateBounds, experiment: Experiment, z: Array, end: int
 ) -> tuple[float, float, float] | None:
     """Return what is left of a z in the last fifth, at most: positions and velocities, ‖·‖∞.
 
@@ -220,12 +225,12 @@ def _left(
     """
     clock, topologies = experiment.clock, experiment.topologies
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)
-    if end > LONGEST or fifth < promised.since:
+    if end > LONGEST or fifth < ultimate.since:
         return None
     shape, most = z.shape, np.zeros(2)
-    x, jumps = z.reshape(-1, shape[2]), [one.jump for one in promised.recursions]
+    x, jumps = z.reshape(-1, shape[2]), [one.jump for one in ultimate.recursions]
     n, least, peak = shape[1], LOST**2 * np.abs(x).max(), 0.0
-    for k in range(promised.since, end + 1):
+    for k in range(ultimate.since, end + 1):
         if k >= fifth:
             most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
         peak = max(peak, float(np.abs(x).max()))

@@ -9,22 +9,28 @@ import numpy as np
 
 from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, expect_modes
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.orchestrator.analysis.convergence import (
-    growth_of,
     merged,
     periods_of,
     recursions_of,
+    rho_of,
     spectra_of,
     why_unknown,
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
-from nrs_cosim.orchestrator.analysis.switching import AnyOrder, Heard, Phase, any_order_of, turns_of
+from nrs_cosim.orchestrator.analysis.switching import (
+    AnyOrder,
+    DigraphAnalysis,
+    Phase,
+    any_order_of,
+    phases_of,
+)
 from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
@@ -35,14 +41,14 @@ OF_PERIOD = "sampling_period"
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """The theory's verdict on a scenario."""
+    """Conditions and convergence of an experiment."""
 
     algorithm: str
     parameters: Mapping[str, Any]
     """Of the algorithm, by name."""
     spectrum: list[tuple[float, float]]
     """Eigenvalues of D, (real, imaginary), by real then imaginary part; of all digraphs."""
-    growth: Growth
+    rho: RadiusBounds
     """Of the estimation error."""
     why: str
     """Why that is not known, where it is not a number."""
@@ -52,7 +58,7 @@ class Check:
     """What Theorem 3 bounds a constant period by, s; None for an algorithm that has no such."""
     conditions: tuple[Condition, ...]
     """For all digraphs: where there are turns, of the one that is nearest to its bound."""
-    turns: tuple[Phase, ...]
+    phases: tuple[Phase, ...]
     repeat: int | None
     """After how many ticks the turns come again."""
     any_order: AnyOrder | None
@@ -60,28 +66,28 @@ class Check:
     recursion: Recursion | None
     """Of all ticks; None where it is not one, or the jump is not linear."""
     faulty: bool
-    """Whether links have faults, which the growth knows nothing of."""
+    """Whether links have faults, which ρ knows nothing of."""
 
     @property
     def network(self) -> NetworkSummary | None:
         """The only digraph; None where there are several."""
-        heard = [digraph for turn in self.turns for digraph in turn.digraphs]
+        heard = [digraph for phase in self.phases for digraph in phase.digraphs]
         return heard[0].network if len(heard) == 1 else None
 
     @property
     def spanning_tree(self) -> bool:
         """Assumption A2: directed paths lead from the target to every robot, at each tick."""
-        return all(heard.network.spanning_tree for turn in self.turns for heard in turn.digraphs)
+        return all(heard.network.spanning_tree for phase in self.phases for heard in phase.digraphs)
 
     @property
     def spectral_radius(self) -> float:
         """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
-        return self.growth.factor
+        return self.rho.radius
 
     @property
     def whole_spectrum(self) -> bool:
         """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
-        return all(_is_whole(heard) for turn in self.turns for heard in turn.digraphs)
+        return all(_is_whole(heard) for phase in self.phases for heard in phase.digraphs)
 
     @property
     def rate(self) -> float:
@@ -97,14 +103,14 @@ class Check:
     @property
     def millionth(self) -> float | None:
         """s, from the beginning, until any error is a millionth of it; None where not known."""
-        if self.recursion is None or not self.growth.upper < 1:
+        if self.recursion is None or not self.rho.upper < 1:
             return None
         ticks = ticks_until(self.recursion, 1e-6)
         return None if ticks is None else ticks * self.recursion.h
 
     @np.errstate(all="ignore")
     def as_json(self) -> dict[str, Any]:
-        """Return the verdict for JSON, with each condition's margin and whether it holds."""
+        """Return the analysis for JSON, with each condition's margin and whether it holds."""
         result: dict[str, Any] = {
             "algorithm": self.algorithm,
             "parameters": {**self.parameters},
@@ -123,15 +129,15 @@ class Check:
             "settling_time": None if self.faulty else finite(self.settling_time),
             "millionth": None if self.faulty else self.millionth,
         }
-        if self.periods.alike is None:
+        if self.periods.constant_period is None:
             result["aperiodic"] = {
                 "shortest": self.periods.shortest,
                 "longest": self.periods.longest,
-                **_bounds(self.growth),
-                "verdict": self.growth.verdict,
+                **_bounds(self.rho),
+                "status": self.rho.status,
             }
         if self.network is None:
-            result["topologies"] = [_phase_json(turn) for turn in self.turns]
+            result["topologies"] = [_phase_json(phase) for phase in self.phases]
         if self.any_order:
             order = {**asdict(self.any_order), "order": list(self.any_order.order)}
             result["switching"] = {"repeat": self.repeat, "any_order": order}
@@ -141,11 +147,11 @@ class Check:
     def convergence(self) -> Literal["converges", "diverges", "unknown"]:
         """Whether the estimates converge over the links that the scenario has.
 
-        Of links with faults it is not known: the growth and the conditions are of links without.
+        Of links with faults it is not known: ρ and the conditions are of links without.
         """
-        if self.faulty or isnan(self.growth.upper):
+        if self.faulty or isnan(self.rho.upper):
             return "unknown"
-        if self.growth.upper < 1:
+        if self.rho.upper < 1:
             return "converges"
         return "diverges" if self.spectral_radius >= 1 else "unknown"
 
@@ -168,16 +174,16 @@ class Check:
                 f"the estimates diverge: their error grows by a factor of "
                 f"{multiple(self.spectral_radius)} at each sampling time"
             )
-        elif self.growth.lower >= 1:
+        elif self.rho.lower >= 1:
             unmet.append(
                 f"some jitter lets the estimates diverge: their error grows by a factor of "
-                f"{multiple(self.growth.lower)} at each sampling time"
+                f"{multiple(self.rho.lower)} at each sampling time"
             )
-        elif self.growth.upper >= 1:
+        elif self.rho.upper >= 1:
             unmet.append(
                 f"it is not decided whether the estimates converge under every jitter: at worst "
-                f"their error is multiplied by {multiple(self.growth.lower)} to "
-                f"{multiple(self.growth.upper)} at each sampling time"
+                f"their error is multiplied by {multiple(self.rho.lower)} to "
+                f"{multiple(self.rho.upper)} at each sampling time"
             )
         return unmet
 
@@ -198,21 +204,23 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         algorithm=experiment.scenario.algorithm.name,
         parameters=experiment.scenario.algorithm.parameters,
         spectrum=_pairs(spectrum),
-        growth=growth_of(algorithm, topologies, spectra, periods),
+        rho=rho_of(algorithm, topologies, spectra, periods),
         why=why_unknown(algorithm, topologies, periods),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(bounds, default=None),
         conditions=(
-            *(c for c in own if periods.alike is not None or c.name != OF_PERIOD),
+            *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
             *demands(algorithm, periods.longest, *experiment.target.bounds()),
             *_gain_conditions(experiment),
             *tracking_conditions(experiment, find),
         ),
-        turns=turns_of(algorithm, topologies, spectra, periods),
+        phases=phases_of(algorithm, topologies, spectra, periods),
         repeat=topologies.repeat,
         any_order=any_order_of(algorithm, topologies, periods),
         periods=periods,
-        recursion=recursions[0] if len(recursions) == 1 and periods.alike is not None else None,
+        recursion=recursions[0]
+        if len(recursions) == 1 and periods.constant_period is not None
+        else None,
         faulty=experiment.links is not None,
     )
 
@@ -226,12 +234,12 @@ def _pairs(spectrum: Spectrum) -> list[tuple[float, float]]:
     return [(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)]
 
 
-def _is_whole(heard: Heard) -> bool:
+def _is_whole(heard: DigraphAnalysis) -> bool:
     return len(heard.spectrum) == sum(map(len, heard.network.components))
 
 
-def _bounds(growth: Growth) -> dict[str, float | None]:
-    return {"lower": finite(growth.lower), "upper": finite(growth.upper)}
+def _bounds(rho: RadiusBounds) -> dict[str, float | None]:
+    return {"lower": finite(rho.lower), "upper": finite(rho.upper)}
 
 
 def _condition_json(condition: Condition) -> dict[str, Any]:
@@ -247,13 +255,13 @@ def _condition_json(condition: Condition) -> dict[str, Any]:
     }
 
 
-def _phase_json(turn: Phase) -> dict[str, Any]:
+def _phase_json(phase: Phase) -> dict[str, Any]:
     """Return what is said of a turn by itself, for JSON."""
     return {
-        "from": turn.since,
-        "spectral_radius": finite(turn.growth.factor),
-        **_bounds(turn.growth),
-        "conditions": [_condition_json(condition) for condition in turn.conditions],
+        "from": phase.since,
+        "spectral_radius": finite(phase.rho.radius),
+        **_bounds(phase.rho),
+        "conditions": [_condition_json(condition) for condition in phase.conditions],
         "digraphs": [
             {
                 "of": heard.of,
@@ -263,7 +271,7 @@ def _phase_json(turn: Phase) -> dict[str, Any]:
                 "spanning_tree": heard.network.spanning_tree,
                 "network": asdict(heard.network),
             }
-            for heard in turn.digraphs
+            for heard in phase.digraphs
         ],
     }
 

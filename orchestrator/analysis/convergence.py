@@ -12,13 +12,13 @@ import numpy as np
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, modes
-from nrs_cosim.estimator_agents.theory.aperiodic import Growth, Periods, growth
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds, radius_bounds
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
-from nrs_cosim.estimator_agents.theory.switching import period, period_factor
+from nrs_cosim.estimator_agents.theory.switching import period, period_radius
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
-UNKNOWN = Growth(float("nan"), float("nan"))
+UNKNOWN = RadiusBounds(float("nan"), float("nan"))
 
 
 def periods_of(experiment: Experiment) -> Periods:
@@ -45,8 +45,8 @@ def recursions_of(algorithm: Algorithm, topologies: TopologySchedule, h: float) 
 
 def lasting(recursions: Sequence[Recursion], topologies: TopologySchedule) -> Recursion | None:
     """Return the recursion of the long run: of a period of turns, or of the last; None for none."""
-    if topologies.turning and recursions:
-        return period(recursions, topologies.turns())
+    if topologies.switching and recursions:
+        return period(recursions, topologies.phases())
     return recursions[-1] if recursions else None
 
 
@@ -56,32 +56,34 @@ def for_any_periods(algorithm: Algorithm) -> bool:
     return found is not None and not any(part[1, 0] for part in found)
 
 
-def growth_of(
+def rho_of(
     algorithm: Algorithm, topologies: TopologySchedule, spectra: Sequence[Spectra], periods: Periods
-) -> Growth:
+) -> RadiusBounds:
     """Return bounds on the factor, from the eigenvalues of each D."""
-    if not topologies.turning:
-        return growth_alone(algorithm, spectra[-1], periods)
-    if linear_jump(algorithm) is None or (periods.alike is None and not for_any_periods(algorithm)):
+    if not topologies.switching:
+        return rho_alone(algorithm, spectra[-1], periods)
+    if linear_jump(algorithm) is None or (
+        periods.constant_period is None and not for_any_periods(algorithm)
+    ):
         return UNKNOWN
     recursions = recursions_of(algorithm, topologies, periods.mean)
-    factor = period_factor(recursions, topologies.turns())
-    return Growth(factor, factor)
+    radius = period_radius(recursions, topologies.phases())
+    return RadiusBounds(radius, radius)
 
 
-def growth_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> Growth:
+def rho_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> RadiusBounds:
     """Return bounds on the factor of one digraph, or of two, which then no period matters to."""
-    if periods.alike is None and len(spectra) == 1:
-        return growth(algorithm, spectra[0], periods)
+    if periods.constant_period is None and len(spectra) == 1:
+        return radius_bounds(algorithm, spectra[0], periods)
     radius = spectral_radius(modes(algorithm, spectra, periods.mean))
-    return Growth(radius, radius)
+    return RadiusBounds(radius, radius)
 
 
 def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Periods) -> str:
     """Return why there is no factor, where there is none."""
     if linear_jump(algorithm) is None:
         return "the algorithm does not jump linearly"
-    if topologies.turning and periods.alike is None and not for_any_periods(algorithm):
+    if topologies.switching and periods.constant_period is None and not for_any_periods(algorithm):
         return "of digraphs in turn at times that are not periodic it is not computed"
     return "it is not found: of so large digraphs in turn, or numbers out of all proportion"
 

@@ -2,7 +2,7 @@
 
 P3 is known of bundled models alone. Of another FMU it can be sampled from outside, which never
 tells the worst: what rests on that is marked, and not proven. `nrs check` samples; a run and what
-is said after it do not, and promise nothing of tracking then.
+is said after it do not, and no bound on tracking then.
 """
 
 from collections import defaultdict
@@ -30,7 +30,7 @@ Find = Callable[[Plant, int], Bounds | str]
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """Robots of which the same can be promised."""
+    """Robots with the same bounds."""
 
     robots: tuple[int, ...]
     plant: str
@@ -49,16 +49,16 @@ class Bounded:
 
 
 def plant_bounds(experiment: Experiment, find: Find | None = None) -> list[Bounded]:
-    """Return an experiment's robots, those together of which the same can be promised.
+    """Return an experiment's robots, those together that have the same bounds.
 
     P3 of an FMU that is not bundled is what `find` finds.
     """
     own = {robot.id: _table(robot) for robot in experiment.scenario.robots}
-    none, alike = _table(Robot(id=1)), defaultdict[str, list[int]](list)
+    none, constant_period = _table(Robot(id=1)), defaultdict[str, list[int]](list)
     for number in range(1, experiment.n + 1):
-        alike[own.get(number, none)].append(number)
+        constant_period[own.get(number, none)].append(number)
     whole = experiment.target.bounds()
-    return [_bounded(experiment, robots, whole, find) for robots in alike.values()]
+    return [_bounded(experiment, robots, whole, find) for robots in constant_period.values()]
 
 
 def _table(robot: Robot) -> str:

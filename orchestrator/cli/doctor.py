@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.bus.network.certificate_check import Verdict, vet
+from nrs_cosim.bus.network.certificate_check import CertificateStatus, vet
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Address
 from nrs_cosim.bus.network.loopback import try_loopback
@@ -32,7 +32,7 @@ class Symptom:
 
     topic: str
     name: str
-    verdict: Verdict
+    status: CertificateStatus
     text: str
 
 
@@ -45,7 +45,7 @@ class Diagnosis:
     @property
     def fit(self) -> bool:
         """Whether nothing fails."""
-        return all(symptom.verdict != "fails" for symptom in self.symptoms)
+        return all(symptom.status != "fails" for symptom in self.symptoms)
 
     def as_json(self) -> dict[str, Any]:
         """Return the symptoms for JSON."""
@@ -66,8 +66,8 @@ def _symptoms(addresses: Sequence[Address], tls: Tls | None) -> Iterator[Symptom
     for address in addresses:
         yield _tried("listen", address.text, partial(_try_listening, address))
     if tls is not None:
-        for name, verdict, text in vet(tls):
-            yield Symptom("certificates", name, verdict, text)
+        for name, status, text in vet(tls):
+            yield Symptom("certificates", name, status, text)
     elif any(address.protocol == "tls" for address in addresses):
         said = "none are given; give --tls-ca, --tls-certificate and --tls-key"
         yield Symptom("certificates", "files", "fails", said)
@@ -85,7 +85,7 @@ def _tried(topic: str, name: str, trial: Callable[[], str]) -> Symptom:
 def _try_plant() -> str:
     checked = check(CheckTask(find_archive(MODEL, Path())))
     for finding in checked.findings:
-        if finding.verdict == "fails":
+        if finding.status == "fails":
             raise CosimError(f"{MODEL}: {finding.name}: {finding.text}")
     return f"{version('fmpy')} loads and steps {MODEL}"
 

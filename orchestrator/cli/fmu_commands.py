@@ -129,12 +129,12 @@ def fmu_from_urdf(
         checked = check_built(CheckTask(open_archive(built, str(output))))
     wrong = False
     for finding in checked.findings:
-        if finding.verdict == "fails" and finding.name not in _STIFF_TOO:
+        if finding.status == "fails" and finding.name not in _STIFF_TOO:
             wrong = True
             said = f"its FMU is not written, for {finding.name!r} does not hold: {finding.text}"
             say("red", "error", f"{urdf}: {said}")
-        elif finding.verdict in {"fails", "unknown"}:
-            held = "was not checked for" if finding.verdict == "unknown" else "does not pass"
+        elif finding.status in {"fails", "unknown"}:
+            held = "was not checked for" if finding.status == "unknown" else "does not pass"
             said = f"its FMU {held} {finding.name!r}: {finding.text}"
             say("yellow", "warning", f"{urdf}: {said}")
     if wrong:

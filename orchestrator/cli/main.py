@@ -104,7 +104,7 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
         print_json(result.as_json())
         return
     grid(out, result.lines())
-    summary_text.judgement(out, result.judged)
+    summary_text.theory_comparison(out, result.theory)
     for damage in reader.damage:
         say("yellow", "damage", damage)
 
@@ -201,7 +201,7 @@ def check(
         tuple[float, float] | None,
         typer.Option(
             metavar="POSITION VELOCITY",
-            help="Find gains and a period that promise tracking errors of so many rad and rad/s.",
+            help="Find gains and a period proven to give tracking errors of so many rad and rad/s.",
         ),
     ] = None,
     share: Annotated[
@@ -220,13 +220,13 @@ def check(
         ),
     ] = False,
 ) -> None:
-    """Say what the theory promises for a scenario, and whether its plants can be opened."""
+    """Say what theory proves of a scenario, and whether its plants can be opened."""
     if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
         raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-    from nrs_cosim.orchestrator.analysis.bounds import bounds, designed, promises
+    from nrs_cosim.orchestrator.analysis.bounds import bounds, designed, ultimate_bounds
     from nrs_cosim.orchestrator.analysis.conditions import check as theory_of
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
     from nrs_cosim.orchestrator.cli import summary_text
@@ -250,18 +250,18 @@ def check(
         begin("whether the estimates converge")
         checked = theory_of(experiment, find)
         begin("bounds of the long run")
-        promised = promises(experiment, checked.growth, find)
+        ultimate = ultimate_bounds(experiment, checked.rho, find)
         if wanted:
             begin("gains and a period for the accuracy")
         found = designed(experiment, wanted, share, find) if wanted else None
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
-        print_json({**checked.as_json(), **promised.as_json(), **design})
+        print_json({**checked.as_json(), **ultimate.as_json(), **design})
     else:
-        summary_text.theory_table(out, checked, promised, bounds(promised))
+        summary_text.theory_table(out, checked, ultimate, bounds(ultimate))
         if wanted:
-            summary_text.gains_table(out, found, wanted, sampled=promised.sampled)
-    unmet = unmet_of(checked, promised) if strict else []
+            summary_text.gains_table(out, found, wanted, sampled=ultimate.sampled)
+    unmet = unmet_of(checked, ultimate) if strict else []
     for line in unmet:
         say("red", "strict", line)
     raise typer.Exit(FAILED if unmet else 0)

@@ -1,4 +1,4 @@
-"""What a person sees in a terminal: a run's summary, the theory's verdict."""
+"""What a person sees in a terminal: a run's summary, the analysis of an experiment."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Column
 
 from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
-from nrs_cosim.orchestrator.cli.theory_text import grounds, verdict
+from nrs_cosim.orchestrator.cli.theory_text import bound_rows, convergence_rows
 from nrs_cosim.orchestrator.scenario.robot_ids import decimals
 from nrs_cosim.orchestrator.terminal import prose
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.estimator_agents.theory.design import Design, Gains
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-    from nrs_cosim.orchestrator.analysis.bounds import Bound, Promises
-    from nrs_cosim.orchestrator.analysis.comparison import Judged, Judgement
+    from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds
+    from nrs_cosim.orchestrator.analysis.comparison import ComparedQuantity, TheoryComparison
     from nrs_cosim.orchestrator.analysis.conditions import Check
     from nrs_cosim.orchestrator.cli.doctor import Diagnosis
     from nrs_cosim.orchestrator.engine.run import Profile
     from nrs_cosim.orchestrator.replay.diff import Comparison
     from nrs_cosim.plant_fmu.checking.findings import FmuCheck
 
-_VERDICTS = {
+_MARKS = {
     "holds": "[green]holds[/]",
     "fails": "[red]does not hold[/]",
     "unknown": "[yellow]unknown[/]",
@@ -34,17 +34,17 @@ _VERDICTS = {
     "ok": "[green]ok[/]",
     "warning": "[yellow]warning[/]",
 }
-_BOUNDS = ("this target", "any target", "paper")
+_BOUNDS = ("steady state", "worst case", "paper")
 
 NEAR = 0.01
-"""By how much a measured factor may differ without a word."""
+"""By how much a measured spectral radius may differ without a word."""
 
 
 def theory_table(
-    console: Console, checked: "Check", promised: "Promises", rows: "Sequence[Bound]"
+    console: Console, checked: "Check", ultimate: "UltimateBounds", rows: "Sequence[Bound]"
 ) -> None:
-    """Show the theory's verdict on a scenario."""
-    grid(console, verdict(checked) | grounds(promised))
+    """Show the analysis of an experiment."""
+    grid(console, convergence_rows(checked) | bound_rows(ultimate))
     console.print()
     if checked.faulty:
         prose(console, "conditions are of links without faults")
@@ -74,37 +74,37 @@ def _condition(c: "Condition") -> tuple[str, ...]:
 def _bounds(row: "Bound") -> tuple[str, ...]:
     """Return a row of bounds."""
     name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
-    return name, _number(row.exact), _number(row.sharp), _stated(row)
+    return name, _number(row.steady_state), _number(row.worst_case), _stated(row)
 
 
-def judgement(console: Console, judged: "Judgement") -> None:
-    """Show a run's measurements beside the theory's promises, and whether they are kept."""
-    if judged.why_not:
-        grid(console, {"theory": f"says nothing of this run: {judged.why_not}"})
+def theory_comparison(console: Console, compared: "TheoryComparison") -> None:
+    """Show a run's measurements beside the theory's bounds, and its status."""
+    if compared.why_not:
+        grid(console, {"theory": f"says nothing of this run: {compared.why_not}"})
         return
     rows = []
-    for row in judged.quantities:
+    for row in compared.quantities:
         bound = row.bound
-        numbers = map(_number, (row.measured, bound.exact, bound.sharp))
+        numbers = map(_number, (row.measured, bound.steady_state, bound.worst_case))
         rows.append((bound.name, *numbers, _stated(bound), _status(row)))
-    if judged.measured_factor is not None and judged.factor is not None:
-        factors = (f"{judged.measured_factor:.4f}", f"{judged.factor:.4f}")
-        rows.append(("factor", *factors, "", "", "each tick"))
+    if compared.measured_radius is not None and compared.spectral_radius is not None:
+        radii = (f"{compared.measured_radius:.4f}", f"{compared.spectral_radius:.4f}")
+        rows.append(("rho", *radii, "", "", "each tick"))
     table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), rows)
-    grid(console, _beside(judged))
+    grid(console, _beside(compared))
 
 
-def _status(row: "Judged") -> str:
+def _status(row: "ComparedQuantity") -> str:
     """Show whether a measurement is within what is proven."""
     where = f", at k = {row.tick}" if row.status == "exceeded" else ""
     colour = {"within": "green", "exceeded": "red"}.get(row.status, "yellow")
     return f"[{colour}]{row.status}{where}[/]"
 
 
-def _beside(judged: "Judgement") -> dict[str, str]:
+def _beside(compared: "TheoryComparison") -> dict[str, str]:
     """Return lines on what is above a bound of the long run and yet breaks none."""
-    rows, left = {}, judged.left
-    known = [row for row in judged.quantities if row.status != "exceeded"]
+    rows, left = {}, compared.left
+    known = [row for row in compared.quantities if row.status != "exceeded"]
     over = [row for row in known if {*row.above} - {"paper"}]
     loose = [row.bound.name for row in known if row.above == ("paper",)]
     if left is not None or over:
@@ -115,13 +115,13 @@ def _beside(judged: "Judgement") -> dict[str, str]:
         )
         above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
         rows["transient"] = f"{begun}{above}"
-    if judged.untracked:
-        rows["bounds"] = f"none of tracking: {judged.untracked}"
+    if compared.untracked:
+        rows["bounds"] = f"none of tracking: {compared.untracked}"
     if loose:
         rows["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
-    seen, computed = judged.measured_factor, judged.factor
+    seen, computed = compared.measured_radius, compared.spectral_radius
     if seen is not None and computed is not None and abs(seen - computed) > NEAR:
-        rows["factor"] = "the computed one is of the long run, and this run's is not near it"
+        rows["rho"] = "the computed one is of the long run, and this run's is not near it"
     return rows
 
 
@@ -174,16 +174,16 @@ def fmu_findings(console: Console, checked: "FmuCheck") -> None:
     """Show what was found of an FMU, by topic."""
     for topic, found in groupby(checked.findings, lambda finding: finding.topic):
         console.print(f"[bold]{topic}[/]")
-        rows = ((finding.name, _VERDICTS[finding.verdict], finding.text) for finding in found)
+        rows = ((finding.name, _MARKS[finding.status], finding.text) for finding in found)
         findings_table(console, rows, (22, 15))
 
 
 def diagnosis(console: Console, made: "Diagnosis") -> None:
     """Show what a machine is fit for, by topic, and what is to be done where it is not."""
-    marks = {**_VERDICTS, "fails": "[red]fails[/]"}
+    marks = {**_MARKS, "fails": "[red]fails[/]"}
     for topic, symptoms in groupby(made.symptoms, lambda symptom: symptom.topic):
         console.print(f"[bold]{topic}[/]")
-        rows = ((symptom.name, marks[symptom.verdict], symptom.text) for symptom in symptoms)
+        rows = ((symptom.name, marks[symptom.status], symptom.text) for symptom in symptoms)
         findings_table(console, rows, (20, 9))
 
 

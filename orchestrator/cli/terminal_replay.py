@@ -44,24 +44,26 @@ def verify_again(recording: Path, *, plants: bool) -> None:
     ):
         for damage in reader.damage:
             say("yellow", "damage", damage)
-        verdict = verify(reader, experiment_of(reader), plants=plants)
+        verification = verify(reader, experiment_of(reader), plants=plants)
     what = "agents and plants" if plants else "agents"
-    if verdict.difference:
-        say("red", "differs", verdict.difference.between("the recording", "the replay"))
+    if verification.difference:
+        say("red", "differs", verification.difference.between("the recording", "the replay"))
         raise typer.Exit(FAILED)
     same = (
-        f"{what} say the same {verdict.messages} messages again, to the last bit, in ticks 0 to "
-        f"{verdict.ticks}"
+        f"{what} say the same {verification.messages} messages again, to the last bit, "
+        f"in ticks 0 to {verification.ticks}"
     )
-    if verdict.status == "identical":
+    if verification.status == "identical":
         out.print(f"identical: {same}")
         return
     lacks = {
         None: "how many the run had beside these is not known",
         0: "",
-    }.get(verdict.missing, f"{verdict.missing} that the run had are not here")
-    unseen = f"{verdict.unseen} that are here could not be looked at" if verdict.unseen else ""
-    seen = same if verdict.ticks >= 0 else "no message could be looked at: tick 0 is not here"
+    }.get(verification.missing, f"{verification.missing} that the run had are not here")
+    unseen = (
+        f"{verification.unseen} that are here could not be looked at" if verification.unseen else ""
+    )
+    seen = same if verification.ticks >= 0 else "no message could be looked at: tick 0 is not here"
     say("red", "unverified", "; ".join(filter(None, (seen, unseen, lacks))))
     raise typer.Exit(FAILED)
 

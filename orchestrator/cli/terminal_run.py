@@ -160,7 +160,7 @@ def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace
     if outcome.rejected:
         rows["rejected"] = _counted(outcome)
     grid(out, rows | last)
-    summary_text.judgement(out, result.judged)
+    summary_text.theory_comparison(out, result.theory)
 
 
 def pace_of(factor: float | None) -> Pace:

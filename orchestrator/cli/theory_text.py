@@ -1,4 +1,4 @@
-"""The theory's verdict on a scenario, in lines by name."""
+"""Convergence and bounds of an experiment, in lines by name."""
 
 from collections.abc import Sequence
 from math import inf, isnan
@@ -10,35 +10,35 @@ from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.algorithm import Spectrum
-    from nrs_cosim.estimator_agents.theory.aperiodic import Growth
+    from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
     from nrs_cosim.estimator_agents.theory.network import NetworkSummary
-    from nrs_cosim.orchestrator.analysis.bounds import Promises
+    from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds
     from nrs_cosim.orchestrator.analysis.conditions import Check
     from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded
     from nrs_cosim.orchestrator.analysis.switching import AnyOrder
 
 ROUNDING = 1e-12
 """Of an eigenvalue, that is not shown."""
-TURNS = 12
+MAX_SHOWN = 12
 """Of digraphs, that are shown."""
 CONVERGE = "the estimates converge to a neighbourhood of the target"
 FAULTLESS = ", of links without faults"
-"""What is said of growth where links have faults."""
+"""What is said of the spectral radius where links have faults."""
 UNKNOWN = "whether the estimates converge with these links is not known"
 """What follows from it then: the recursion that is computed is not the one that runs."""
 
 
-def verdict(checked: "Check") -> dict[str, str]:
+def convergence_rows(checked: "Check") -> dict[str, str]:
     """Return lines of what the network and the algorithm are."""
     periods = checked.periods
     rows = {
         "algorithm": with_parameters(checked.algorithm, checked.parameters),
         **_networks(checked),
-        "factor": _factor(checked),
+        "rho": _convergence(checked),
     }
     if checked.any_order:
         rows["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
-    if periods.alike is None:
+    if periods.constant_period is None:
         rows["times"] = (
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
             f"{periods.mean:g} s in the mean"
@@ -51,28 +51,28 @@ def verdict(checked: "Check") -> dict[str, str]:
 def _networks(checked: "Check") -> dict[str, str]:
     """Return lines of who hears whom: one digraph in whole, several in short."""
     if checked.network:
-        (heard,) = checked.turns[0].digraphs
+        (heard,) = checked.phases[0].digraphs
         return {
             "network": _ways(checked.network),
-            "parts": _parts(checked.network),
+            "components": _components(checked.network),
             "spectrum": f"{_spectrum(heard.spectrum, checked.whole_spectrum)} "
             f"(of D, the normalised adjacency)",
         }
     rows = {}
-    for turn in checked.turns[:TURNS]:
+    for phase in checked.phases[:MAX_SHOWN]:
         digraphs = ". ".join(
             f"{digraph.of}: {_ways(digraph.network)}; spectrum "
             f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
-            for digraph in turn.digraphs
+            for digraph in phase.digraphs
         )
-        alone = "" if len(checked.turns) == 1 else f"; alone it has {_alone(turn.growth)}"
-        rows[f"k >= {turn.since}"] = digraphs + alone
-    if len(checked.turns) == 1:
+        alone = "" if len(checked.phases) == 1 else f"; alone it has {_alone(phase.rho)}"
+        rows[f"k >= {phase.since}"] = digraphs + alone
+    if len(checked.phases) == 1:
         return {"networks": rows.popitem()[1]}
-    more = f", of which {TURNS} are shown" if len(checked.turns) > TURNS else ""
+    more = f", of which {MAX_SHOWN} are shown" if len(checked.phases) > MAX_SHOWN else ""
     end = f"over and over after {checked.repeat} ticks" if checked.repeat else "the last one stays"
-    of = "conditions are of the turn that is nearest to them"
-    return {"networks": f"{len(checked.turns)} in turn{more}, {end}; {of}", **rows}
+    of = "conditions are of the phase that is nearest to them"
+    return {"networks": f"{count_of(len(checked.phases), 'phase')}{more}, {end}; {of}", **rows}
 
 
 def _ways(network: "NetworkSummary") -> str:
@@ -83,35 +83,35 @@ def _ways(network: "NetworkSummary") -> str:
     )
 
 
-def _alone(growth: "Growth") -> str:
-    if isnan(growth.upper):
-        return "no factor"
-    if isnan(growth.factor):
-        return f"a factor of {multiple(growth.lower)} to {multiple(growth.upper)}"
-    return f"a factor of {multiple(growth.factor)}"
+def _alone(rho: "RadiusBounds") -> str:
+    if isnan(rho.upper):
+        return "no spectral radius"
+    if isnan(rho.radius):
+        return f"a spectral radius of {multiple(rho.lower)} to {multiple(rho.upper)}"
+    return f"a spectral radius of {multiple(rho.radius)}"
 
 
-def _factor(checked: "Check") -> str:
-    """Say what is left of an error at a sampling time, and what follows from that."""
-    growth = checked.growth
-    if isnan(growth.upper):
+def _convergence(checked: "Check") -> str:
+    """Say the spectral radius, and what follows from it."""
+    rho = checked.rho
+    if isnan(rho.upper):
         return f"none: {checked.why}"
     if checked.faulty:
-        lower, upper = multiple(growth.lower), multiple(growth.upper)
-        factor = lower if growth.lower == growth.upper else f"{lower} to {upper}"
-        worst = "" if growth.lower == growth.upper else ", at worst"
-        return f"{factor} on the error per sampling time{worst}{FAULTLESS}: {UNKNOWN}"
-    if not isnan(growth.factor):
-        settles = growth.factor < 1
-        verdict = CONVERGE if settles else "the estimates diverge"
-        return f"{multiple(growth.factor)} on the error per sampling time: {verdict}"
-    verdict = {
+        lower, upper = multiple(rho.lower), multiple(rho.upper)
+        radius = lower if rho.lower == rho.upper else f"{lower} to {upper}"
+        worst = "" if rho.lower == rho.upper else ", at worst"
+        return f"spectral radius {radius}{worst}{FAULTLESS}: {UNKNOWN}"
+    if not isnan(rho.radius):
+        below = rho.radius < 1
+        status = CONVERGE if below else "the estimates diverge"
+        return f"spectral radius {multiple(rho.radius)} {'<' if below else '>='} 1: {status}"
+    status = {
         "proven": f"{CONVERGE} under every jitter",
         "refuted": "under some jitter the estimates diverge",
         "not decided": "it is not decided whether the estimates converge under every jitter",
-    }[growth.verdict]
-    bounds = f"{multiple(growth.lower)} to {multiple(growth.upper)}"
-    return f"{bounds} on the error per sampling time, at worst: {verdict}"
+    }[rho.status]
+    bounds = f"{multiple(rho.lower)} to {multiple(rho.upper)}"
+    return f"joint spectral radius {bounds}: {status}"
 
 
 def _rate(checked: "Check") -> str:
@@ -127,34 +127,33 @@ def _rate(checked: "Check") -> str:
 
 
 def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
-    """Say whether the estimates would converge whatever the order of turns."""
+    """Say whether the estimates would converge whatever the order of phases."""
     bounds = ""
     if found.lower is not None and found.upper is not None:
-        below = found.upper == 1 and found.verdict == "proven"
+        below = found.upper == 1 and found.status == "proven"
         upper = "below 1" if below else multiple(found.upper)
         bounds = f"{multiple(found.lower)} to {upper} at worst: "
-    turns = ", ".join(map(str, found.order))
+    phases = ", ".join(map(str, found.order))
     return (
         bounds
         + {
             "proven": "the estimates converge in any order of these digraphs"
             + (", for both gains are below 1" if found.by_gains else ""),
-            "refuted": f"the estimates diverge in the order {turns}, over and over",
+            "refuted": f"the estimates diverge in the order {phases}, over and over",
             "not decided": "it is not decided whether the estimates converge in any order",
             "not computed": "not computed, of so many robots or at times that are not periodic",
-        }[found.verdict]
-        + FAULTLESS * (faulty and found.verdict != "not computed")
+        }[found.status]
+        + FAULTLESS * (faulty and found.status != "not computed")
     )
 
 
-def _parts(network: "NetworkSummary") -> str:
+def _components(network: "NetworkSummary") -> str:
     """Say which robots depend on one another."""
     loops = [part for part in network.components if len(part) > 1]
     if not loops:
         return "no robots hear one another in a loop"
     shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
-    parts = count_of(len(network.components), "strongly connected component")
-    return f"{parts}, of several robots: {shown}"
+    return f"{len(network.components)}, strongly connected; of several robots: {shown}"
 
 
 def _robots(robots: Sequence[int]) -> str:
@@ -172,31 +171,31 @@ def _spectrum(found: "Spectrum", whole: bool) -> str:
     )
 
 
-def grounds(promised: "Promises") -> dict[str, str]:
+def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
     """Return lines of what bounds are made of."""
     rows = {
-        "target": f"|ups_0|inf <= {promised.gamma_1:g}, |a_0|inf <= {promised.gamma_2:g} "
-        f"(gamma_1, gamma_2 of assumption A1{promised.source and ', '}{promised.source})"
+        "target": f"|ups_0|inf <= {ultimate.gamma_1:g}, |a_0|inf <= {ultimate.gamma_2:g} "
+        f"(gamma_1, gamma_2 of assumption A1{ultimate.source and ', '}{ultimate.source})"
     }
-    if promised.why_not:
-        rows["bounds"] = f"none: {promised.why_not}"
-    elif promised.paper is None:
-        several = "digraphs in turn" if promised.turning else "all periods at once"
-        of = f"is of {several}" if promised.turning or promised.aperiodic else "is found"
+    if ultimate.why_not:
+        rows["bounds"] = f"none: {ultimate.why_not}"
+    elif ultimate.paper is None:
+        several = "a switching topology" if ultimate.switching else "all periods at once"
+        of = f"is of {several}" if ultimate.switching or ultimate.aperiodic else "is found"
         rows["norm"] = f"no small-value norm {of}"
     else:
-        norm = promised.paper.norm
+        norm = ultimate.paper.norm
         rows["norm"] = (
             f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
-            f"kappa = {promised.paper.kappa:.4g} per s ({norm.family})"
+            f"kappa = {ultimate.paper.kappa:.4g} per s ({norm.family})"
         )
-    for part in promised.robots:
-        name = "P3" if len(promised.robots) == 1 else f"P3 of {part.robots[0]}"
+    for part in ultimate.robots:
+        name = "P3" if len(ultimate.robots) == 1 else f"P3 of {part.robots[0]}"
         rows[name] = _mechanics(part)
     return rows
 
 
-def unmet(checked: "Check", promised: "Promises") -> list[str]:
+def unmet(checked: "Check", ultimate: "UltimateBounds") -> list[str]:
     """Return lines of what is violated or unknown; none where all conditions are known to hold.
 
     A condition on sampled bounds of a plant is one that holds where it holds of the samples.
@@ -209,10 +208,10 @@ def unmet(checked: "Check", promised: "Promises") -> list[str]:
     ]
     if checked.convergence != "converges":
         status = "violated" if checked.convergence == "diverges" else "unknown"
-        sentences.append(f"convergence is {status}: a factor of {_factor(checked)}")
+        sentences.append(f"convergence is {status}: {_convergence(checked)}")
     return sentences + [
         f"the conditions on tracking of {_robots(part.robots)} are unknown: {part.why}"
-        for part in promised.robots
+        for part in ultimate.robots
         if part.constants is None
     ]
 

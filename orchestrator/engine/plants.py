@@ -42,7 +42,7 @@ class Group:
     archive: Archive
     rows: list[int]
     """The robots' positions, ascending, among those that are opened."""
-    alike: Sequence[int] = ()
+    representatives: Sequence[int] = ()
     """The first robots of the group, whether they are opened or not."""
     uneven: bool = False
     """Whether the steps of the plants are of many lengths."""
@@ -89,17 +89,19 @@ def group_by_archive(
     given: dict[str, tuple[str, Plant]] = {}
     for robot in every:
         own = experiment.of_robot(robot)
-        alike = common if own.plant is shared else _alike(own.plant)
-        if len(first[alike]) < ROBOTS:
-            first[alike].append(robot)
+        representatives = common if own.plant is shared else _alike(own.plant)
+        if len(first[representatives]) < ROBOTS:
+            first[representatives].append(robot)
         if robot in row_of:
-            given.setdefault(alike, (own.field, own.plant))
-            members[alike].append(row_of[robot])
+            given.setdefault(representatives, (own.field, own.plant))
+            members[representatives].append(row_of[robot])
     groups = []
-    for alike, (field, plant) in given.items():
+    for representatives, (field, plant) in given.items():
         with naming_field(field):
             archive = find(plant.fmu)
-        groups.append(Group(field, plant, archive, members[alike], first[alike], uneven))
+        groups.append(
+            Group(field, plant, archive, members[representatives], first[representatives], uneven)
+        )
     return groups
 
 
@@ -130,7 +132,7 @@ def open_fleet(
     stack: ExitStack,
     groups: Sequence[Group],
     bodies: Sequence[Body],
-    alike: Sequence[Sequence[Body]] | None = None,
+    representatives: Sequence[Sequence[Body]] | None = None,
 ) -> Fleet:
     """Load, instantiate and initialise all plants at t_0; the stack ends them.
 
@@ -138,7 +140,7 @@ def open_fleet(
     """
     _expect_once(groups)
     opened = []
-    for group, others in zip(groups, alike or [()] * len(groups), strict=True):
+    for group, others in zip(groups, representatives or [()] * len(groups), strict=True):
         with naming_field(group.field):
             opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
     rows = [np.array(group.rows) for group in groups]
@@ -151,12 +153,14 @@ def _alike(plant: Plant) -> str:
 
 
 def _open(
-    stack: ExitStack, group: Group, bodies: Sequence[Body], alike: Sequence[Body]
+    stack: ExitStack, group: Group, bodies: Sequence[Body], representatives: Sequence[Body]
 ) -> DrivenPlants:
     archive, names, driving = group.archive, group.names, group.driving
     if group.is_apart:
-        return IsolatedPlants(stack, archive, bodies, names, driving, group.plant.deadline, alike)
-    return open_plants(stack, archive, bodies, names, driving, alike=alike)
+        return IsolatedPlants(
+            stack, archive, bodies, names, driving, group.plant.deadline, representatives
+        )
+    return open_plants(stack, archive, bodies, names, driving, representatives=representatives)
 
 
 def _expect_once(groups: Sequence[Group]) -> None:

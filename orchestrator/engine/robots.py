@@ -42,9 +42,9 @@ class Robots:
         `find` finds an FMU by what the scenario calls it; by default relative to its file.
         """
         groups = group_by_archive(experiment, numbers, find)
-        alike = [experiment.bodies(group.alike) for group in groups]
+        representatives = [experiment.bodies(group.representatives) for group in groups]
         of = experiment.bodies(numbers)
-        fleet = open_fleet(stack, groups, of, alike)
+        fleet = open_fleet(stack, groups, of, representatives)
         plant_descriptions = [
             {
                 "fmu": group.plant.fmu,

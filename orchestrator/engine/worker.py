@@ -239,7 +239,7 @@ class Worker:
 
     def _checkpoints(self, k: int) -> Sequence[bytes]:
         """Return what each robot can be restored from at t_k, where that is due and exact."""
-        if not self._every or k % self._every or not self.plants.exact:
+        if not self._every or k % self._every or not self.plants.checkpointable:
             return ()
         t = self._clock.t(k)
         checkpoints = []

@@ -101,7 +101,7 @@ class Verification:
 class RecordedPlants:
     """Plants that do what they did, one output time after the other; see `DrivenPlants`."""
 
-    exact = False
+    checkpointable = False
     kind, drive, why = "Recording", "as recorded", "the recording has what they did"
 
     def __init__(self, robots: Sequence[int], m: int, ticks: Iterator[Records]) -> None:
@@ -126,11 +126,11 @@ class RecordedPlants:
         )
 
     def save(self) -> Never:
-        """Refuse: they are not exact."""
+        """Refuse: they are not checkpointable."""
         raise NotImplementedError
 
     def restore(self, data: Sequence[bytes]) -> Never:
-        """Refuse: they are not exact."""
+        """Refuse: they are not checkpointable."""
         raise NotImplementedError
 
     def _next_tick(self) -> Iterator[Records]:

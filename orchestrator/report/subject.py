@@ -7,7 +7,7 @@ import numpy as np
 
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
@@ -18,7 +18,7 @@ from nrs_cosim.recordings.export.tables import about
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.data import Story, read_story
-from nrs_cosim.recordings.report.subject import Arm, Subject, Verdict, unit_over
+from nrs_cosim.recordings.report.subject import Arm, ConditionRow, Subject, unit_over
 
 
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
@@ -37,11 +37,11 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         pace=_pace(experiment.clock),
         target_at=experiment.target_at,
         topology=experiment.topologies.links,
-        turns=_phases(experiment.topologies),
+        phases=_phases(experiment.topologies),
         arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
-        verdicts=_verdicts(checked),
-        factor=None if checked.faulty else finite(checked.spectral_radius),
+        conditions=_condition_rows(checked),
+        spectral_radius=None if checked.faulty else finite(checked.spectral_radius),
         bounds=_bounds(experiment, checked),
     )
 
@@ -51,7 +51,7 @@ def _pace(clock: Clock) -> str:
         return f"every {seconds(clock.period):g} s"
     if clock.jitter:
         early = f"up to {seconds(clock.jitter.most):g} s early, drawn from the seed"
-        return f"every {seconds(clock.turn):g} s, each {early},"
+        return f"every {seconds(clock.cycle):g} s, each {early},"
     return f"{seconds(clock.shortest):g} to {seconds(clock.longest):g} s after one another"
 
 
@@ -61,8 +61,8 @@ def _phases(topologies: TopologySchedule) -> str:
     sentences = []
     if count > 1:
         end = f"again after {ticks} ticks" if ticks else "and the last stays"
-        sentences.append(f"{count} networks take turns, {end}")
-    if any(exchange.hetero for exchange in topologies.exchanges):
+        sentences.append(f"{count} phases of the network, {end}")
+    if any(exchange.has_two_digraphs for exchange in topologies.exchanges):
         sentences.append("positions and velocities travel over digraphs of their own")
     words = "; ".join(sentences)
     return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
@@ -87,10 +87,14 @@ def arm_of(plant: Plant, m: int) -> Arm:
 
 def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
-    found = bounds(promises(experiment, checked.growth))
+    found = bounds(ultimate_bounds(experiment, checked.rho))
     names = [field.name for field in fields(SteadyState)]
     by_quantity = {
-        name: {"this target": bound.exact, "any target": bound.sharp, "paper": bound.paper}
+        name: {
+            "steady state": bound.steady_state,
+            "worst case": bound.worst_case,
+            "paper": bound.paper,
+        }
         for name, bound in zip(names, found, strict=False)
     }
     return {
@@ -99,9 +103,9 @@ def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float
     }
 
 
-def _verdicts(checked: Check) -> list[Verdict]:
+def _condition_rows(checked: Check) -> list[ConditionRow]:
     of = ", of links without faults" * checked.faulty
     return [
-        Verdict(c.name, c.value, c.bound, c.at_least, c.holds, c.source + of)
+        ConditionRow(c.name, c.value, c.bound, c.at_least, c.holds, c.source + of)
         for c in checked.conditions
     ]

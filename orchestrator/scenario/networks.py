@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Inter
 def topologies_of(network: Network, seed: int) -> TopologySchedule:
     """Return who hears whom, and when; arrays of a topology cannot be written."""
     exchanges = []
-    for where, given in turns_of(network):
+    for where, given in phases_of(network):
         digraphs = [_topology(digraph, seed, here) for here, digraph in digraphs_of(where, given)]
         exchanges.append(InteractionGraphs(digraphs[0], digraphs[-1]))
     since = [turn.from_ for turn in network.switching or ()]
@@ -43,7 +43,7 @@ def _weight(edge: Edge) -> float:
     return edge[2] if len(edge) == 3 else 1.0
 
 
-def turns_of(network: Network) -> list[tuple[str, InteractionTable]]:
+def phases_of(network: Network) -> list[tuple[str, InteractionTable]]:
     """Return what holds in turn, and where it stands in the scenario."""
     if network.switching is None:
         return [("network", network)]
@@ -59,5 +59,5 @@ def digraphs_of(where: str, given: InteractionTable) -> list[tuple[str, Digraph]
 
 def hetero_at(network: Network) -> str:
     """Return where positions and velocities first have digraphs of their own; empty for nowhere."""
-    apart = (where for where, given in turns_of(network) if len(digraphs_of(where, given)) == 2)
+    apart = (where for where, given in phases_of(network) if len(digraphs_of(where, given)) == 2)
     return next(apart, "")

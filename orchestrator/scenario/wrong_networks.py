@@ -12,7 +12,7 @@ from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.networks import digraphs_of, turns_of
+from nrs_cosim.orchestrator.scenario.networks import digraphs_of, phases_of
 from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Generator, Network
 
 MOST_EDGES = 10_000_000
@@ -32,7 +32,7 @@ def _wrong_forms(network: Network) -> Iterator[str]:
     yield from _wrong_choice("network", network, forms)
     if network.switching is None and network.repeat is not None:
         yield f"network.repeat: is of network.switching, got {network.repeat}; leave it out"
-    for where, given in turns_of(network):
+    for where, given in phases_of(network):
         if network.switching is not None:
             yield from _wrong_choice(
                 where, given, f"{_FORMS}, graphml and position (with velocity)"
@@ -70,7 +70,7 @@ def wrong_network(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with a network whose form is right."""
     network = experiment.scenario.network
     yield from _wrong_turns(network)
-    digraphs = [pair for where, given in turns_of(network) for pair in digraphs_of(where, given)]
+    digraphs = [pair for where, given in phases_of(network) for pair in digraphs_of(where, given)]
     shapes = [wrong for where, digraph in digraphs for wrong in _wrong_shape(where, digraph)]
     yield from shapes
     if shapes:

@@ -13,7 +13,7 @@ from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.plants import Body
 
-Verdict = Literal["holds", "fails", "unknown", "note"]
+FindingStatus = Literal["holds", "fails", "unknown", "note"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Finding:
     topic: str
     """valid, loads, variables, drives, physics or runs"""
     name: str
-    verdict: Verdict
+    status: FindingStatus
     text: str
     value: float | None = None
     """The number that decided, where there is one and it is finite."""
@@ -51,7 +51,7 @@ class FmuCheck:
     @property
     def passes(self) -> bool:
         """Whether nothing fails."""
-        return all(finding.verdict != "fails" for finding in self.findings)
+        return all(finding.status != "fails" for finding in self.findings)
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings for JSON."""

@@ -63,7 +63,7 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
     budget.begin("running it alone")
     run = running(task, suited or body, suited is not None, budget, why_slow)
     yield run
-    if run.verdict == "holds":
+    if run.status == "holds":
         budget.begin("saving its state, and going on in another process")
         yield resuming(task, suited or body, budget, why_slow)
 

@@ -43,7 +43,7 @@ def resumed(
     """Save a plant, and let this and another process go on; None where the FMU cannot be saved."""
     with ExitStack() as stack:
         here = open_plants(stack, archive, [body], names, driving)
-        if not here.exact:
+        if not here.checkpointable:
             return None
         start = _now(here)
         list(_run(here, body, 0, budget))

@@ -13,7 +13,7 @@ from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, NumberLayout, Quantity
 from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
-from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, Verdict
+from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FindingStatus
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe
 from nrs_cosim.plant_fmu.checking.resuming import resumed
 from nrs_cosim.plant_fmu.drives.opening import open_plants
@@ -82,8 +82,8 @@ def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: 
     """
     guess = "" if known else "; its gains are a guess, for its inertia is not known"
 
-    def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:
-        return Finding("runs", "alone", verdict, text, value)
+    def finding(status: FindingStatus, text: str, value: float | None = None) -> Finding:
+        return Finding("runs", "alone", status, text, value)
 
     moved = end = 0.0
     try:
@@ -112,8 +112,8 @@ def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: 
 def resuming(task: CheckTask, body: Body, budget: Budget, why_slow: str) -> Finding:
     """Save the robot, and go on in another process."""
 
-    def finding(verdict: Verdict, text: str, value: float | None = None) -> Finding:
-        return Finding("runs", "resumed", verdict, text, value)
+    def finding(status: FindingStatus, text: str, value: float | None = None) -> Finding:
+        return Finding("runs", "resumed", status, text, value)
 
     try:
         found = resumed(task.archive, body, task.names, task.driving, budget)

@@ -25,7 +25,7 @@ class FreePlants:
     ) -> None:
         """Instantiate and initialise one for each body; `FmuError` says what is wrong."""
         self.why, self._stepped = why, Stepped(library, bodies, names, lambda _: {}, MOTION)
-        self.exact = self._stepped.exact
+        self.checkpointable = self._stepped.checkpointable
         m, state = self._stepped.m, self._stepped.state
         self.q, self.qd, self.tau = state[:, :m], state[:, m:], np.zeros((len(bodies), m))
 

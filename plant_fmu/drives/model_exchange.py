@@ -51,8 +51,8 @@ class ModelExchangePlants:
         self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
         self._instances = Instances(library, bodies, names)
         self._calls = library.bind(bind_model)
-        self.exact = library.saves_states
-        self._states = States(self._instances) if self.exact else None
+        self.checkpointable = library.saves_states
+        self._states = States(self._instances) if self.checkpointable else None
         self._start(bodies)
 
     @property
@@ -79,7 +79,7 @@ class ModelExchangePlants:
         self._gather()
 
     def save(self) -> list[bytes]:
-        """Return each robot's time, next event, law and states; only where it is `exact`."""
+        """Return each robot's time, next event, law and states; where it is `checkpointable`."""
         assert self._states is not None
         numbers = [
             np.hstack(
@@ -98,7 +98,7 @@ class ModelExchangePlants:
         return encode(self._instances.library.archive, np.array(numbers), states)
 
     def restore(self, data: Sequence[bytes]) -> None:
-        """Put back what `save` returned; only where it is `exact`."""
+        """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.q.shape[1], self._instances
         count = 3 + 2 * m + self._robots[0].states.size

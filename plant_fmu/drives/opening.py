@@ -38,7 +38,7 @@ def open_plants(
     names: Mapping[str, Spec],
     driving: Driving | Undriven = _ANY,
     load: Load = Library,
-    alike: Sequence[Body] = (),
+    representatives: Sequence[Body] = (),
 ) -> DrivenPlants:
     """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
 
@@ -74,7 +74,7 @@ def open_plants(
             return _by_runge_kutta(library, bodies, names, driving.step or STEP, why)
         case "heun" | "hold":
             step, heun = driving.control_step or STEP, offer.way == "heun"
-            return _by_held_torque(library, bodies, alike, names, step, heun, why)
+            return _by_held_torque(library, bodies, representatives, names, step, heun, why)
 
 
 def _loaded(stack: ExitStack, archive: Archive, kind: Kind, load: Load) -> Library:
@@ -123,7 +123,7 @@ def _by_runge_kutta(
 def _by_held_torque(
     library: Library,
     bodies: Sequence[Body],
-    alike: Sequence[Body],
+    representatives: Sequence[Body],
     names: Mapping[str, Spec],
     step: float,
     heun: bool,
@@ -135,7 +135,7 @@ def _by_held_torque(
     coarse, propagate = probe(step), stability.heun if heun else stability.held
     expect_stable(coarse, bodies, propagate, "control_step", step)
     # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
-    error = measured_error(coarse, probe(step / 2), alike or bodies, step)
+    error = measured_error(coarse, probe(step / 2), representatives or bodies, step)
     error *= 4 / 3 if heun else 2
     how = "corrected and held" if heun else "held"
     drive = f"torque {how} for {step:g} s (error about {error:.1g} rad)"

@@ -45,7 +45,7 @@ class ReferenceDrivenPlants:
         self._stepped = Stepped(
             library, bodies, names, lambda body: _start_values(body, archive, names), outputs
         )
-        self.exact = self._stepped.exact
+        self.checkpointable = self._stepped.checkpointable
         m, state = self._stepped.m, self._stepped.outputs
         self._reference, self._write_reference = self._stepped.inputs(*REFERENCE)
         self.q, self.qd = state[:, :m], state[:, m : 2 * m]

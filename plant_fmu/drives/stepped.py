@@ -40,8 +40,8 @@ class Stepped:
         told_by = [self.instances.vector(name, self.m) for name in outputs]
         self._read = self.instances.reads(told_by, self.outputs)
         self._step = self.instances.steps(told_by, self.outputs)
-        self.exact = library.saves_states
-        self._states = States(self.instances) if self.exact else None
+        self.checkpointable = library.saves_states
+        self._states = States(self.instances) if self.checkpointable else None
         self._start(bodies)
 
     def start_again(self, bodies: Sequence[Body]) -> None:
@@ -67,7 +67,7 @@ class Stepped:
         return rows, self.instances.writes(found, rows)
 
     def save(self) -> list[bytes]:
-        """Return each robot's time, law and state; only where it is `exact`."""
+        """Return each robot's time, law and state; only where it is `checkpointable`."""
         assert self._states is not None
         law, since = self.law, np.empty((len(self.state), 2))
         since[:] = self.time, self.law.since
@@ -75,7 +75,7 @@ class Stepped:
         return encode(self.instances.library.archive, numbers, self._states.save(self.time))
 
     def restore(self, data: Sequence[bytes]) -> None:
-        """Put back what `save` returned; only where it is `exact`."""
+        """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.m, self.instances
         numbers, states = decode(instances.library.archive, instances.robots, data, 2 + 2 * m)

@@ -36,7 +36,7 @@ class TorqueHeldPlants:
         self.drive, self.why, self._control_step = drive, why, control_step
         self._stepped = Stepped(library, bodies, names, _start_values, ("q", "qd"))
         self._states = States(self._stepped.instances) if heun else None
-        self.exact = self._stepped.exact
+        self.checkpointable = self._stepped.checkpointable
         m, state = self._stepped.m, self._stepped.state
         self.q, self.qd, self.tau = state[:, :m], state[:, m:], np.empty((len(bodies), m))
         self._torque, self._write_torque = self._stepped.inputs("tau")

@@ -41,7 +41,7 @@ class IsolatedPlants:
         names: Mapping[str, Spec],
         driving: Driving | Undriven,
         deadline: float,
-        alike: Sequence[Body] = (),
+        representatives: Sequence[Body] = (),
     ) -> None:
         """Start the workers, and open one plant for each body; the stack ends them.
 
@@ -65,7 +65,9 @@ class IsolatedPlants:
             own = bodies[self._shares[number]]
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
-            share_task = ShareTask(archive, own, names, driving, path, place, number, alike)
+            share_task = ShareTask(
+                archive, own, names, driving, path, place, number, representatives
+            )
             task.write_bytes(pickle.dumps(share_task))
             worker = FmuProcess(
                 task,
@@ -77,7 +79,7 @@ class IsolatedPlants:
             self._workers.append(stack.enter_context(worker))
         (opened, *_) = [json.loads(worker.answer()) for worker in self._workers]
         self.kind, self.drive, self.why = opened["kind"], opened["drive"], opened["why"]
-        self.exact: bool = opened["exact"]
+        self.checkpointable: bool = opened["checkpointable"]
 
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""

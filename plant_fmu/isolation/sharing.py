@@ -54,7 +54,7 @@ class ShareTask:
     place: tuple[int, int, int]
     """Its first row, and the numbers of all robots and of all workers."""
     worker: int
-    alike: Sequence[Body] = ()
+    representatives: Sequence[Body] = ()
     """See `open_plants`."""
 
 

@@ -75,14 +75,20 @@ class Share:
         self._progress = memory.progress[task.worker]
         library = partial(AnnouncedLibrary, self._progress)
         self._plants = open_plants(
-            stack, task.archive, task.bodies, task.names, task.driving, library, task.alike
+            stack,
+            task.archive,
+            task.bodies,
+            task.names,
+            task.driving,
+            library,
+            task.representatives,
         )
         self._mirror()
 
     def description(self) -> bytes:
         """Return what the user is told of the plants, as JSON."""
         plants = self._plants
-        names = ("kind", "drive", "why", "exact")
+        names = ("kind", "drive", "why", "checkpointable")
         return json.dumps({name: getattr(plants, name) for name in names}).encode()
 
     def advance(self, request: bytes) -> bytes:

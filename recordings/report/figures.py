@@ -162,7 +162,7 @@ _NORMS = (
 
 def _envelopes(stories: Sequence[Story]) -> Figure:
     slope = "."
-    if any(story.subject.factor for story in stories):
+    if any(story.subject.spectral_radius for story in stories):
         slope = (
             ": the slope is that of ρ, the factor that is left of the estimation error after a "
             "sampling period, in the long run."
@@ -205,10 +205,10 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
                     for law, bound in story.subject.bounds.get(field, {}).items()
                     if 0 < bound < np.inf
                 ]
-            if kind == "estimate" and story.subject.factor:
-                factor = story.subject.factor
-                name = f"{of}slope of ρ = {factor:.4f}"
-                curves += _slope(story, factor, name, group, at if several else None)
+            if kind == "estimate" and story.subject.spectral_radius:
+                spectral_radius = story.subject.spectral_radius
+                name = f"{of}slope of ρ = {spectral_radius:.4f}"
+                curves += _slope(story, spectral_radius, name, group, at if several else None)
         if curves:
             units = dict.fromkeys((stories[0].subject.unit, stories[0].subject.rate))
             yield Panel(
@@ -216,14 +216,16 @@ def _envelope_panels(stories: Sequence[Story]) -> Iterator[Panel]:
             )
 
 
-def _slope(story: Story, factor: float, name: str, group: str, ink: int | None) -> list[Curve]:
+def _slope(
+    story: Story, spectral_radius: float, name: str, group: str, ink: int | None
+) -> list[Curve]:
     """Return the line that falls (or rises) by ρ each period, from the largest error on."""
     envelope = story.envelopes["position_estimate"]
     y = envelope.largest
     if not np.isfinite(y).any():
         return []
-    start = int(np.nanargmax(y)) if factor < 1 else 0
-    line = y[start] * factor ** np.arange(len(y) - start)
+    start = int(np.nanargmax(y)) if spectral_radius < 1 else 0
+    line = y[start] * spectral_radius ** np.arange(len(y) - start)
     least, most = np.nanmin(y), np.nanmax(y)
     seen = (line >= least) & (line <= most)
     rows = np.flatnonzero(seen)[[0, -1]] if seen.any() else np.empty(0, int)

@@ -30,16 +30,16 @@ def places(n: int) -> Array:
 def drawn(story: Story) -> str:
     """Return the picture of a story's network, or in words that it is too large for one."""
     topology = story.subject.topology
-    turns = f'<p class="about">{escape(story.subject.turns)}</p>' if story.subject.turns else ""
+    phases = f'<p class="about">{escape(story.subject.phases)}</p>' if story.subject.phases else ""
     if len(topology.weight) > MOST_LINKS:
         links = f"{topology.n} robots and {len(topology.weight)} links"
-        return f"<p>{links}: too many to draw.</p>{turns}"
+        return f"<p>{links}: too many to draw.</p>{phases}"
     nodes = places(topology.n)
     node = float(np.clip(RADIUS * np.pi / max(topology.n, 1) * 0.62, 5, 22))
     body = [*_links(story, nodes, node), *_nodes(story, nodes, node)]
     return (
         f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" style="--ring: {node / 3.2:.2g}px" role="img" '
-        f'aria-label="Who hears whom">{"".join(body)}</svg>{turns}'
+        f'aria-label="Who hears whom">{"".join(body)}</svg>{phases}'
     )
 
 

@@ -22,7 +22,7 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ConditionRow:
     """A condition of the theory: value < bound, or value > bound where `at_least`."""
 
     name: str
@@ -52,14 +52,14 @@ class Subject:
     target_at: TargetAt
     topology: Topology
     """All links that there are at some time, each with its largest weight."""
-    turns: str
+    phases: str
     """When these links are there, in words; empty where it is always."""
     arms: Sequence[Arm]
     """(n,) of the robots 1 … n."""
     unit: str
     """Of a joint's position, or in words that there is none; see `unit_over`."""
-    verdicts: Sequence[Verdict]
-    factor: float | None
+    conditions: Sequence[ConditionRow]
+    spectral_radius: float | None
     """ρ: what is left of the estimation error after one sampling period, in the long run.
 
     None where there is no such number, or links have faults, which it knows nothing of.

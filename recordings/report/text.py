@@ -31,7 +31,7 @@ def lead(story: Story) -> str:
     sentences = [
         f"{robots} with {joints} each follow a target that {who} hear{'s' * (len(pinned) == 1)}; "
         f"their estimates of it spread over {count_of(among, 'link')} among the robots.",
-        *([subject.turns] if subject.turns else []),
+        *([subject.phases] if subject.phases else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
         _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
@@ -60,18 +60,18 @@ def measured(story: Story) -> Iterator[dict[str, Any]]:
         }
 
 
-def verdicts(story: Story) -> list[dict[str, Any]]:
+def condition_rows(story: Story) -> list[dict[str, Any]]:
     """Return the theory's conditions; a bound that no number reaches is None."""
     return [
         {
-            "name": verdict.name,
-            "value": verdict.value,
-            "bound": verdict.bound if np.isfinite(verdict.bound) else None,
-            "at_least": verdict.at_least,
-            "holds": verdict.holds,
-            "source": verdict.source,
+            "name": condition.name,
+            "value": condition.value,
+            "bound": condition.bound if np.isfinite(condition.bound) else None,
+            "at_least": condition.at_least,
+            "holds": condition.holds,
+            "source": condition.source,
         }
-        for verdict in story.subject.verdicts
+        for condition in story.subject.conditions
     ]
 
 

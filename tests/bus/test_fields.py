@@ -7,7 +7,7 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.codecs import Codecs
-from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes, columns, wrong_fields
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes, column_names, wrong_fields
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE
 
 SIZES = Sizes(m=2, n=5, in_degree=3)
@@ -118,9 +118,9 @@ def test_duplicates_are_a_new_field_behind_those_that_there_were():
 
 
 def test_a_number_of_an_array_has_a_column_of_its_own():
-    assert columns("level", ()) == ["level"]
-    assert columns("x", (2,)) == ["x_1", "x_2"]
-    assert columns("P", (2, 2)) == ["P_1_1", "P_1_2", "P_2_1", "P_2_2"]
+    assert column_names("level", ()) == ["level"]
+    assert column_names("x", (2,)) == ["x_1", "x_2"]
+    assert column_names("P", (2, 2)) == ["P_1_1", "P_1_2", "P_2_1", "P_2_2"]
 
 
 @pytest.mark.parametrize("fields", [ESTIMATE, THIRD, ODD, MANY], ids=str)

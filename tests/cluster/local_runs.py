@@ -35,13 +35,13 @@ def lossy(*replacements, folder=SCENARIOS):
     return scenario("paper_lossy_links", CHECKPOINTS, *replacements, folder=folder)
 
 
-def turning(lasting=30):
+def switching(lasting=30):
     """Return networks in turn, with the same faults and checkpoints, for some seconds."""
     text = (SCENARIOS / "switching.toml").read_text("utf-8").replace(*CHECKPOINTS)
     faulty = (SCENARIOS / "paper_lossy_links.toml").read_text("utf-8")
     text += faulty[faulty.index("[[faults.links]]") :]
     text = text.replace("duration = 30.0", f"duration = {lasting:.1f}")
-    return parse_scenario(text, "turning", SCENARIOS, "turning")
+    return parse_scenario(text, "switching", SCENARIOS, "switching")
 
 
 MIXED = """

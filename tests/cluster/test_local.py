@@ -7,7 +7,7 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN
-from tests.cluster.local_runs import Spread, digest, lossy, mixed, scenario, story, turning
+from tests.cluster.local_runs import Spread, digest, lossy, mixed, scenario, story, switching
 from tests.cluster.remote_runs import Run, Worker, alone
 from tests.orchestrator.conftest import SCENARIOS
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("nothing_is_left")
 PAPER = sorted(path.stem for path in SCENARIOS.glob("paper_*.toml"))
 TURNS = {
     "in turn": scenario("switching", lasting=9),
-    "in turn, with faults": turning(lasting=16),
+    "in turn, with faults": switching(lasting=16),
     "apart": scenario("hetero_information", lasting=3),
 }
 

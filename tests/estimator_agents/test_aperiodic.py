@@ -16,9 +16,12 @@ from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.impulsive import Impulsive
 from nrs_cosim.estimator_agents.pd_like import PdLike
 from nrs_cosim.estimator_agents.sliding import Sliding
-from nrs_cosim.estimator_agents.theory.aperiodic import Periods, growth
-from nrs_cosim.estimator_agents.theory.aperiodic_bounds import sharp_aperiodic, sharp_of_list
-from nrs_cosim.estimator_agents.theory.estimates import sharp, sharp_always
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, radius_bounds
+from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
+    worst_case_aperiodic,
+    worst_case_of_list,
+)
+from nrs_cosim.estimator_agents.theory.estimates import worst_case, worst_case_always
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
 from tests.bus.test_topology import PAPER
@@ -99,9 +102,9 @@ def test_a_list_grows_by_the_radius_of_its_dense_product(seed, alpha, beta, gaps
         whole = np.eye(8)
         for h in gaps:
             whole = step(algorithm, D, h)[0] @ whole
-        found = growth(algorithm, spectrum, Periods(tuple(gaps)))
-        assert found.lower == found.upper == found.factor
-        assert found.factor == pytest.approx(radius(whole) ** (1 / len(gaps)), rel=1e-7, abs=1e-7)
+        found = radius_bounds(algorithm, spectrum, Periods(tuple(gaps)))
+        assert found.lower == found.upper == found.radius
+        assert found.radius == pytest.approx(radius(whole) ** (1 / len(gaps)), rel=1e-7, abs=1e-7)
 
 
 @quick
@@ -111,9 +114,9 @@ def test_of_the_first_order_no_period_counts(topology, alpha, beta, gaps, early)
     rho = radius_of(algorithm, topology, 1.0)
     holds = max(alpha, beta) < smallest_theta(spectrum)
     for periods in (Periods(tuple(gaps)), Periods(tuple(gaps[:1]), early * gaps[0])):
-        found = growth(algorithm, spectrum, periods)
-        assert found.factor == pytest.approx(rho, rel=1e-9)
-        assert (found.verdict == "proven") == holds
+        found = radius_bounds(algorithm, spectrum, periods)
+        assert found.radius == pytest.approx(rho, rel=1e-9)
+        assert (found.status == "proven") == holds
 
 
 def test_two_periods_below_the_bound_of_theorem_3_diverge_in_turn():
@@ -121,15 +124,17 @@ def test_two_periods_below_the_bound_of_theorem_3_diverge_in_turn():
     algorithm, spectrum = SecondOrder(1.0, 0.5), np.zeros(1, complex)
     assert largest_period(spectrum, 1.0, 0.5) == 3
     for h in (0.3, 2.7):
-        assert growth(algorithm, spectrum, Periods((h,))).factor == pytest.approx(np.sqrt(0.5))
+        assert radius_bounds(algorithm, spectrum, Periods((h,))).radius == pytest.approx(
+            np.sqrt(0.5)
+        )
     trace, determinant = 1.25 - 1.5 * (0.3 + 2.7) + 0.3 * 2.7, 0.25
     worst = (-trace + np.sqrt(trace**2 - 4 * determinant)) / 2
     assert worst == pytest.approx(2.33283, abs=1e-5)
-    found = growth(algorithm, spectrum, Periods((0.3, 2.7)))
-    assert found.factor == pytest.approx(np.sqrt(worst))
-    assert found.verdict == "refuted"
-    jittered = growth(algorithm, spectrum, Periods((1.5,), 1.2))
-    assert jittered.verdict == "refuted"
+    found = radius_bounds(algorithm, spectrum, Periods((0.3, 2.7)))
+    assert found.radius == pytest.approx(np.sqrt(worst))
+    assert found.status == "refuted"
+    jittered = radius_bounds(algorithm, spectrum, Periods((1.5,), 1.2))
+    assert jittered.status == "refuted"
     assert np.sqrt(worst) * (1 - 1e-9) <= jittered.lower <= jittered.upper
     earlier, later = (size_of_a_run(algorithm, (0.3, 2.7), ticks) for ticks in (40, 42))
     assert later / earlier == pytest.approx(worst, rel=1e-9)
@@ -139,9 +144,9 @@ def test_two_periods_below_the_bound_of_theorem_3_diverge_in_turn():
 
 def test_a_period_above_the_bound_of_theorem_3_may_be_made_up_for():
     algorithm, spectrum = SecondOrder(1.0, 0.5), np.zeros(1, complex)
-    assert growth(algorithm, spectrum, Periods((3.3,))).verdict == "refuted"
-    found = growth(algorithm, spectrum, Periods((3.3, 2.0)))
-    assert found.factor == pytest.approx(np.sqrt(0.5))
+    assert radius_bounds(algorithm, spectrum, Periods((3.3,))).status == "refuted"
+    found = radius_bounds(algorithm, spectrum, Periods((3.3, 2.0)))
+    assert found.radius == pytest.approx(np.sqrt(0.5))
     assert size_of_a_run(algorithm, (3.3, 2.0), 80) < 1e-8
 
 
@@ -173,14 +178,14 @@ def test_on_a_path_with_beta_above_1_no_jitter_is_too_much():
     path = Topology.of(np.eye(5, k=-1), np.eye(5)[0])
     algorithm, spectrum = SecondOrder(1.0, 1.2), spectrum_of(path)
     assert largest_period(spectrum, 1.0, 1.2) == pytest.approx(1.6)
-    assert growth(algorithm, spectrum, Periods((0.8,), 0.79)).verdict == "proven"
+    assert radius_bounds(algorithm, spectrum, Periods((0.8,), 0.79)).status == "proven"
 
 
 @pytest.mark.parametrize(("h", "early"), [(0.1, 0.02), (0.3, 0.27), (0.45, 0.2), (0.45, 0.44)])
 def test_what_jitter_can_do_lies_between_the_bounds(h, early):
     """By the paper's matrices of all turns of six extreme δ, and of thousands at random."""
     algorithm, D = SecondOrder(1.1, 0.9), TOPOLOGY.D.toarray()
-    found = growth(algorithm, spectrum_of(TOPOLOGY), Periods((h,), early))
+    found = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods((h,), early))
     most = 0.0
     for length in range(1, 7):
         for deltas in product((0.0, early), repeat=length):
@@ -203,16 +208,16 @@ def test_what_jitter_can_do_lies_between_the_bounds(h, early):
 def test_a_large_ring_is_decided():
     algorithm = SecondOrder(1.1, 0.9)
     spectrum = spectrum_of(ring(1200, True))
-    rho = growth(algorithm, spectrum, Periods((0.1,))).factor
-    found = growth(algorithm, spectrum, Periods((0.1,), 0.02))
-    assert found.verdict == "proven"
+    rho = radius_bounds(algorithm, spectrum, Periods((0.1,))).radius
+    found = radius_bounds(algorithm, spectrum, Periods((0.1,), 0.02))
+    assert found.status == "proven"
     assert rho * (1 - 1e-9) <= found.lower <= found.upper <= (1 + rho) / 2
 
 
 def test_what_does_not_jump_linearly_grows_by_nobody_knows_what():
-    found = growth(Sliding(0.3, 0.3), spectrum_of(TOPOLOGY), Periods((0.1,), 0.05))
+    found = radius_bounds(Sliding(0.3, 0.3), spectrum_of(TOPOLOGY), Periods((0.1,), 0.05))
     assert np.isnan(found.upper)
-    assert found.verdict == "not decided"
+    assert found.status == "not decided"
 
 
 # Bounds on the estimates
@@ -231,7 +236,7 @@ BOUNDED = [
 def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
     """For each sequence the worst target of |a_0| <= 1 by hand; γ1 is no limit."""
     rho = radius_of(algorithm, TOPOLOGY, h)
-    bound, always = sharp_aperiodic(recursion_of(algorithm, TOPOLOGY, h), r, 1e9, 1.0, rho)
+    bound, always = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, h), r, 1e9, 1.0, rho)
     D, rng, past = TOPOLOGY.D.toarray(), np.random.default_rng(1), 160
     sequences = [rng.choice([h - r, h + r], past) for _ in range(30)]
     sequences += [rng.uniform(h - r, h + r, past) for _ in range(6)]
@@ -250,9 +255,9 @@ def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
 )
 def test_of_a_list_the_worst_target_comes_to_the_bound(algorithm):
     gaps, D = (0.03, 0.12, 0.1), TOPOLOGY.D.toarray()
-    factor = growth(algorithm, spectrum_of(TOPOLOGY), Periods(gaps)).factor
+    radius = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods(gaps)).radius
     recursion = recursion_of(algorithm, TOPOLOGY, 1.0)
-    bound, always = sharp_of_list(recursion, gaps, 1e9, 1.0, factor)
+    bound, always = worst_case_of_list(recursion, gaps, 1e9, 1.0, radius)
     most, after = np.zeros(2), np.zeros(2)
     for start in range(3):
         sequence = np.resize(np.roll(gaps, start), 480)
@@ -267,8 +272,8 @@ def test_of_a_list_the_worst_target_comes_to_the_bound(algorithm):
 def test_a_list_of_one_has_the_bounds_of_a_period(algorithm):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, 0.1), radius_of(algorithm, TOPOLOGY, 0.1)
     for gammas in ((1e9, 1.0), (0.02, 1.0)):
-        ours = sharp_of_list(recursion, (0.1, 0.1), *gammas, rho)
-        theirs = (way(recursion, *gammas, rho) for way in (sharp, sharp_always))
+        ours = worst_case_of_list(recursion, (0.1, 0.1), *gammas, rho)
+        theirs = (way(recursion, *gammas, rho) for way in (worst_case, worst_case_always))
         for pair, other in zip(ours, theirs, strict=True):
             assert pair.position == pytest.approx(other.position, rel=1e-9)
             assert pair.velocity == pytest.approx(other.velocity, rel=1e-9)
@@ -289,8 +294,8 @@ def test_with_gains_up_to_1_the_bound_is_that_of_the_longest_period():
     for algorithm in (FirstOrder(0.9, 0.9), FirstOrder(1.0, 0.4)):
         for r in (0.0, 0.03, 0.09):
             rho = radius_of(algorithm, TOPOLOGY, 0.1)
-            ours, _ = sharp_aperiodic(recursion_of(algorithm, TOPOLOGY, 0.1), r, 3.0, 1.0, rho)
-            longest = sharp(recursion_of(algorithm, TOPOLOGY, 0.1 + r), 3.0, 1.0, rho)
+            ours, _ = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, 0.1), r, 3.0, 1.0, rho)
+            longest = worst_case(recursion_of(algorithm, TOPOLOGY, 0.1 + r), 3.0, 1.0, rho)
             assert ours.position == pytest.approx(longest.position, rel=1e-12)
             assert ours.velocity == pytest.approx(longest.velocity, rel=1e-12)
 
@@ -298,17 +303,17 @@ def test_with_gains_up_to_1_the_bound_is_that_of_the_longest_period():
 @pytest.mark.parametrize("algorithm", [FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)])
 def test_without_a_spread_the_bound_is_the_sharp_one(algorithm):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, 0.1), radius_of(algorithm, TOPOLOGY, 0.1)
-    ours, _ = sharp_aperiodic(recursion, 0.0, 3.0, 1.0, rho)
-    assert ours == sharp(recursion, 3.0, 1.0, rho)
+    ours, _ = worst_case_aperiodic(recursion, 0.0, 3.0, 1.0, rho)
+    assert ours == worst_case(recursion, 3.0, 1.0, rho)
 
 
 def test_no_bound_is_given_where_none_is_found():
     algorithm = SecondOrder(1.0, 0.5)
     recursion, rho = recursion_of(algorithm, ALONE, 1.5), radius_of(algorithm, ALONE, 1.5)
-    assert sharp_aperiodic(recursion, 0.05, 3.0, 1.0, rho) is not None
-    assert sharp_aperiodic(recursion, 1.2, 3.0, 1.0, rho) is None
+    assert worst_case_aperiodic(recursion, 0.05, 3.0, 1.0, rho) is not None
+    assert worst_case_aperiodic(recursion, 1.2, 3.0, 1.0, rho) is None
     large = ring(300, True)
     recursion = recursion_of(SecondOrder(1.1, 0.9), large, 0.1)
-    assert sharp_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9) is None
+    assert worst_case_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9) is None
     recursion = recursion_of(FirstOrder(0.9, 0.9), large, 0.1)
-    assert sharp_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9999) is not None
+    assert worst_case_aperiodic(recursion, 0.01, 3.0, 1.0, 0.9999) is not None

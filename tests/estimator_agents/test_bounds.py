@@ -23,7 +23,12 @@ from nrs_cosim.estimator_agents.pd_like import PdLike
 from nrs_cosim.estimator_agents.sliding import Sliding
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory import spectrum
-from nrs_cosim.estimator_agents.theory.estimates import promise, sharp, sharp_always, steady_motion
+from nrs_cosim.estimator_agents.theory.estimates import (
+    paper_bound,
+    steady_motion,
+    worst_case,
+    worst_case_always,
+)
 from nrs_cosim.estimator_agents.theory.network import network_of
 from nrs_cosim.estimator_agents.theory.norms import small_value_norm
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump, recursion_of
@@ -81,9 +86,9 @@ def test_the_target_of_the_example_is_bounded_as_the_text_says():
 def test_nothing_is_promised_where_the_example_diverges(algorithm, h):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, h), radius_of(algorithm, TOPOLOGY, h)
     assert rho > 1
-    assert sharp(recursion, 3, 1, rho) is None
+    assert worst_case(recursion, 3, 1, rho) is None
     assert steady_motion(recursion, HARMONIC, rho) is None
-    assert promise(recursion, 3, 1) is None
+    assert paper_bound(recursion, 3, 1) is None
 
 
 def test_the_network_of_the_example():
@@ -324,8 +329,8 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
     target = Harmonic(rng.normal(size=2), rng.normal(size=2), *rng.normal(size=(3, 2, 2)))
     recursion = recursion_of(algorithm, topology, h)
     motion = steady_motion(recursion, target, rho)
-    sharpest = sharp(recursion, *target.bounds(), rho)
-    paper = promise(recursion, *target.bounds()).bound
+    worst = worst_case(recursion, *target.bounds(), rho)
+    paper = paper_bound(recursion, *target.bounds()).bound
     x, n = np.zeros((2, topology.n, 2)), topology.n
     steady, measured = [], np.zeros(2)
     for k in range(1, 701):
@@ -337,7 +342,7 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
         x = (recursion.matrix @ x.reshape(2 * n, 2)).reshape(2, n, 2) + np.array(delta)[:, None]
     scale = 1 + np.abs(motion.phasor).max()
     assert max(steady) < 1e-6 * scale
-    found = [(bound.position, bound.velocity) for bound in (motion.bound, sharpest, paper)]
+    found = [(bound.position, bound.velocity) for bound in (motion.bound, worst, paper)]
     for loose, tight in zip(found, [measured, *found[:2]], strict=True):
         assert np.all(np.array(tight) <= np.array(loose) * (1 + 1e-9) + 1e-6 * scale)
 
@@ -346,7 +351,7 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
 def test_between_samples_errors_are_within_what_is_sharp_always(algorithm):
     h = 0.1
     recursion, rho = recursion_of(algorithm, TOPOLOGY, h), radius_of(algorithm, TOPOLOGY, h)
-    before, always = (way(recursion, 3, 1, rho) for way in (sharp, sharp_always))
+    before, always = (way(recursion, 3, 1, rho) for way in (worst_case, worst_case_always))
     assert always.position >= before.position
     assert always.velocity >= before.velocity
     rng, x, most = np.random.default_rng(0), np.zeros((2, 6)), np.zeros(2)
@@ -366,7 +371,7 @@ def test_some_target_reaches_the_sharp_bound(algorithm):
     """Its acceleration is ±γ2 as A^j has it, backwards, changing 40 times an interval at most."""
     h, parts, past = 0.1, 40, 150
     recursion = recursion_of(algorithm, TOPOLOGY, h)
-    bound = sharp(recursion, 1e9, 1.0, radius_of(algorithm, TOPOLOGY, h))
+    bound = worst_case(recursion, 1e9, 1.0, radius_of(algorithm, TOPOLOGY, h))
     A = recursion.matrix.toarray()
     kernels = [np.kron(np.eye(2), np.ones((6, 1)))]
     for _ in range(past - 1):
@@ -422,7 +427,7 @@ def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
         "import sys, numpy as np; from tests.estimator_agents.digraphs import ring\n"
         "from nrs_cosim.estimator_agents.dcea1 import FirstOrder as F\n"
         "from nrs_cosim.estimator_agents.theory.network import network_of\n"
-        "from nrs_cosim.estimator_agents.theory.estimates import promise, sharp, steady_motion\n"
+        "from nrs_cosim.estimator_agents.theory.estimates import *\n"
         "from nrs_cosim.estimator_agents.theory.recursion import recursion_of\n"
         "from nrs_cosim.estimator_agents.theory.spectrum import *\n"
         "from tests.estimator_agents.paper import HARMONIC\n"
@@ -430,7 +435,7 @@ def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
         "s = spectrum_of(t); r = recursion_of(f, t, 0.1); rho = spectral_radius(f.modes(s, 0.1))\n"
         "assert network_of(t).depth == 5001 and len(s) == 10_000 and rho < 1\n"
         "assert steady_motion(r, HARMONIC, rho).bound.position < 2\n"
-        "assert sharp(r, 3, 1, rho) and promise(r, 3, 1)\n"
+        "assert worst_case(r, 3, 1, rho) and paper_bound(r, 3, 1)\n"
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

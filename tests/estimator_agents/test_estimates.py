@@ -14,10 +14,10 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     always,
     largest,
     modulus,
-    promise,
-    sharp,
+    paper_bound,
     slip,
     steady_motion,
+    worst_case,
 )
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
@@ -44,7 +44,7 @@ def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
     total = np.zeros(12)
     while np.abs(x).max() > 1e-16:
         total, x = total + np.abs(x) * gamma_1, A @ x
-    bound = sharp(recursion, gamma_1, 0.0, rho)
+    bound = worst_case(recursion, gamma_1, 0.0, rho)
     assert bound.position == pytest.approx(total[:6].max(), rel=1e-9)
     assert bound.velocity == pytest.approx(total[6:].max(), rel=1e-9)
     none = np.zeros((1, 1))
@@ -62,7 +62,7 @@ def test_each_of_the_papers_bounds_gains_by_the_drag():
     beta, h = 0.9, 0.1
     recursion = recursion_of(Impulsive(0.6, beta), TOPOLOGY, h)
     for gamma_1, gamma_2 in ((3.0, 1.0), (0.1, 40.0)):
-        found = promise(recursion, gamma_1, gamma_2)
+        found = paper_bound(recursion, gamma_1, gamma_2)
         most = max((2 + beta) * gamma_1, gamma_2 + beta * gamma_1 / h)
         assert found.kappa == pytest.approx(found.norm.gain * most)
 
@@ -108,6 +108,6 @@ def test_where_nothing_cancels_the_worst_is_the_sum_of_all_steps_at_their_larges
     assert A.min() >= 0
     step = np.kron([slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)], np.ones(6))
     expected = np.linalg.solve(np.eye(12) - A, step)
-    found = sharp(recursion, gamma_1, gamma_2, radius_of(algorithm, TOPOLOGY, h))
+    found = worst_case(recursion, gamma_1, gamma_2, radius_of(algorithm, TOPOLOGY, h))
     assert found.position == pytest.approx(expected[:6].max(), rel=1e-9)
     assert found.velocity == pytest.approx(expected[6:].max(), rel=1e-9)

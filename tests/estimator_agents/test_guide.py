@@ -81,7 +81,7 @@ def test_the_guide_s_algorithm_checks_and_runs(installed):
     theory = json.loads(nrs("info", "s.mcap", "--json"))["theory"]
     position = theory["quantities"][0]
     assert [row["status"] for row in theory["quantities"]] == ["within"] * 4
-    assert position["measured"] == pytest.approx(position["bounds"]["this target"], rel=1e-2)
+    assert position["measured"] == pytest.approx(position["bounds"]["steady_state"], rel=1e-2)
     assert theory["measured_factor"] == pytest.approx(theory["factor"], rel=2e-2)
 
 

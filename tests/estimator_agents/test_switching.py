@@ -17,14 +17,14 @@ from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.impulsive import Impulsive
 from nrs_cosim.estimator_agents.sliding import Sliding
 from nrs_cosim.estimator_agents.theory import switching
-from nrs_cosim.estimator_agents.theory.estimates import sharp, sharp_always, steady_motion
+from nrs_cosim.estimator_agents.theory.estimates import steady_motion, worst_case, worst_case_always
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import (
     any_order,
     contracts_in_any_order,
     period,
-    period_factor,
+    period_radius,
 )
 from nrs_cosim.estimator_agents.theory.varying import LARGEST
 from tests.estimator_agents.digraphs import exchanges, ring
@@ -70,13 +70,13 @@ def whole_period(algorithm, given, turns, h):
 # Who hears whom, and when
 
 
-def test_turns_begin_where_they_say_and_come_again():
+def test_phases_begin_where_they_say_and_come_again():
     given = [InteractionGraphs.of(CHAIN), InteractionGraphs.of(OTHER_WAY)]
     once = TopologySchedule.of(given, [1, 4])
     again = TopologySchedule.of(given, [1, 4], 5)
     assert [once.at(k) for k in range(1, 13)] == [0, 0, 0, *[1] * 9]
     assert [again.at(k) for k in range(1, 13)] == [0, 0, 0, 1, 1] * 2 + [0, 0]
-    assert again.turns() == [(0, 3), (1, 2)]
+    assert again.phases() == [(0, 3), (1, 2)]
     links = [*zip(again.links.source.tolist(), again.links.sink.tolist(), strict=True)]
     assert links == [(0, 1), (2, 1), (0, 2), (1, 2)]
     assert TopologySchedule.constant(CHAIN).links is CHAIN
@@ -141,7 +141,7 @@ def test_the_factor_of_a_period_is_that_of_its_product(given, counts, alpha, bet
         recursions = [recursion_of(algorithm, exchange, h) for exchange in given]
         product = whole_period(algorithm, given, turns, h)
         expected = np.abs(np.linalg.eigvals(product)).max()
-        ours = period_factor(recursions, turns)
+        ours = period_radius(recursions, turns)
         # An eigenvalue of a defective product of order p is off by as much as eps^(1/p).
         assert ours**ticks == pytest.approx(expected, rel=1e-3, abs=0.02)
         copies = np.abs(np.linalg.eigvals(period(recursions, turns).matrix.toarray())).max()
@@ -157,12 +157,12 @@ def test_a_factor_is_found_without_the_product_of_a_period_too(monkeypatch):
         given.append(InteractionGraphs.of(Topology.of(adjacency, np.eye(n)[0])))
     turns = [(0, 3), (1, 2)]
     recursions = [recursion_of(SecondOrder(0.5, 0.5), exchange, 0.1) for exchange in given]
-    dense = period_factor(recursions, turns)
+    dense = period_radius(recursions, turns)
     monkeypatch.setattr(switching, "DENSE", 10)
-    assert period_factor(recursions, turns) == pytest.approx(dense, rel=1e-9)
+    assert period_radius(recursions, turns) == pytest.approx(dense, rel=1e-9)
     monkeypatch.setattr(switching, "WORK", 0)
     both_ways = [recursion_of(SecondOrder(0.5, 0.5), ring(300, both=True), 0.1)] * 2
-    assert np.isnan(period_factor(both_ways, turns))
+    assert np.isnan(period_radius(both_ways, turns))
 
 
 @quick
@@ -179,9 +179,9 @@ def test_positions_and_velocities_settle_each_by_its_own_digraph(given, alpha, b
     expected = np.abs(np.linalg.eigvals(dense(algorithm, exchange, 0.1))).max()
     assert radius == pytest.approx(expected, abs=0.02)
     assert all(c.holds for c in conditions) == (radius < 1)
-    for factor, settles in ((0.999, True), (1.001, False)):
+    for radius, settles in ((0.999, True), (1.001, False)):
         bounds = [smallest_theta(s) for s in own]
-        at_bounds = FirstOrder(factor * bounds[0], factor * bounds[1])
+        at_bounds = FirstOrder(radius * bounds[0], radius * bounds[1])
         assert (spectral_radius(at_bounds.modes(own[0], 0.1, own[1])) < 1) == settles
 
 
@@ -192,13 +192,13 @@ def test_gains_below_1_settle_in_any_order_and_above_1_not_though_each_digraph_w
     recursions = [recursion_of(algorithm, t, 0.1) for t in (CHAIN, OTHER_WAY)]
     assert all(c.holds for t in (CHAIN, OTHER_WAY) for c in algorithm.conditions(spectrum_of(t), 1))
     trace, determinant = gain**2 + 2 * (1 - gain) ** 2, (1 - gain) ** 4
-    factor = np.sqrt(trace / 2 + np.sqrt(trace**2 / 4 - determinant))
-    assert period_factor(recursions, [(0, 1), (1, 1)]) == pytest.approx(factor, rel=1e-12)
-    assert (factor < 1) == settles
+    radius = np.sqrt(trace / 2 + np.sqrt(trace**2 / 4 - determinant))
+    assert period_radius(recursions, [(0, 1), (1, 1)]) == pytest.approx(radius, rel=1e-12)
+    assert (radius < 1) == settles
     assert contracts_in_any_order(recursions[0]) == settles
     bounds = any_order(recursions)
-    assert bounds.lower == pytest.approx(factor, rel=1e-9)
-    assert bounds.upper == pytest.approx(factor, rel=1.1e-3)
+    assert bounds.lower == pytest.approx(radius, rel=1e-9)
+    assert bounds.upper == pytest.approx(radius, rel=1.1e-3)
 
 
 @quick
@@ -233,11 +233,13 @@ def test_what_a_period_settles_to_is_where_long_runs_end_and_within_the_sharp_bo
     given += [InteractionGraphs.of(Topology.of([[0, 0, 2], [0.5, 0, 1], [0, 0, 0]], [0, 0, 1]))]
     h, turns, n = 0.1, [(0, 2), (1, 1)], 3
     recursions = [recursion_of(algorithm, exchange, h) for exchange in given]
-    factor = period_factor(recursions, turns)
-    assert factor < 1
+    radius = period_radius(recursions, turns)
+    assert radius < 1
     whole = period(recursions, turns)
-    motion = steady_motion(whole, HARMONIC, factor)
-    bound, always = (of(whole, *HARMONIC.bounds(), factor) for of in (sharp, sharp_always))
+    motion = steady_motion(whole, HARMONIC, radius)
+    bound, always = (
+        of(whole, *HARMONIC.bounds(), radius) for of in (worst_case, worst_case_always)
+    )
     x = np.zeros((2 * n, 2))
     for k in range(1, 600):
         now, then = HARMONIC.at(k * h), HARMONIC.at((k + 1) * h)
@@ -255,7 +257,7 @@ def test_the_sharp_bound_of_a_period_is_come_near_by_a_target_that_tries():
     algorithm, h = FirstOrder(0.9, 0.8), 0.1
     recursions = [recursion_of(algorithm, t, h) for t in (CHAIN, OTHER_WAY)]
     whole = period(recursions, [(0, 1), (1, 1)])
-    bound = sharp(whole, 1e6, 1.0, period_factor(recursions, [(0, 1), (1, 1)]))
+    bound = worst_case(whole, 1e6, 1.0, period_radius(recursions, [(0, 1), (1, 1)]))
     A = [dense(algorithm, InteractionGraphs.of(t), h) for t in (CHAIN, OTHER_WAY)]
     worst = np.zeros(2)
     for last in (0, 1):
@@ -317,7 +319,7 @@ def test_the_joint_radius_is_tried_up_to_a_size(monkeypatch, topology, is_tried)
 def test_the_factor_of_a_period_is_that_of_the_dense_product(monkeypatch, algorithm, most):
     monkeypatch.setattr(switching, "DENSE", most)
     given = [InteractionGraphs.of(ring(5, both)) for both in (True, False)]
-    found = period_factor([recursion_of(algorithm, e, 0.2) for e in given], [(0, 3), (1, 2)])
+    found = period_radius([recursion_of(algorithm, e, 0.2) for e in given], [(0, 3), (1, 2)])
     first, second = (dense(algorithm, exchange, 0.2) for exchange in given)
     product_ = np.linalg.matrix_power(second, 2) @ np.linalg.matrix_power(first, 3)
     assert found == pytest.approx(np.abs(np.linalg.eigvals(product_)).max() ** (1 / 5), rel=1e-9)

@@ -12,8 +12,12 @@ from rich.console import Console
 
 from nrs_cosim.estimator_agents.theory.design import Gains
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, designed, promises
-from nrs_cosim.orchestrator.analysis.comparison import Judged, Judgement, judge
+from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, designed, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import (
+    ComparedQuantity,
+    TheoryComparison,
+    compare_to_theory,
+)
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds, tracking_conditions
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
@@ -40,9 +44,9 @@ def changed(*pairs, path=PAPER):
     return parse_scenario(text, "changed", SCENARIOS, "changed.toml")
 
 
-def shown(judged):
+def shown(compared):
     written = io.StringIO()
-    summary_text.judgement(Console(file=written, width=100, soft_wrap=True), judged)
+    summary_text.theory_comparison(Console(file=written, width=100, soft_wrap=True), compared)
     return written.getvalue()
 
 
@@ -55,50 +59,59 @@ def recording(tmp_path_factory):
 
 def test_the_example_keeps_every_promise(recording):
     with Reader(recording) as reader:
-        judged = judge(reader, read_scenario(PAPER), measure(reader, experiment_of(reader)))
-    assert judged.why_not == ""
-    assert [row.verdict for row in judged.quantities] == ["within"] * 4
-    assert judged.measured_factor == pytest.approx(judged.factor, rel=2e-3)
-    for row in judged.quantities[:2]:
-        assert row.measured <= row.bound.exact * (1 + 1e-6) <= row.bound.sharp <= row.bound.paper
-        assert row.measured == pytest.approx(row.bound.exact, rel=1e-2)
-        assert row.rest < 1e-5
+        compared = compare_to_theory(
+            reader, read_scenario(PAPER), measure(reader, experiment_of(reader))
+        )
+    assert compared.why_not == ""
+    assert [row.against_bound for row in compared.quantities] == ["within"] * 4
+    assert compared.measured_radius == pytest.approx(compared.spectral_radius, rel=2e-3)
+    for row in compared.quantities[:2]:
+        assert (
+            row.measured
+            <= row.bound.steady_state * (1 + 1e-6)
+            <= row.bound.worst_case
+            <= row.bound.paper
+        )
+        assert row.measured == pytest.approx(row.bound.steady_state, rel=1e-2)
+        assert row.transient < 1e-5
 
 
 def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
     with Reader(recording) as reader:
         true = measure(reader, experiment_of(reader))
         broken = SteadyState(0.2, true.velocity_estimate, 0.4, 0.4, (int(27.3e9), 0, 0, 0))
-        judged = judge(reader, read_scenario(PAPER), broken)
-    assert [row.verdict for row in judged.quantities] == ["exceeds", *["within"] * 3]
-    assert judged.quantities[0].tick == 273
+        compared = compare_to_theory(reader, read_scenario(PAPER), broken)
+    assert [row.against_bound for row in compared.quantities] == ["exceeds", *["within"] * 3]
+    assert compared.quantities[0].tick == 273
 
 
 def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
     """As if agents had jumped otherwise than their gains say."""
     other = changed(("alpha = 0.9", "alpha = 1.1"))
     with Reader(recording) as reader:
-        judged = judge(reader, other, measure(reader, experiment_of(reader)))
-    assert judged.quantities[0].verdict == "exceeds"
-    assert judged.measured_factor is not None
+        compared = compare_to_theory(reader, other, measure(reader, experiment_of(reader)))
+    assert compared.quantities[0].against_bound == "exceeds"
+    assert compared.measured_radius is not None
 
 
 def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(recording):
     other = changed(('fmu = "two_link_arm"', 'fmu = "theirs.fmu"'))
     with Reader(recording) as reader:
-        judged = judge(reader, other, measure(reader, experiment_of(reader)))
-        ours = judge(reader, read_scenario(PAPER), measure(reader, experiment_of(reader)))
+        compared = compare_to_theory(reader, other, measure(reader, experiment_of(reader)))
+        ours = compare_to_theory(
+            reader, read_scenario(PAPER), measure(reader, experiment_of(reader))
+        )
     why = "none of tracking: the bounds of P3 are not known of theirs.fmu; `nrs check` samples them"
-    assert f"bounds     {why}" in shown(judged)
+    assert f"bounds     {why}" in shown(compared)
     assert "none of tracking" not in shown(ours)
-    assert [row.verdict for row in judged.quantities] == [*["within"] * 2, *["unknown"] * 2]
+    assert [row.against_bound for row in compared.quantities] == [*["within"] * 2, *["unknown"] * 2]
 
 
 def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
-    lossy = promises(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
+    lossy = ultimate_bounds(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
     assert "faults" in lossy.why_not
-    assert (lossy.exact, lossy.sharp, lossy.paper) == (None, None, None)
-    diverging = promises(read_scenario(SCENARIOS / "paper_example_1c.toml"))
+    assert (lossy.steady_state, lossy.worst_case, lossy.paper) == (None, None, None)
+    diverging = ultimate_bounds(read_scenario(SCENARIOS / "paper_example_1c.toml"))
     assert "diverge" in diverging.why_not
     assert diverging.tracking.paper is None
 
@@ -107,46 +120,50 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
     file = changed(("duration = 30.0", "duration = 2.0"))
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
-        judged = judge(reader, file, measure(reader, experiment_of(reader)))
-    row = judged.quantities[0]
-    assert row.measured > row.bound.sharp
-    assert row.verdict == "within"
-    assert row.rest > 0.1
-    assert row.above == ("this target", "any target")
-    words = shown(judged)
+        compared = compare_to_theory(reader, file, measure(reader, experiment_of(reader)))
+    row = compared.quantities[0]
+    assert row.measured > row.bound.worst_case
+    assert row.against_bound == "within"
+    assert row.transient > 0.1
+    assert row.above == ("steady_state", "worst_case")
+    words = shown(compared)
     assert re.search(r"^\|eps - eps_0\|inf .* transient", words, re.MULTILINE)
-    assert "|eps - eps_0|inf is above this target and any target" in words
-    assert f"contributes up to {max(one.rest for one in judged.quantities[:2]):.4g}" in words
+    assert "|eps - eps_0|inf is above steady_state and worst_case" in words
+    assert f"contributes up to {max(one.transient for one in compared.quantities[:2]):.4g}" in words
 
 
 @pytest.mark.parametrize(
-    ("measured", "verdict", "above", "word"),
+    ("measured", "against_bound", "above", "word"),
     [
         (0.16, "within", (), "within"),
         (0.174, "within", ("paper",), "within"),
-        (0.46, "exceeds", ("any target", "paper"), "exceeded, at k = 10"),
-        (0.46, "within", ("any target", "paper"), "transient"),
-        (0.46, "unknown", ("any target", "paper"), "unproven"),
+        (0.46, "exceeds", ("worst_case", "paper"), "exceeded, at k = 10"),
+        (0.46, "within", ("worst_case", "paper"), "transient"),
+        (0.46, "unknown", ("worst_case", "paper"), "unproven"),
         (None, "unknown", (), "not measured"),
     ],
 )
-def test_a_verdict_says_what_it_is_within(measured, verdict, above, word):
+def test_a_verdict_says_what_it_is_within(measured, against_bound, above, word):
     bound = Bound("|q - eps_0|2", None, 0.4504, 0.1675)
-    row = Judged(bound, measured, 10, 0.0, verdict)
+    row = ComparedQuantity(bound, measured, 10, 0.0, against_bound)
     assert row.above == above
     assert word.startswith(row.status)
-    assert Judgement("", (row,), None, None).as_json()["quantities"][0]["status"] == row.status
+    assert (
+        TheoryComparison("", (row,), None, None).as_json()["quantities"][0]["status"] == row.status
+    )
     result = replace(row, bound=replace(bound, unproven=True))
-    assert "0.1675, unproven" in shown(Judgement("", (result,), None, None))
-    assert Judgement("", (result,), None, None).as_json()["quantities"][0]["unproven"] == ["paper"]
-    assert Judgement("", (row,), None, None).as_json()["quantities"][0]["unproven"] == []
-    words = shown(Judgement("", (row,), 0.1, 0.1021))
+    assert "0.1675, unproven" in shown(TheoryComparison("", (result,), None, None))
+    assert TheoryComparison("", (result,), None, None).as_json()["quantities"][0]["unproven"] == [
+        "paper"
+    ]
+    assert TheoryComparison("", (row,), None, None).as_json()["quantities"][0]["unproven"] == []
+    words = shown(TheoryComparison("", (row,), 0.1, 0.1021))
     assert "0.1675, unproven" not in words
     assert re.search(rf"{word} *$", words.splitlines()[1])
     assert ("not proven" in words) == (above == ("paper",))
     assert ("long run" in words) is False
-    far = shown(Judgement("", (row,), 0.1, 0.9))
-    assert "factor     the computed one is of the long run" in far
+    far = shown(TheoryComparison("", (row,), 0.1, 0.9))
+    assert "rho        the computed one is of the long run" in far
 
 
 def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven(tmp_path):
@@ -154,10 +171,10 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
         broken = replace(measure(reader, experiment_of(reader)), position_tracking=50.0)
-        judged = judge(reader, file, broken)
-    row = judged.quantities[2]
-    assert row.measured > row.bound.sharp
-    assert row.verdict == "unknown"
+        compared = compare_to_theory(reader, file, broken)
+    row = compared.quantities[2]
+    assert row.measured > row.bound.worst_case
+    assert row.against_bound == "unknown"
 
 
 def test_robots_of_their_own_are_bounded_on_their_own():
@@ -184,7 +201,7 @@ def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why
     assert why in part.why
     assert part.constants is None
     assert tracking_conditions(scenario) == []
-    assert promises(scenario).tracking.paper is None
+    assert ultimate_bounds(scenario).tracking.paper is None
 
 
 def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tmp_path):
@@ -193,20 +210,20 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
     find = Sampling(file)
     ours = read_scenario(PAPER)
-    checked, promised = check(file, find), promises(file, find=find)
-    (part,), (exact,) = promised.robots, plant_bounds(ours)
+    checked, ultimate = check(file, find), ultimate_bounds(file, find=find)
+    (part,), (steady_state,) = ultimate.robots, plant_bounds(ours)
     assert part.bounds.states > 1000
-    assert json.loads(json.dumps(promised.as_json()))["plants"][0]["bounds"]["source"] == "sampled"
+    assert json.loads(json.dumps(ultimate.as_json()))["plants"][0]["bounds"]["source"] == "sampled"
     for name in ("mu_1", "mu_2", "rho_1", "rho_2"):
-        true = getattr(exact.constants, name)
+        true = getattr(steady_state.constants, name)
         assert true * 0.99 < getattr(part.constants, name) < true * (1 + 1e-6)
     marked = {c["name"]: c["sampled"] for c in checked.as_json()["conditions"]}
     assert marked == {
         "alpha": False, "beta": False, "kp": False, "kd": False,
         "kp (tracking)": True, "kd (tracking)": True,
     }  # fmt: skip
-    assert [row.sampled for row in bounds(promised)] == [False, False, True, True]
-    assert [row.sampled for row in bounds(promises(ours))] == [False] * 4
+    assert [row.sampled for row in bounds(ultimate)] == [False, False, True, True]
+    assert [row.sampled for row in bounds(ultimate_bounds(ours))] == [False] * 4
     assert designed(file, EstimateBounds(0.5, 0.5), 0.5, find).paper.kp == pytest.approx(
         designed(ours, EstimateBounds(0.5, 0.5), 0.5).paper.kp, rel=1e-3
     )
@@ -356,18 +373,18 @@ def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
     gone = file.scenario.algorithm.model_copy(update={"name": "gone"})
     other = replace(file, scenario=file.scenario.model_copy(update={"algorithm": gone}))
     with Reader(recording) as reader:
-        judged = judge(reader, other, measure(reader, file))
-    assert "'gone'" in judged.why_not
-    assert judged.quantities == ()
+        compared = compare_to_theory(reader, other, measure(reader, file))
+    assert "'gone'" in compared.why_not
+    assert compared.quantities == ()
 
 
 def test_a_target_that_rests_is_reached():
     text = PAPER.read_text("utf-8")
     start, end = text.index("axes = ["), text.index("[plant]")
     text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
-    result = promises(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
+    result = ultimate_bounds(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
     assert (result.gamma_1, result.gamma_2) == (0, 0)
-    assert result.exact == result.sharp == result.paper.bound == EstimateBounds(0, 0)
+    assert result.steady_state == result.worst_case == result.paper.bound == EstimateBounds(0, 0)
     assert result.tracking.paper.position < 0.2
 
 
@@ -391,7 +408,7 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     result = json.loads(nrs(*asked, "--json").stdout)
     assert result["design"]["paper"]["kp"] == pytest.approx(359.3407, abs=1e-3)
     assert result["design"]["paper"]["status"] == result["design"]["proven"]["status"] == "found"
-    assert result["tracking"]["unproven"] == ["paper", "sharp"]
+    assert result["tracking"]["unproven"] == ["paper", "paper_of_worst_case"]
     assert result.keys() >= {
         "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
         "conditions", "network", "rate", "settling_time", "gamma_1", "gamma_2", "norms",

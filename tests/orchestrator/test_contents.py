@@ -49,9 +49,9 @@ def with_field(at, form, value):
     """Return what puts a number into a message's bytes."""
 
     def change(message):
-        *rest, data = message
+        *transient, data = message
         put = pack(form, value)
-        return [(*rest, data[:at] + put + data[at + len(put) :])]
+        return [(*transient, data[:at] + put + data[at + len(put) :])]
 
     return change
 

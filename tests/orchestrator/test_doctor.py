@@ -24,8 +24,8 @@ def authority(tmp_path_factory):
 
 
 def seen(tls, now=None):
-    """Return what was looked at in certificates: verdict and text by name."""
-    return {name: (verdict, text) for name, verdict, text in vet(tls, now)}
+    """Return what was looked at in certificates: status and text by name."""
+    return {name: (status, text) for name, status, text in vet(tls, now)}
 
 
 def by_name(diagnosis):
@@ -36,7 +36,7 @@ class TestMachine:
     def test_this_machine_is_fit(self, tmp_path):
         made = diagnose([f"unixsock-stream/{tmp_path}/s"], None)
         assert made.fit
-        assert {s.verdict for s in made.symptoms} == {"ok"}
+        assert {s.status for s in made.symptoms} == {"ok"}
         assert [s.topic for s in made.symptoms] == [
             "plants",
             "plants",
@@ -48,7 +48,7 @@ class TestMachine:
     def test_without_a_compiler_it_says_how_to_get_one(self, monkeypatch):
         monkeypatch.setenv("CC", "no-such-compiler")
         compiler = by_name(diagnose([], None))["compiler"]
-        assert compiler.verdict == "fails"
+        assert compiler.status == "fails"
         assert "CC=no-such-compiler" in compiler.text
         assert "apt install gcc" in compiler.text
 
@@ -61,7 +61,7 @@ class TestMachine:
 
     def test_tls_without_certificates(self):
         made = diagnose(["tls/127.0.0.1:7447"], None)
-        assert by_name(made)["files"].verdict == "fails"
+        assert by_name(made)["files"].status == "fails"
 
     def test_a_malformed_endpoint_is_bad_input(self):
         with pytest.raises(InputError, match="--listen: expected"):
@@ -78,13 +78,13 @@ class TestMachine:
         assert result.returncode == 1
         report = json.loads(result.stdout)
         assert not report["fit"]
-        assert [s["name"] for s in report["symptoms"] if s["verdict"] == "fails"] == ["dates"]
+        assert [s["name"] for s in report["symptoms"] if s["status"] == "fails"] == ["dates"]
 
 
 class TestCertificates:
     def test_a_good_one(self, authority):
         found = seen(authority.issue("left", "lab.example", "192.0.2.1"))
-        assert {verdict for verdict, _ in found.values()} == {"ok"}
+        assert {status for status, _ in found.values()} == {"ok"}
         assert found["worker"][1].startswith("left is its name")
         assert found["addresses"][1].startswith("lab.example, 192.0.2.1")
 
@@ -95,7 +95,7 @@ class TestCertificates:
         assert "is not the authority in --tls-ca" in found["signature"][1]
 
     @pytest.mark.parametrize(
-        ("days", "verdict", "said"),
+        ("days", "status", "said"),
         [
             (-1, "fails", "not valid before 2020-01-01"),
             (1, "ok", "until 2021-01-01"),
@@ -103,16 +103,16 @@ class TestCertificates:
             (367, "fails", "expired on 2021-01-01"),
         ],
     )
-    def test_dates(self, authority, days, verdict, said):
+    def test_dates(self, authority, days, status, said):
         now = datetime(2020, 1, 1, tzinfo=UTC) + timedelta(days=days)
         found = seen(authority.issue("left", valid=LONG_AGO), now)
-        assert found["dates"][0] == verdict
+        assert found["dates"][0] == status
         assert found["dates"][1].startswith(said)
 
     def test_a_name_that_no_worker_can_have(self, authority):
         assert "no worker can have it" in seen(authority.issue("orchestrator"))["worker"][1]
-        verdict, said = seen(authority.issue("robot*"))["worker"]
-        assert verdict == "fails"
+        status, said = seen(authority.issue("robot*"))["worker"]
+        assert status == "fails"
         assert "'robot*'" in said
 
     def test_a_key_of_another_form_is_only_warned_of(self, authority):

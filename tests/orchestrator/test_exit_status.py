@@ -247,4 +247,4 @@ def test_strict_names_what_is_violated_or_unknown(folder):
         "convergence is violated",
     ]
     (lossy,) = nrs("check", "lossy.toml", "--strict", cwd=folder).stderr.splitlines()
-    assert lossy.startswith("strict: convergence is unknown: a factor of 0.")
+    assert lossy.startswith("strict: convergence is unknown: spectral radius 0.")

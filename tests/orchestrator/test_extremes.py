@@ -11,7 +11,7 @@ import tomlkit
 
 import nrs_cosim as nrs
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.command import nrs as nrs_command
@@ -68,7 +68,7 @@ def put(tables, at, value):
     return changed
 
 
-def faults_of(tables, extremes, judged):
+def faults_of(tables, extremes, compared):
     """Judge tables with one number after the other changed: what was raised but errors of input."""
     found, passed = [], 0
     for at in places(tables):
@@ -76,7 +76,7 @@ def faults_of(tables, extremes, judged):
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")
-                    judged(put(tables, at, extreme))
+                    compared(put(tables, at, extreme))
                     passed += 1
             except InputError:
                 continue
@@ -90,10 +90,10 @@ def checked(tables):
     text = tomlkit.dumps(tables)
     scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml")
     result = check(scenario)
-    promised = promises(scenario, result.growth)
-    bounds(promised)
+    ultimate = ultimate_bounds(scenario, result.rho)
+    bounds(ultimate)
     result.warnings()
-    json.dumps([result.as_json(), promised.as_json()], allow_nan=False)
+    json.dumps([result.as_json(), ultimate.as_json()], allow_nan=False)
 
 
 def ran(tables):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from nrs_cosim.estimator_agents.target import Sampled
-from nrs_cosim.orchestrator.analysis.bounds import promises
-from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
@@ -96,9 +96,9 @@ def test_the_recording_alone_repeats_the_run(ran):
         == f"planar_robot, SHA-256 {digest}"
     )
     assert describe(ran[0], experiment_of(ran[0]))["target"] is None
-    verdict = verify(ran[1], file, plants=False)
-    assert verdict.difference is None
-    assert verdict.ticks == 300
+    verification = verify(ran[1], file, plants=False)
+    assert verification.difference is None
+    assert verification.ticks == 300
     other = changed(file, [Change.of("--algorithm", "algorithm.alpha=0.8")])
     assert other.scenario.target == file.scenario.target
 
@@ -114,13 +114,13 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
 def test_it_is_judged_as_any_target_is(ran):
     """γ1 and γ2 are of the cubics: those of the formula, to h²/192 with a quarter of h."""
     scenario = experiment_of(ran[1])
-    result = promises(scenario)
-    assert result.exact is None
+    result = ultimate_bounds(scenario)
+    assert result.steady_state is None
     assert result.gamma_1 == pytest.approx(3.0, abs=1e-9)
     assert result.gamma_2 == pytest.approx(1.0, abs=1e-4)
     assert result.source == "of the cubics through 1501 samples of planar_robot"
-    judged = judge(ran[1], scenario, measure(ran[1], experiment_of(ran[1])))
-    assert [row.verdict for row in judged.quantities] == ["within"] * 4
+    compared = compare_to_theory(ran[1], scenario, measure(ran[1], experiment_of(ran[1])))
+    assert [row.against_bound for row in compared.quantities] == ["within"] * 4
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Of a recording that is not whole nothing is said as of the whole: no digest, error or verdict."""
+"""Of a recording that is not whole nothing is said as of the whole: no digest, error or status."""
 
 import json
 

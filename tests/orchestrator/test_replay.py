@@ -72,10 +72,10 @@ def test_every_small_scenario_is_identical_when_it_is_run_again(path, tmp_path):
     outcome = run(file, tmp_path / "run.mcap")
     with Reader(outcome.path) as reader:
         for plants in (True, False):
-            verdict = verify(reader, experiment_of(reader), plants=plants)
-            assert verdict.difference is None
-            assert verdict.ticks == outcome.ticks
-            assert verdict.messages == sum(
+            verification = verify(reader, experiment_of(reader), plants=plants)
+            assert verification.difference is None
+            assert verification.ticks == outcome.ticks
+            assert verification.messages == sum(
                 not topic.endswith("/checkpoint")
                 for batch in reader.batches()
                 for _, topic, *_ in batch

@@ -66,8 +66,8 @@ class Sealed:
             extra = {"spent": reader.end["spent"], "rejected": reader.end["rejected"]}
             changed = ending or (lambda fields: fields)
 
-            def other(*, fields, **rest):
-                return tail(fields=changed(dict(fields)), **rest)
+            def other(*, fields, **transient):
+                return tail(fields=changed(dict(fields)), **transient)
 
             with (
                 patch.object(writer_module, "tail", other),

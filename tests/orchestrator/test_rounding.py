@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import nrs_cosim as nrs
-from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.conftest import SCENARIOS
@@ -17,32 +17,32 @@ def paper():
     return scenario.replace({"plant.fmu": "planar_robot", "run.duration": 60.0})
 
 
-def judged(scenario, path, **changes):
+def compared(scenario, path, **changes):
     nrs.run(scenario, path).close()
     with Reader(path) as reader:
         measured = replace(measure(reader, experiment_of(reader)), **changes)
-        return judge(reader, experiment_of(reader), measured).quantities[0]
+        return compare_to_theory(reader, experiment_of(reader), measured).quantities[0]
 
 
 def test_an_ulp_of_a_large_position_is_not_beyond_a_bound_of_0(paper, tmp_path):
     far = {"target.axes": [{"offset": 1e9}, {"offset": -3.3e8}], "run.divergence_limit": 1e12}
-    row = judged(paper.replace(far), tmp_path / "run.mcap")
-    assert row.bound.exact == 0.0
+    row = compared(paper.replace(far), tmp_path / "run.mcap")
+    assert row.bound.steady_state == 0.0
     assert 0.0 < row.measured <= 2.0**-22  # two units in the last place of 1e9
-    assert (row.verdict, row.above) == ("within", ())
+    assert (row.against_bound, row.above) == ("within", ())
 
 
 def test_a_tenth_of_a_nanometre_is_beyond_a_bound_of_two(paper, tmp_path):
     small = {"amplitude": 1e-9, "frequency": 1.0}
     slow = {"target.axes": [{"sines": [small]}, {"cosines": [small]}]}
     path = tmp_path / "run.mcap"
-    row = judged(paper.replace(slow), path)
-    assert row.verdict == "within"
-    assert row.measured == pytest.approx(row.bound.exact, rel=0.05)
+    row = compared(paper.replace(slow), path)
+    assert row.against_bound == "within"
+    assert row.measured == pytest.approx(row.bound.steady_state, rel=0.05)
     with Reader(path) as reader:
         more = replace(
-            measure(reader, experiment_of(reader)), position_estimate=1.5 * row.bound.exact
+            measure(reader, experiment_of(reader)), position_estimate=1.5 * row.bound.steady_state
         )
-        (beyond, *_) = judge(reader, experiment_of(reader), more).quantities
-    assert beyond.verdict == "exceeds"
-    assert "this target" in beyond.above
+        (beyond, *_) = compare_to_theory(reader, experiment_of(reader), more).quantities
+    assert beyond.against_bound == "exceeds"
+    assert "steady_state" in beyond.above

@@ -14,7 +14,7 @@ from tests.orchestrator.conftest import SCENARIOS
 from tests.plant_fmu import hinge
 
 
-def judged(motion, step=0.1, end=2.0):
+def compared(motion, step=0.1, end=2.0):
     """Return what is said of a motion t -> (position, velocity), and the times of all samples."""
     asked = []
 
@@ -40,7 +40,7 @@ def bouncing(at, before=-1.0, after=0.5):
 @pytest.mark.parametrize("at", [0.749, 0.75, 0.7512, 0.8])
 @pytest.mark.parametrize("step", [0.1, 0.01, 0.001])
 def test_a_velocity_that_jumps_is_told_with_its_time(at, step):
-    message, _ = judged(bouncing(at), step)
+    message, _ = compared(bouncing(at), step)
     assert message.startswith("ball.fmu: velocity_1 at t = ")
     assert "velocity_1 jumps from -1 to 0.5 at t = 0." in message
     assert message.endswith("; a target must be continuously differentiable")
@@ -55,7 +55,7 @@ def test_a_position_in_stairs_jumps(step):
         stair = np.floor(t / 0.1 + 1e-9) * 0.1
         return np.exp(-stair), -np.exp(-stair)
 
-    message, _ = judged(motion, step)
+    message, _ = compared(motion, step)
     assert "position_1 jumps from 1 to 0.904837 at t = 0.0" in message
     assert message.endswith(
         "as it does where an FMU steps at times of its own; a target must be continuously "
@@ -67,23 +67,23 @@ def test_a_shorter_step_is_advised_where_it_helps_and_does():
     def motion(t):
         return np.sin(2 * pi * t), 2 * pi * np.cos(2 * pi * t)
 
-    message, _ = judged(motion, 0.2)
+    message, _ = compared(motion, 0.2)
     assert message.endswith("; take a shorter target.step: 0.05 s")
-    assert judged(motion, 0.05) == ("", [[k * 0.05 for k in range(41)]])
+    assert compared(motion, 0.05) == ("", [[k * 0.05 for k in range(41)]])
 
 
 def test_a_step_that_is_still_too_long_says_so():
     def motion(t):
         return np.sin(20 * pi * t + 0.1) / 20, pi * np.cos(20 * pi * t + 0.1)
 
-    message, asked = judged(motion, 0.09, 1.8)
+    message, asked = compared(motion, 0.09, 1.8)
     assert message.endswith("; take a shorter target.step: 0.0225 s or less")
     assert np.diff(asked[-1]) == pytest.approx(0.0225)
 
 
 @pytest.mark.parametrize("step", [0.1, 0.01])
 def test_a_velocity_of_something_else_is_to_be_named(step):
-    message, _ = judged(lambda t: (np.sin(t), np.sin(t)), step)
+    message, _ = compared(lambda t: (np.sin(t), np.sin(t)), step)
     assert message.endswith("; say in target.variables what they are")
 
 

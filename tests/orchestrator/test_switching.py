@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nrs_cosim.orchestrator.analysis.bounds import designed, promises
-from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.bounds import designed, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.engine.run import past_of, run
@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.export.tables import samples
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import digest, turning
+from tests.cluster.local_runs import digest, switching
 from tests.estimator_agents.paper import second_order
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS
@@ -30,7 +30,7 @@ PAPER = f"edge_list = {[list(edge) for edge in PAPERS]}"
 PATH = 'generator = { kind = "path", n = 6 }'
 
 
-def turns(*entries, repeat=None):
+def phases(*entries, repeat=None):
     """Return a network of (from, form) in turn."""
     head = "" if repeat is None else f"repeat = {repeat}\n"
     tables = (f"[[network.switching]]\nfrom = {since}\n{form}\n" for since, form in entries)
@@ -45,16 +45,16 @@ def edges(topology):
     return {*zip(topology.source.tolist(), topology.sink.tolist(), strict=True)}
 
 
-def judged(path, file):
+def compared(path, file):
     with Reader(path) as reader:
-        return judge(reader, file, measure(reader, experiment_of(reader)))
+        return compare_to_theory(reader, file, measure(reader, experiment_of(reader)))
 
 
 # What a scenario says
 
 
 def test_turns_may_have_any_form_and_digraphs_of_their_own():
-    network = turns((1, PAPER), (4, apart(PATH, PAPER, "network.switching")), repeat=9)
+    network = phases((1, PAPER), (4, apart(PATH, PAPER, "network.switching")), repeat=9)
     scenario = networked(network)
     topologies = scenario.topologies
     path = {(i, i + 1) for i in range(6)}
@@ -69,9 +69,9 @@ def test_turns_may_have_any_form_and_digraphs_of_their_own():
 
 def test_what_a_turn_draws_depends_on_its_place():
     random = 'generator = { kind = "random_k_in", n = 40, k = 3 }'
-    one, two = networked(turns((1, random), (2, random))).topologies.exchanges
+    one, two = networked(phases((1, random), (2, random))).topologies.exchanges
     assert edges(one.position) != edges(two.position)
-    again = networked(turns((1, random), (5, random), repeat=7)).topologies
+    again = networked(phases((1, random), (5, random), repeat=7)).topologies
     assert edges(again.exchanges[1].position) == edges(two.position)
 
 
@@ -79,7 +79,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
     for name, rows in (("a", PAPERS), ("b", [(i, i + 1) for i in range(6)])):
         lines = ["source,sink", *(f"{j},{i}" for j, i in rows)]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines), "utf-8")
-    network = turns(
+    network = phases(
         (1, 'edges = "a.csv"'),
         (3, apart('edges = "b.csv"', 'edges = "a.csv"', "network.switching")),
         (8, 'edges = "b.csv"'),
@@ -103,32 +103,32 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
 @pytest.mark.parametrize(
     ("network", "result"),
     [
-        (turns((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
-        (turns((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entri"),
+        (phases((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
+        (phases((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entr"),
         (
-            turns((1, PAPER), (10, PATH), (11, PAPER), (2100, PATH), repeat=2100),
+            phases((1, PAPER), (10, PATH), (11, PAPER), (2100, PATH), repeat=2100),
             "network.switching[2].from: expected at most 10, the last tick of the run, got 11; ",
         ),
-        (turns((1, PAPER), (9, PATH), repeat=8), "network.repeat: expected at least 9, where the"),
+        (phases((1, PAPER), (9, PATH), repeat=8), "network.repeat: expected at least 9, where the"),
         (f"repeat = 3\n{PAPER}", "network.repeat: is of network.switching, got 3; leave it out"),
-        (turns((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got 0"),
-        (turns((0, PAPER)), "network.switching[0].from: expected greater than or equal to 1, got"),
-        (turns((1.5, PAPER)), "network.switching[0].from: expected a whole number, got 1.5"),
+        (phases((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got"),
+        (phases((0, PAPER)), "network.switching[0].from: expected greater than or equal to 1, got"),
+        (phases((1.5, PAPER)), "network.switching[0].from: expected a whole number, got 1.5"),
         ("[[network.switching]]\n" + PAPER, "network.switching[0].from: missing, it has no defaul"),
         ("switching = []", "network.switching: expected at least one, got []"),
-        (turns((1, "")), "network.switching[0]: expected one of adjacency (with pinning), generat"),
-        (PAPER + "\n" + turns((1, PAPER)), "got edge_list and switching; keep one of them"),
+        (phases((1, "")), "network.switching[0]: expected one of adjacency (with pinning), genera"),
+        (PAPER + "\n" + phases((1, PAPER)), "got edge_list and switching; keep one of them"),
         (
-            turns((1, PAPER), (5, 'generator = { kind = "path", n = 5 }')),
+            phases((1, PAPER), (5, 'generator = { kind = "path", n = 5 }')),
             "network.switching[1]: expected 6 robots, as network.switching[0] has, got 5",
         ),
         (
-            turns((1, PAPER), (5, "edge_list = [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]")),
+            phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]")),
             "network.switching[1]: expected a spanning tree rooted at the target (assumption A2), "
             "but no path leads from the target to robot 5, 6; let one of them hear the target (an ",
         ),
-        (turns((1, PAPER), (5, "edge_list = [[0, 1], [1, 1]]")), "switching[1].edge_list[1]: expe"),
-        (turns((1, PAPER), (5, "edge_lst = [[0, 1]]")), "network.switching[1].edge_lst: unknown k"),
+        (phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 1]]")), "switching[1].edge_list[1]: exp"),
+        (phases((1, PAPER), (5, "edge_lst = [[0, 1]]")), "network.switching[1].edge_lst: unknown "),
         (f"[network.position]\n{PAPER}", "network.velocity: missing, it has no default beside net"),
         (apart(PAPER, ""), "network.velocity: expected one of adjacency (with pinning), generator"),
         (
@@ -182,7 +182,7 @@ def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for
     )
     assert why in result
     sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
-    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).turns[0].digraphs[1:]
+    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).phases[0].digraphs[1:]
 
 
 def test_the_schema_knows_turns():
@@ -228,7 +228,7 @@ def test_recorded_samples_are_those_of_dense_matrices_in_turn(tmp_path, name):
 
     network = given["network"]
     if "switching" in network:
-        found = [share(turn) for turn in network["switching"]]
+        found = [share(phase) for phase in network["switching"]]
         order = [found[0 if p < 10 else 1 if p < 20 else 2] for p in range(network["repeat"])]
         both = [(one, one) for one in order]
     else:
@@ -249,7 +249,7 @@ def test_recorded_samples_are_those_of_dense_matrices_in_turn(tmp_path, name):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """Return a run of networks in turn with faulty links, in one process."""
-    return run(turning(), tmp_path_factory.mktemp("whole") / "1.mcap").path
+    return run(switching(), tmp_path_factory.mktemp("whole") / "1.mcap").path
 
 
 def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole):
@@ -257,14 +257,14 @@ def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole
         if time_ns >= 12_300_000_000:
             raise Interrupted
 
-    cut = run(turning(), tmp_path / "cut.mcap", watch=stop)
+    cut = run(switching(), tmp_path / "cut.mcap", watch=stop)
     assert cut.status == "interrupted"
     with Reader(cut.path) as reader:
-        outcome = run(turning(), tmp_path / "rest.mcap", past=past_of(reader))
+        outcome = run(switching(), tmp_path / "rest.mcap", past=past_of(reader))
     assert outcome.copied > 100
     assert digest(outcome.path) == digest(whole)
     with Reader(whole) as reader:
-        assert verify(reader, turning(), plants=True).difference is None
+        assert verify(reader, switching(), plants=True).difference is None
 
 
 # What is promised
@@ -276,32 +276,34 @@ def test_a_period_is_promised_and_kept(tmp_path):
     result = checked.as_json()
     assert result["spanning_tree"] is True
     assert result["network"] is None
-    assert [turn["from"] for turn in result["topologies"]] == [1, 11, 21]
-    assert [turn["digraphs"][0]["network"]["pinned"] for turn in result["topologies"]] == [
+    assert [phase["from"] for phase in result["topologies"]] == [1, 11, 21]
+    assert [phase["digraphs"][0]["network"]["pinned"] for phase in result["topologies"]] == [
         (3,), (1,), (6,),
     ]  # fmt: skip
-    radii = [turn["spectral_radius"] for turn in result["topologies"]]
+    radii = [phase["spectral_radius"] for phase in result["topologies"]]
     assert radii == pytest.approx([0.2 + 0.8 * 0.5**0.5, 0.2, 0.2])
     assert result["alpha_beta_bound"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
     assert result["switching"]["repeat"] == 25
-    assert result["switching"]["any_order"]["verdict"] == "proven"
+    assert result["switching"]["any_order"]["status"] == "proven"
     assert result["switching"]["any_order"]["by_gains"] is True
-    promised = promises(file, checked.growth)
-    assert promised.paper is None
+    ultimate = ultimate_bounds(file, checked.rho)
+    assert ultimate.paper is None
     path = run(file, tmp_path / "run.mcap").path
-    found = judged(path, file)
-    assert [row.verdict for row in found.quantities] == ["within"] * 4
+    found = compared(path, file)
+    assert [row.against_bound for row in found.quantities] == ["within"] * 4
     for row in found.quantities[:2]:
-        assert 0.99 * row.bound.exact < row.measured <= row.bound.exact * (1 + 1e-6)
-        assert row.bound.exact < row.bound.sharp
-    assert found.measured_factor == pytest.approx(result["spectral_radius"], abs=0.01)
+        assert 0.99 * row.bound.steady_state < row.measured <= row.bound.steady_state * (1 + 1e-6)
+        assert row.bound.steady_state < row.bound.worst_case
+    assert found.measured_radius == pytest.approx(result["spectral_radius"], abs=0.01)
 
 
 def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
     """Now robot 1 and now robot 2 hears the target: docs/theory.md has the numbers."""
     text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
     start, end = text.index("[network]"), text.index("[target]")
-    pair = turns((1, "edge_list = [[0, 1], [1, 2]]"), (2, "edge_list = [[0, 2], [2, 1]]"), repeat=2)
+    pair = phases(
+        (1, "edge_list = [[0, 1], [1, 2]]"), (2, "edge_list = [[0, 2], [2, 1]]"), repeat=2
+    )
     text = text[:start] + "[network]\n" + pair + text[end:]
     for gain, settles in (("0.97", True), ("1.03", False)):
         new = text.replace("alpha = 0.9", f"alpha = {gain}").replace("beta = 1.1", f"beta = {gain}")
@@ -311,7 +313,7 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
         checked = check(file)
         assert all(condition.holds for condition in checked.conditions)
         assert (checked.spectral_radius < 1) == settles
-        assert checked.any_order.verdict == ("proven" if settles else "refuted")
+        assert checked.any_order.status == ("proven" if settles else "refuted")
         assert bool(checked.warnings()) != settles
         outcome = run(file, tmp_path / f"{gain}.mcap")
         with Reader(outcome.path) as reader:
@@ -320,7 +322,7 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
         apart = np.abs(table["velocity"][of] - table["velocity"][table["robot"] == 0]).max(axis=1)
         assert (apart[-50:].max() < 4) == settles
         assert (apart[-50:].max() > apart[:50].max()) != settles
-        found = judged(outcome.path, file)
+        found = compared(outcome.path, file)
         assert found.why_not == ("" if settles else "the estimates diverge")
 
 
@@ -331,13 +333,15 @@ def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_
     checked = check(file)
     assert checked.spectral_radius == pytest.approx(0.2)
     assert check(last).alpha_beta_bound == pytest.approx(2)
-    found = judged(run(file, tmp_path / "run.mcap").path, file)
-    assert [row.verdict for row in found.quantities] == ["within"] * 4
-    assert found.quantities[0].measured == pytest.approx(found.quantities[0].bound.exact, rel=0.02)
+    found = compared(run(file, tmp_path / "run.mcap").path, file)
+    assert [row.against_bound for row in found.quantities] == ["within"] * 4
+    assert found.quantities[0].measured == pytest.approx(
+        found.quantities[0].bound.steady_state, rel=0.02
+    )
     late = text.replace("from = 21", "from = 270")
     file = parse_scenario(late, "late", SCENARIOS, "late")
-    found = judged(run(file, tmp_path / "late.mcap").path, file)
-    assert [row.verdict for row in found.quantities] == ["unknown"] * 4
+    found = compared(run(file, tmp_path / "late.mcap").path, file)
+    assert [row.against_bound for row in found.quantities] == ["unknown"] * 4
 
 
 def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
@@ -347,30 +351,30 @@ def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
     assert bounds["alpha"] == pytest.approx(4 - 2 * 2**0.5, abs=1e-9)
     assert bounds["beta"] == pytest.approx(2)
     assert checked.spectral_radius == pytest.approx(0.1 + 0.9 * 0.5**0.5)
-    (turn,) = checked.as_json()["topologies"]
-    assert [digraph["of"] for digraph in turn["digraphs"]] == ["positions", "velocities"]
+    (phase,) = checked.as_json()["topologies"]
+    assert [digraph["of"] for digraph in phase["digraphs"]] == ["positions", "velocities"]
     assert "switching" not in checked.as_json()
-    found = judged(run(file, tmp_path / "run.mcap").path, file)
-    assert [row.verdict for row in found.quantities] == ["within"] * 4
+    found = compared(run(file, tmp_path / "run.mcap").path, file)
+    assert [row.against_bound for row in found.quantities] == ["within"] * 4
     for row in found.quantities[:2]:
-        assert row.measured == pytest.approx(row.bound.exact, rel=1e-3)
-        assert row.bound.exact <= row.bound.sharp <= row.bound.paper
+        assert row.measured == pytest.approx(row.bound.steady_state, rel=1e-3)
+        assert row.bound.steady_state <= row.bound.worst_case <= row.bound.paper
 
 
 def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
     text = (SCENARIOS / "switching.toml").read_text("utf-8").replace('"dcea1"', '"dcea2"')
     scenario = parse_scenario(text, "second", SCENARIOS, "second")
     checked = check(scenario)
-    assert all(condition.holds for turn in checked.turns for condition in turn.conditions)
-    assert (checked.spectral_radius < 1, checked.any_order.verdict) == (True, "refuted")
+    assert all(condition.holds for phase in checked.phases for condition in phase.conditions)
+    assert (checked.spectral_radius < 1, checked.any_order.status) == (True, "refuted")
     assert checked.any_order.order == (2, 3, 2, 2, 2, 3, 2)
     worst = np.eye(12)
-    for turn in checked.any_order.order:
-        D = scenario.topologies.exchanges[turn - 1].position.D.toarray()
+    for phase in checked.any_order.order:
+        D = scenario.topologies.exchanges[phase - 1].position.D.toarray()
         worst = second_order(0.9, 0.8, 0.1, D) @ worst
-    growth = np.abs(np.linalg.eigvals(worst)).max() ** (1 / 7)
-    assert growth == pytest.approx(1.007, abs=5e-4)
-    assert checked.any_order.lower == pytest.approx(growth, rel=1e-6)
+    rho = np.abs(np.linalg.eigvals(worst)).max() ** (1 / 7)
+    assert rho == pytest.approx(1.007, abs=5e-4)
+    assert checked.any_order.lower == pytest.approx(rho, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -388,36 +392,38 @@ def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles)
     text = text.replace("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
     scenario = parse_scenario(text, "jitter", SCENARIOS, "jitter")
     checked = check(scenario)
-    promised = promises(scenario, checked.growth)
-    assert promised.why_not.endswith(why_not)
-    assert (promised.why_not == "") == (promised.sharp is not None) == (name != "switching")
+    ultimate = ultimate_bounds(scenario, checked.rho)
+    assert ultimate.why_not.endswith(why_not)
+    assert (ultimate.why_not == "") == (ultimate.worst_case is not None) == (name != "switching")
     assert (checked.spectral_radius < 1) == settles
 
 
 def test_a_check_says_it_in_words():
     nrs = CliRunner()
     result = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
-    assert "3 in turn, over and over after 25 ticks" in result
+    assert "3 phases, over and over after 25 ticks" in result
     assert "converge in any order of these digraphs, for both gains are below 1" in result
-    assert "no small-value norm is of digraphs in turn" in result
+    assert "no small-value norm is of a switching topology" in result
     result = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
     assert len(json.loads(result)["topologies"]) == 1
 
 
 def test_a_design_of_turns_goes_by_their_period():
     scenario = read_scenario(SCENARIOS / "switching.toml")
-    found = designed(scenario, promises(scenario).tracking.proven, 0.5)
+    found = designed(scenario, ultimate_bounds(scenario).tracking.worst_case, 0.5)
     assert found.paper.period is None
     assert found.proven.period > 0
 
 
 def test_a_report_tells_that_not_all_links_are_there_at_all_times():
-    switching, hetero, paper = (
+    switching, has_two_digraphs, paper = (
         subject_of(read_scenario(SCENARIOS / f"{name}.toml"), "rad")
         for name in ("switching", "hetero_information", "paper_first_order")
     )
-    assert switching.turns.startswith("3 networks take turns, again after 25 ticks: these are")
-    assert hetero.turns.startswith("Positions and velocities travel over digraphs of their own: ")
-    assert paper.turns == ""
+    assert switching.phases.startswith("3 phases of the network, again after 25 ticks: these are")
+    assert has_two_digraphs.phases.startswith(
+        "Positions and velocities travel over digraphs of their own: "
+    )
+    assert paper.phases == ""
     path, star = {(i, i + 1) for i in range(6)}, {(0, 6), *((6, i) for i in range(1, 6))}
     assert edges(switching.topology) == {*PAPERS} | path | star

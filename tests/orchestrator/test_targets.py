@@ -11,8 +11,8 @@ import pyarrow.parquet
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
-from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
@@ -172,8 +172,8 @@ def test_a_file_of_another_kind_or_of_no_table(tmp_path):
 def test_velocities_decide_nothing_and_a_target_at_rest_has_some(tmp_path):
     with_them = read(tmp_path, columns=table()).scenario
     assert with_them == read(tmp_path, columns=table(names=NAMES[:2])).scenario
-    rest = np.tile([0.1, 0.7, 0.0, 0.0], (len(TIMES), 1))
-    assert read(tmp_path, columns=table(samples=rest)).scenario.m == 2
+    transient = np.tile([0.1, 0.7, 0.0, 0.0], (len(TIMES), 1))
+    assert read(tmp_path, columns=table(samples=transient)).scenario.m == 2
 
 
 def test_a_file_beside_times(tmp_path):
@@ -276,31 +276,34 @@ def test_the_recording_alone_repeats_the_run(ran, tmp_path):
 
 def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
     file = experiment_of(ran[1])
-    verdict = verify(ran[1], file, plants=False)
-    assert verdict.difference is None
-    assert verdict.ticks == 300
+    verification = verify(ran[1], file, plants=False)
+    assert verification.difference is None
+    assert verification.ticks == 300
     run(file, tmp_path / "rest.mcap", past=islice(past_of(ran[1]), 201))
-    with Reader(tmp_path / "rest.mcap") as rest:
-        assert rest.digest == ran[1].digest
+    with Reader(tmp_path / "rest.mcap") as transient:
+        assert transient.digest == ran[1].digest
     other = changed(file, [Change.of("--algorithm", "algorithm.alpha=0.8")])
     assert other.scenario.target == file.scenario.target
 
 
 def test_promises_are_of_any_target_and_are_kept(ran):
     file = experiment_of(ran[1])
-    result = promises(file)
-    harmonic = promises(experiment_of(ran[0]))
-    assert result.exact is None
+    result = ultimate_bounds(file)
+    harmonic = ultimate_bounds(experiment_of(ran[0]))
+    assert result.steady_state is None
     assert result.source == "of the spline through its 601 samples"
-    assert result.as_json()["estimates"]["exact"] is None
+    assert result.as_json()["estimates"]["steady_state"] is None
     for row, other in zip(bounds(result), bounds(harmonic), strict=True):
-        assert row.exact is None
-        assert row.sharp == pytest.approx(other.sharp, rel=1e-2)
+        assert row.steady_state is None
+        assert row.worst_case == pytest.approx(other.worst_case, rel=1e-2)
         assert row.paper == pytest.approx(other.paper, rel=1e-2)
-    judged = judge(ran[1], file, measure(ran[1], experiment_of(ran[1])))
-    assert [row.verdict for row in judged.quantities] == ["within"] * 4
-    assert judged.measured_factor is None
-    assert judged.factor == judge(ran[0], file, measure(ran[0], experiment_of(ran[0]))).factor
+    compared = compare_to_theory(ran[1], file, measure(ran[1], experiment_of(ran[1])))
+    assert [row.against_bound for row in compared.quantities] == ["within"] * 4
+    assert compared.measured_radius is None
+    assert (
+        compared.spectral_radius
+        == compare_to_theory(ran[0], file, measure(ran[0], experiment_of(ran[0]))).spectral_radius
+    )
     assert [c.holds for c in check(file).conditions] == [True] * 6
 
 
@@ -308,8 +311,8 @@ def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
     """The same run judged by a target that stood still: what it did was not allowed."""
     still = inline([0, 40], [[0, 0], [0, 0]])
     assert still.target.bounds() == (0, 0)
-    judged = judge(ran[1], still, measure(ran[1], experiment_of(ran[1])))
-    assert judged.quantities[0].verdict == "exceeds"
+    compared = compare_to_theory(ran[1], still, measure(ran[1], experiment_of(ran[1])))
+    assert compared.quantities[0].against_bound == "exceeds"
 
 
 def test_duration_may_end_with_the_samples():

@@ -5,10 +5,10 @@ import io
 import pytest
 from rich.console import Console
 
-from nrs_cosim.orchestrator.analysis.bounds import bounds, promises
+from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli import summary_text
-from nrs_cosim.orchestrator.cli.theory_text import _complex, verdict
+from nrs_cosim.orchestrator.cli.theory_text import _complex, convergence_rows
 from nrs_cosim.orchestrator.report.subject import subject_of
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
@@ -16,13 +16,13 @@ from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_networks import experiment_of as networked
 from tests.orchestrator.test_networks import text_of
-from tests.orchestrator.test_switching import turns
+from tests.orchestrator.test_switching import phases
 
 PATH = 'generator = { kind = "path", n = 30 }'
 
 
 def said(scenario):
-    return verdict(check(scenario))
+    return convergence_rows(check(scenario))
 
 
 def along_a_path(gain):
@@ -34,9 +34,9 @@ def along_a_path(gain):
 def table(scenario):
     """Return the rows of the conditions by name."""
     written = io.StringIO()
-    promised = promises(scenario)
+    ultimate = ultimate_bounds(scenario)
     summary_text.theory_table(
-        Console(file=written, width=100), check(scenario), promised, bounds(promised)
+        Console(file=written, width=100), check(scenario), ultimate, bounds(ultimate)
     )
     text = written.getvalue().replace(" (tracking)", "-tracking")
     rows = (line.split() for line in text.splitlines())
@@ -46,8 +46,8 @@ def table(scenario):
 def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
     lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
     plain = said(read_scenario(SCENARIOS / "paper_first_order.toml"))
-    assert lossy["factor"] == (
-        "0.877817 on the error per sampling time, of links without faults: "
+    assert lossy["rho"] == (
+        "spectral radius 0.877817, of links without faults: "
         "whether the estimates converge with these links is not known"
     )
     assert lossy["rate"] == plain["rate"].partition(";")[0] + ", of links without faults"
@@ -65,13 +65,13 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     result = checked.as_json()
     assert (result["convergence"], result["of"]) == ("unknown", "links without faults")
     assert (result["settling_time"], result["millionth"]) == (None, None)
-    assert {v.source[-23:] for v in subject_of(scenario, "rad").verdicts} == {
+    assert {v.source[-23:] for v in subject_of(scenario, "rad").conditions} == {
         "of links without faults"
     }
-    assert "settle" not in " ".join(verdict(checked).values())
+    assert "settle" not in " ".join(convergence_rows(checked).values())
     written = io.StringIO()
-    promised = promises(scenario)
-    summary_text.theory_table(Console(file=written, width=200), checked, promised, bounds(promised))
+    ultimate = ultimate_bounds(scenario)
+    summary_text.theory_table(Console(file=written, width=200), checked, ultimate, bounds(ultimate))
     assert "conditions are of links without faults" in written.getvalue()
 
 
@@ -147,23 +147,21 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
     algorithm = "algorithm={name='impulsive',alpha=0.294,beta=0.349}"
     period = "run={sampling_period=0.05,output_step=0.05}"
     found = check(changed(file, [Change.of("--set", f"{algorithm},{period}")])).any_order
-    assert found.verdict == "proven"
+    assert found.status == "proven"
     assert 0.999 < found.lower <= found.upper <= 0.9994
 
 
 def test_one_is_no_plural_and_nothing_is_said_twice():
     result = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
-    assert result["parts"].startswith(
-        "1 strongly connected component, of several robots: robots 1-2"
-    )
+    assert result["components"].startswith("1, strongly connected; of several robots: robots 1-2")
     assert "at most 2 links leads" in result["network"]
     assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]
-    long = said(networked(turns((1, PATH), (5, PATH))))["k >= 5"]
+    long = said(networked(phases((1, PATH), (5, PATH))))["k >= 5"]
     assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
 
 
 @pytest.mark.parametrize(
-    ("factor", "result"),
+    ("radius", "result"),
     [
         (0.8778174593, "0.877817"),
         (1.0, "1.000000"),
@@ -172,8 +170,8 @@ def test_one_is_no_plural_and_nothing_is_said_twice():
         (1.70710678e300, "1.70711e+300"),
     ],
 )
-def test_a_factor_is_short_and_never_that_of_another_verdict(factor, result):
-    assert multiple(factor) == result
+def test_a_factor_is_short_and_never_that_of_another_verdict(radius, result):
+    assert multiple(radius) == result
 
 
 def test_what_is_to_be_above_a_bound_stands_there_as_that():

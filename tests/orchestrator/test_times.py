@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nrs_cosim.bus.clock import BLOCK, Clock, Jitter
-from nrs_cosim.orchestrator.analysis.bounds import promises
-from nrs_cosim.orchestrator.analysis.comparison import judge
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.run import past_of, run
@@ -238,7 +238,7 @@ def test_a_page_has_no_factor_where_there_is_none(paper, tmp_path):
     changes = (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 1.0"))
     with Reader(run(paper(*changes), tmp_path / "run.mcap").path) as reader:
         (page,) = page_data([story_of(reader)])["runs"]
-    assert page["factor"] is None
+    assert page["spectral_radius"] is None
     assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in page["lead"]
     json.dumps(page, allow_nan=False)
 
@@ -252,22 +252,22 @@ def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
     }.items():
         file = paper(*changes)
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
-            judged = judge(reader, file, measure(reader, experiment_of(reader)))
-        assert judged.why_not == ""
-        assert [row.verdict for row in judged.quantities] == ["within"] * 4
-        assert judged.measured_factor is None
-        for row in judged.quantities:
-            assert (row.bound.exact, row.bound.paper) == (None, None)
-            assert 0.1 * row.bound.sharp < row.measured or row.bound.name.startswith("|q")
+            compared = compare_to_theory(reader, file, measure(reader, experiment_of(reader)))
+        assert compared.why_not == ""
+        assert [row.against_bound for row in compared.quantities] == ["within"] * 4
+        assert compared.measured_radius is None
+        for row in compared.quantities:
+            assert (row.bound.steady_state, row.bound.paper) == (None, None)
+            assert 0.1 * row.bound.worst_case < row.measured or row.bound.name.startswith("|q")
 
 
 def test_a_measurement_beyond_the_bound_is_told_with_its_tick(paper, tmp_path):
     file = paper(*listed(TIMES, duration=4.0))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         broken = SteadyState(1e3, 0.0, 0.0, 0.0, (3_700_000_001, 0, 0, 0))
-        judged = judge(reader, file, broken)
-    assert judged.quantities[0].verdict == "exceeds"
-    assert judged.quantities[0].tick == 5 * 9 + 2
+        compared = compare_to_theory(reader, file, broken)
+    assert compared.quantities[0].against_bound == "exceeds"
+    assert compared.quantities[0].tick == 5 * 9 + 2
 
 
 def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
@@ -276,7 +276,7 @@ def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
     assert periodic.keys() <= jittered.keys()
     more = jittered["aperiodic"]
     assert (more["shortest"], more["longest"]) == (pytest.approx(0.065), pytest.approx(0.135))
-    assert more["verdict"] == "proven"
+    assert more["status"] == "proven"
     assert more["lower"] == more["upper"] == jittered["spectral_radius"]
     assert jittered["rate"] == pytest.approx(periodic["rate"])
 
@@ -295,7 +295,7 @@ def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
 def test_what_does_not_settle_is_warned_of(paper, changes, words):
     scenario = paper(*changes, (STEP, ""))
     assert words in check(scenario).warnings()[-1]
-    assert "diverge" in promises(scenario).why_not
+    assert "diverge" in ultimate_bounds(scenario).why_not
 
 
 def test_an_fmu_for_steps_of_one_length_is_refused_by_name(paper, tmp_path):

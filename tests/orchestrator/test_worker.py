@@ -32,7 +32,7 @@ TOPOLOGY = Topology.of([[0, 1, 0], [0, 0, 0], [1, 1, 0]], [1, 1, 0])
 class Springs:
     """Plants that are drawn to their references: q' = e^{-s} q + (1 − e^{-s}) ε."""
 
-    exact = True
+    checkpointable = True
 
     def __init__(self):
         self.q, self.qd, self.tau = np.zeros((3, 2, M))
@@ -200,10 +200,10 @@ def test_a_damaged_checkpoint_is_refused_and_its_robot_named(parts):
         Case().worker.restore(2, [good, damaged])
 
 
-@pytest.mark.parametrize(("every", "exact"), [(0, True), (EVERY, False)])
-def test_no_checkpoint_is_taken_where_none_is_due_or_none_would_be_exact(every, exact):
+@pytest.mark.parametrize(("every", "checkpointable"), [(0, True), (EVERY, False)])
+def test_no_checkpoint_is_taken_where_none_is_due_or_none_would_be_exact(every, checkpointable):
     case = Case(every)
-    case.plants.exact = exact
+    case.plants.checkpointable = checkpointable
     case.run()
     assert not any(tick.checkpoints for tick in case.closed_ticks().values())
 

@@ -31,8 +31,8 @@ pytestmark = [
 PHYSICS = ("M symmetric", "M positive definite", "rests", "power")
 
 
-def verdicts(checked, topic="physics"):
-    return {f.name: f.verdict for f in checked.findings if f.topic == topic}
+def statuses(checked, topic="physics"):
+    return {f.name: f.status for f in checked.findings if f.topic == topic}
 
 
 def found(checked, name):
@@ -56,9 +56,9 @@ def changed(path, model, *edits):
 def test_bundled_models_obey_mechanics(model, fmi):
     checked = check(CheckTask(open_archive(build(model, fmi))))
     assert checked.passes
-    assert verdicts(checked) == dict.fromkeys(PHYSICS, "holds")
-    assert verdicts(checked, "drives")["chosen"] == "holds"
-    assert verdicts(checked, "loads") == {"CoSimulation": "holds", "ModelExchange": "holds"}
+    assert statuses(checked) == dict.fromkeys(PHYSICS, "holds")
+    assert statuses(checked, "drives")["chosen"] == "holds"
+    assert statuses(checked, "loads") == {"CoSimulation": "holds", "ModelExchange": "holds"}
     power = found(checked, "power")
     assert power.text.startswith("loses energy" if model == "planar_robot" else "energy is kept")
 
@@ -86,7 +86,7 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
     task = CheckTask(archive, body, driving=Driving(solver=solver))
     checked = FmuCheck(archive.label, archive.sha256, tuple(findings(task, Budget())))
     assert not checked.passes
-    assert [name for name, verdict in verdicts(checked).items() if verdict == "fails"] == [fails]
+    assert [name for name, status in statuses(checked).items() if status == "fails"] == [fails]
 
 
 def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
@@ -97,7 +97,7 @@ def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
     assert not done.stderr
     *before, last = json.loads(done.stdout)["findings"]
     assert {f["topic"] for f in before} == {"valid", "loads", "variables", "drives"}
-    assert last["verdict"] == "fails"
+    assert last["status"] == "fails"
     assert "crashed with SIG" in last["text"]
     assert "after drives: chosen" in last["text"]
 
@@ -164,8 +164,8 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
         path = build("two_link_arm")
     checked = check(CheckTask(open_archive(path)))
     resumed = found(checked, "resumed")
-    assert resumed.verdict == "fails"
-    assert found(checked, "alone").verdict == "holds"
+    assert resumed.status == "fails"
+    assert found(checked, "alone").status == "holds"
     if lie == "a pointer":
         assert "robot 1: the FMU crashed with SIGSEGV, in deserialize" in resumed.text
     else:
@@ -179,7 +179,7 @@ def test_a_state_that_is_all_is_found_to_be(solver):
     body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
     task = CheckTask(open_archive(build("planar_robot", 2)), body, driving=Driving(solver=solver))
     resumed = found(check(task), "resumed")
-    assert (resumed.verdict, resumed.value) == ("holds", 0.0)
+    assert (resumed.status, resumed.value) == ("holds", 0.0)
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
@@ -193,7 +193,7 @@ def test_a_state_that_is_not_claimed_is_a_note(tmp_path, fmi):
 
     checked = check(CheckTask(open_archive(rewritten(tmp_path / "a.fmu", fmi, edit))))
     assert checked.passes
-    assert found(checked, "resumed").verdict == "note"
+    assert found(checked, "resumed").status == "note"
 
 
 def test_names_that_are_not_found_tell_what_to_write(tmp_path):
@@ -207,7 +207,7 @@ def test_names_that_are_not_found_tell_what_to_write(tmp_path):
 
     path = rewritten(tmp_path / "a.fmu", 2, edit)
     checked = check(CheckTask(open_archive(path)))
-    assert verdicts(checked, "drives")["chosen"] == "fails"
+    assert statuses(checked, "drives")["chosen"] == "fails"
     assert 'variables.q = "its name"' in found(checked, "q").text
     mended = check(CheckTask(open_archive(path), names={"q": ("phi_1_", "phi_2_")}))
     assert mended.passes
@@ -251,7 +251,7 @@ def test_a_scenario_tells_names_gains_and_driving(tmp_path):
 def test_json_has_each_finding():
     result = json.loads(nrs("fmu", "check", "planar_robot", "--json").stdout)
     assert set(result) == {"fmu", "sha256", "passes", "findings"}
-    assert all(set(f) == {"topic", "name", "verdict", "text", "value"} for f in result["findings"])
+    assert all(set(f) == {"topic", "name", "status", "text", "value"} for f in result["findings"])
     topics = list(dict.fromkeys(f["topic"] for f in result["findings"]))
     assert topics == ["valid", "loads", "variables", "drives", "physics", "runs"]
 

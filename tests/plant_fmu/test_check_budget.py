@@ -16,7 +16,7 @@ from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.subprocess_check import check
 from tests.plant_fmu.archives import description, rewritten
 from tests.plant_fmu.stepping import INERTIA, build_stepping
-from tests.plant_fmu.test_check import found, verdicts
+from tests.plant_fmu.test_check import found, statuses
 from tests.plant_fmu.test_internal_steps import body
 
 pytestmark = [
@@ -30,10 +30,10 @@ def test_a_stage_that_is_given_up_is_unknown_and_the_others_are_not():
     ticks = count()
     budget = Budget(limit=1000.0, clock=lambda: float(next(ticks)))
     result = {f.name: f for f in findings(CheckTask(open_archive(build("two_link_arm"))), budget)}
-    assert result["M symmetric"].verdict == "holds"
-    assert result["rests"].verdict == "unknown"
+    assert result["M symmetric"].status == "holds"
+    assert result["rests"].status == "unknown"
     assert result["rests"].text == "cannot be probed: given up after 1000 s of processor time"
-    assert result["alone"].verdict == result["resumed"].verdict == "holds"
+    assert result["alone"].status == result["resumed"].status == "holds"
 
 
 @pytest.mark.parametrize("damping", [0.0, 2e4])
@@ -49,7 +49,7 @@ def test_running_alone_is_given_up_with_the_reason_where_the_equations_are_stiff
         open_archive(build("planar_robot")), replace(body(), parameters={"d": damping})
     )
     (alone,) = (f for f in findings(task, budget) if f.name == "alone")
-    assert alone.verdict == "unknown"
+    assert alone.status == "unknown"
     why = (
         "; it is stiff: damping (kd and its own) over the least inertia is 1e+04 per s; give each "
         "joint a gain or damping of its size"
@@ -76,9 +76,9 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
     monkeypatch.setattr("nrs_cosim.plant_fmu.checking.validity.validate_fmu", endless)
     result = list(findings(CheckTask(open_archive(build("planar_robot"))), Budget(limit=20.0)))
     (valid,) = (f for f in result if f.topic == "valid")
-    assert valid.verdict == "unknown"
+    assert valid.status == "unknown"
     assert valid.text == "not validated: took longer than 20 s of processor time"
-    assert {f.verdict for f in result if f.topic == "physics"} == {"holds"}
+    assert {f.status for f in result if f.topic == "physics"} == {"holds"}
 
 
 def test_problems_of_one_kind_are_told_once_with_how_many_they_are(tmp_path):
@@ -125,10 +125,10 @@ def test_a_torque_against_its_sign_is_told_and_a_run_away_is_no_run(tmp_path, ga
         task = replace(task, body=replace(body(), q=np.array([0.1, 0.0])))
     checked = check(task)
     assert not checked.passes
-    assert verdicts(checked)["M positive definite"] == "fails"
+    assert statuses(checked)["M positive definite"] == "fails"
     text = found(checked, "M positive definite").text
     assert text.startswith("torque acts against its sign: smallest eigenvalue over largest -1")
     alone = found(checked, "alone")
-    assert alone.verdict == ("unknown" if gains == "guessed" else "fails")
+    assert alone.status == ("unknown" if gains == "guessed" else "fails")
     assert alone.text.startswith("diverges by torque held for 0.005 s")
     assert ("its gains are a guess" in alone.text) == (gains == "guessed")

@@ -161,7 +161,7 @@ class TestEveryDrive:
     ) -> None:
         held, _ = oracle
         plants, other = (opened(fmi, driving, bodies()) for _ in range(2))
-        assert plants.exact
+        assert plants.checkpointable
         play(plants, held, 0, 2)
         saved, there = plants.save(), plants.tau.copy()
         onwards = play(plants, held, 2, 4)
@@ -283,7 +283,7 @@ def test_a_fleet_is_saved_and_put_back_with_all_its_groups(opened: Open, oracle:
         )
 
     whole = fleet([0, 2, 4], [1, 3, 5])
-    assert whole.exact
+    assert whole.checkpointable
     play(whole, held, 0, 2)
     saved, there, onwards = whole.save(), whole.q.copy(), play(whole, held, 2, 4)
     for cvode, reference in (([0, 2, 4], [1, 3, 5]), ([0, 4], [1]), ([2], [3, 5])):
@@ -333,7 +333,7 @@ def test_without_states_of_its_own_it_has_no_checkpoint(
 ) -> None:
     with ExitStack() as stack:
         archive = altered(fmi, *STATELESS[fmi][lacking])
-        assert not open_plants(stack, archive, bodies(1), {}, DRIVES[name]).exact
+        assert not open_plants(stack, archive, bodies(1), {}, DRIVES[name]).checkpointable
 
 
 @each_version

@@ -133,7 +133,7 @@ def test_a_checkpoint_knows_what_has_happened_and_what_is_planned(play: Play, sc
     uninterrupted, _ = play(12, torque, **settings)
     plants, _ = play(4, torque, **settings)
     other, _ = play(0, torque, **settings)
-    assert plants.exact
+    assert plants.checkpointable
     other.restore(plants.save())
     for k in range(4, 12):
         other.hold(np.zeros((1, 1)), np.zeros((1, 1)))

@@ -17,7 +17,7 @@ from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import UnstableStepError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.stepping import INERTIA, build_stepping
-from tests.plant_fmu.test_check import PHYSICS, found, verdicts
+from tests.plant_fmu.test_check import PHYSICS, found, statuses
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
@@ -59,11 +59,11 @@ def test_sound_joints_that_step_pass(tmp_path, step):
     if step > 1e-3:  # q̈ is known to d times its rate, which is more than the tolerance
         result["power"] = "unknown"
         assert f"as its internal step of {step:g} s alone" in found(checked, "power").text
-    assert verdicts(checked) == result
+    assert statuses(checked) == result
     assert checked.passes
     ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
-    assert found(checked, "alone").verdict == "holds"
+    assert found(checked, "alone").status == "holds"
 
 
 @pytest.mark.parametrize("at", [0.25, -0.25])
@@ -80,7 +80,7 @@ def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_
     path = build_stepping(tmp_path / "a.fmu", 1e-3, lasting=True)
     checked = check(CheckTask(open_archive(path)))
     result = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
-    assert verdicts(checked) == result
+    assert statuses(checked) == result
     for name in ("rests", "power"):
         assert "nothing moves by a torque on joints 1-2" in found(checked, name).text
         assert found(checked, name).text.endswith("does a reset start it anew?")
@@ -111,7 +111,7 @@ def test_what_takes_only_the_steps_that_it_declares_is_asked_for_no_others(tmp_p
     assert stairs.internal == 0.02
     np.testing.assert_allclose(mass, INERTIA, rtol=4e-4)
     checked = check(CheckTask(open_archive(path), body(), driving=Driving(control_step=0.02)))
-    assert verdicts(checked) == {**dict.fromkeys(PHYSICS, "holds"), "power": "unknown"}
+    assert statuses(checked) == {**dict.fromkeys(PHYSICS, "holds"), "power": "unknown"}
 
 
 INVERSE = np.linalg.inv(INERTIA)
@@ -129,14 +129,14 @@ def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
         CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong])))
     )
     assert not checked.passes
-    assert [n for n, verdict in verdicts(checked).items() if verdict == "fails"] == [wrong]
+    assert [n for n, status in statuses(checked).items() if status == "fails"] == [wrong]
 
 
 def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
     """Steps of 50 ms tell q̈ to d times its rate, far more than damping of -0.02 gains."""
     path = build_stepping(tmp_path / "a.fmu", 0.05, damping=-0.02)
     power = found(check(CheckTask(open_archive(path))), "power")
-    assert power.verdict == "unknown"
+    assert power.status == "unknown"
     assert "its internal step of 0.05 s" in power.text
 
 
@@ -146,7 +146,7 @@ def test_what_does_not_move_is_unknown_and_not_without_inertia(tmp_path, case):
     checked = check(
         CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, mobility=mobility)))
     )
-    assert verdicts(checked) == {"mechanics": "unknown"}
+    assert statuses(checked) == {"mechanics": "unknown"}
     text = found(checked, "mechanics").text
     assert text.startswith("cannot be probed: nothing moves within 1 s")
     assert text.endswith("has it a longer internal step?")

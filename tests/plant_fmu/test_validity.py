@@ -39,7 +39,7 @@ def test_other_names_are_refused_as_by_the_grammar(name):
 
 
 def validated(path):
-    return [(f.verdict, f.text) for f in validity(open_archive(path), 60.0)]
+    return [(f.status, f.text) for f in validity(open_archive(path), 60.0)]
 
 
 def test_many_variables_and_long_names_are_never_parsed_by_the_general_parser(
@@ -64,7 +64,7 @@ def test_many_variables_and_long_names_are_never_parsed_by_the_general_parser(
 def test_names_that_are_not_structured_are_told(tmp_path):
     more = '<Float64 name="a b" valueReference="10000" causality="local"/></ModelVariables>'
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace("</ModelVariables>", more))
-    ((verdict, text),) = validated(path)
-    assert verdict == "note"
+    ((status, text),) = validated(path)
+    assert status == "note"
     assert text.startswith('Variable "a b" (line ')
     assert text.endswith("is not of the structured naming convention.")

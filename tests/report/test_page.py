@@ -124,11 +124,11 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     }
     assert counted == {"samples": "2,100", "states": "9,006"}
     assert run["counted"].keys() - counted.keys() >= {"spent, here, plants", "spent, here, bus"}
-    assert [v["name"] for v in run["verdicts"]] == [
+    assert [v["name"] for v in run["conditions"]] == [
         *("alpha", "beta", "kp", "kd", "kp (tracking)", "kd (tracking)"),
     ]
-    assert all(v["holds"] for v in run["verdicts"])
-    assert run["factor"] == pytest.approx(0.877817, abs=1e-6)
+    assert all(v["holds"] for v in run["conditions"])
+    assert run["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
     assert run["network"].count('data-robot="') == 7
     heard = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
     expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i hears j
@@ -143,12 +143,12 @@ def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faul
         assert any("slope of ρ" in name for name in drawn) == there
         assert ("slope" in json.dumps(figure["about"])) == there
         (run,) = data["runs"]
-        assert (run["factor"] is not None) == there
+        assert (run["spectral_radius"] is not None) == there
 
 
 def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
-    rows = {v["name"]: v for v in run["verdicts"]}
+    rows = {v["name"]: v for v in run["conditions"]}
     assert [v["at_least"] for v in rows.values()] == [False, False, *[True] * 4]
     assert (rows["kp"]["value"], rows["kp"]["bound"]) == (200, 0)
     assert rows["kd (tracking)"]["value"] == 300 > rows["kd (tracking)"]["bound"] > 0

@@ -124,10 +124,12 @@ class Network(InteractionTable):
     """Who hears whom, always the same or by turns."""
 
     switching: tuple[PhaseTable, ...] | None = Field(
-        None, min_length=1, description="networks in turn, each from a tick to the next one's"
+        None,
+        min_length=1,
+        description="phases of a switching topology, each from a tick to the next one's",
     )
     repeat: Tick | None = Field(
-        None, description="ticks after which the turns come again; by default the last one stays"
+        None, description="ticks after which the phases come again; by default the last one stays"
     )
 
     @property

@@ -158,10 +158,10 @@ function tellTheory(runs) {
   $("#theory .tables").replaceChildren(...runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
     const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
-      [...run.verdicts.map((v) => [v.name, number(v.value), bounded(v.bound, v.at_least),
+      [...run.conditions.map((v) => [v.name, number(v.value), bounded(v.bound, v.at_least),
         { text: v.holds ? "holds" : "fails", name: v.holds ? "holds" : "fails" }, v.source]),
-       ...(run.factor === null ? [] : [["ρ", number(run.factor), bounded(1, false),
-        { text: run.factor < 1 ? "holds" : "fails", name: run.factor < 1 ? "holds" : "fails" },
+       ...(run.spectral_radius === null ? [] : [["ρ", number(run.spectral_radius), bounded(1, false),
+        { text: run.spectral_radius < 1 ? "holds" : "fails", name: run.spectral_radius < 1 ? "holds" : "fails" },
         "left of the estimation error after a sampling period"]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
