@@ -160,7 +160,7 @@ def compare_to_theory(
             value,
             clock.since(at + 1) - 1,
             left if which < 2 else None,
-            _verdict(bound, value, left, rounding),
+            _against_bound(bound, value, left, rounding),
             rounding,
         )
         for which, (bound, value, at, left, rounding) in enumerate(rows)
@@ -177,7 +177,7 @@ def compare_to_theory(
     )
 
 
-def _verdict(
+def _against_bound(
     bound: Bound, measured: float | None, transient: float | None, rounding: float
 ) -> AgainstBound:
     proven = bound.steady_state if bound.steady_state is not None else bound.worst_case

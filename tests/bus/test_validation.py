@@ -184,7 +184,7 @@ def tick_of(states=STATES, met=b"", checkpoints=(), k=K):
     return signed(RECORDS, joined([states, met, *checkpoints]), k=k)
 
 
-TOLD = {
+TICKS_REJECTED = {
     "an unknown worker": ("worker", "nobody", tick_of()),
     "the signature of another key": (
         "signature",
@@ -243,9 +243,9 @@ TOLD = {
 }
 
 
-@pytest.mark.parametrize("situation", TOLD)
+@pytest.mark.parametrize("situation", TICKS_REJECTED)
 def test_a_tick_is_refused_with_the_reason(situation):
-    reason, worker, payload = TOLD[situation]
+    reason, worker, payload = TICKS_REJECTED[situation]
     with pytest.raises(RejectedError, match=f"^{reason}$"):
         new_wire().unpack_tick(worker, payload)
 

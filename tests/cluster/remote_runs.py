@@ -60,7 +60,7 @@ def digest_of(path: Path) -> str:
         return reader.digest
 
 
-class Told:
+class Output:
     """Lines as they come."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class OverError(Exception):
     """The test is over."""
 
 
-class Worker(Told):
+class Worker(Output):
     """A worker in a thread of its own."""
 
     started: ClassVar[list["Worker"]] = []
@@ -145,7 +145,7 @@ class Worker(Told):
         self._whole.result(GUARD)
 
 
-class Run(Told):
+class Run(Output):
     """A run in a thread of its own."""
 
     def __init__(
@@ -205,7 +205,7 @@ class Run(Told):
         return digest_of(outcome.path)
 
 
-class Command(Told):
+class Command(Output):
     """A process whose lines are read as they come; it is ended with its `with`, or in the end."""
 
     def __init__(self, *command, environment=None) -> None:
