@@ -10,6 +10,7 @@ of the file that overlap with its time range. Times are in s of simulated time, 
 
 from collections.abc import Collection, Iterator, Sequence
 from math import inf, isfinite
+from numbers import Integral, Real
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -17,7 +18,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.errors import MissingExtraError
+from nrs_cosim.bus.errors import InputError, MissingExtraError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.export.tables import (
     LINK_EVENTS,
     SAMPLES,
@@ -94,11 +96,27 @@ class Recording:
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
-        """Return rows of k, time_ns, t, robot, position, velocity: left limits at t_k.
+        """Return what travelled at the sampling times: left limits at t_k.
 
-        They are of start <= t < end, and of robots, as in `states`.
-        Position and velocity are (rows, m), a robot's estimates of the target, or, of robot 0, the
-        target's own.
+        Args:
+            robots: One or several of 1 to n, and of 0, the target; all unless given.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
+
+        Returns:
+            Rows of k, time_ns, t, robot, position, velocity, sorted by time, then robot. The
+            vectors are (rows, m): a robot's estimates of the target, or the target's own.
+
+        Raises:
+            InputError: There is no such robot, a time is none, or the file is damaged or closed.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     samples = recording.samples(robots=[0, 3], start=0.5, end=0.8)
+            >>> samples["t"].tolist(), samples["robot"].tolist(), samples["position"].shape
+            ([0.5, 0.5, 0.6, 0.6, 0.7, 0.7], [0, 3, 0, 3, 0, 3], (6, 2))
         """
         return self._array(SAMPLES, robots, start, end)
 
@@ -108,12 +126,28 @@ class Recording:
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
-        """Return rows of k, time_ns, t, robot, and five vectors: the output grid.
+        """Return the robots on the output grid; at t_k they are left limits.
 
-        They are of start <= t < end, s: the end is excluded. `robots` is one or several, all unless
-        given; `ValueError` for one that there is not, and for a time that is none.
+        Args:
+            robots: One or several of 1 to n; all unless given.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
 
-        The vectors are (rows, m); k is the tick that closes t. At t_k they are left limits.
+        Returns:
+            Rows of k, the tick that closes t, time_ns, t, robot, and five vectors (rows, m):
+            `position`, `velocity`, `effort` of the joints, `reference_position` and
+            `reference_velocity` of what they follow; sorted by time, then robot.
+
+        Raises:
+            InputError: As of `samples`; the target has no states.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     states = recording.states(robots=3, end=0.1)
+            >>> states["t"].tolist(), states["effort"].shape
+            ([0.0, 0.02, 0.04, 0.06, 0.08], (5, 2))
         """
         return self._array(STATES, robots, start, end)
 
@@ -123,32 +157,90 @@ class Recording:
         start: float | None = None,
         end: float | None = None,
     ) -> NDArray[np.void]:
-        """Return rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity.
+        """Return what links with faults did to samples on their way.
 
-        They are of start <= t < end, and of robots, as in `states`.
-        A row is what the link from `source` to `robot` did to the sample of t_k; it may be lost:
-        then position and velocity are 0. A robot that is its own source was in an outage.
+        Args:
+            robots: One or several of 1 to n, at which links end; all unless given.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
+
+        Returns:
+            Rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity. A row is
+            what the link from `source` to `robot` did to the sample of t_k; it may be lost: then
+            position and velocity, (rows, m), are 0. A robot that is its own source was in an
+            outage.
+
+        Raises:
+            InputError: As of `states`.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> lossy = nrs.Scenario.load("scenarios/paper_lossy_links.toml")
+            >>> with nrs.run(lossy.replace({"run.duration": 2.0})) as recording:
+            ...     events = recording.link_events()
+            >>> events.dtype.names[:8]
+            ('k', 'time_ns', 't', 'robot', 'source', 'lost', 'outage', 'delay')
+            >>> len(events) > 0
+            True
         """
         return self._array(LINK_EVENTS, robots, start, end)
 
     def chunks(
         self,
         tables: Sequence[MessageTable],
-        robots: Collection[int] | None = None,
+        robots: int | Collection[int] | None = None,
         start: float | None = None,
         end: float | None = None,
     ) -> Iterator[tuple[MessageTable, NDArray[np.void]]]:
-        """Yield the same rows, of one or more tables in one pass, a chunk of whole ticks each.
+        """Return the same rows, of one or more tables in one pass, a chunk of whole ticks each.
 
         So a recording of any size is read in little memory.
+
+        Args:
+            tables: Some of `SAMPLES`, `STATES` and `LINK_EVENTS` of `nrs_cosim.recordings`.
+            robots: As of `states`; the target too where samples are among the tables.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
+
+        Returns:
+            An iterator of a table and rows of it.
+
+        Raises:
+            InputError: As of `samples`.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> from nrs_cosim.recordings import SAMPLES, STATES
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     for table, rows in recording.chunks([SAMPLES, STATES], robots=3):
+            ...         print(table.name, len(rows))
+            samples 10
+            states 51
         """
-        return rows(self._reader, tables, robots, _ns("start", start), _ns("end", end))
+        first = min((table.first for table in tables), default=0)
+        of = self._expected(robots, first)
+        return rows(self._reader, tables, of, _ns("start", start), _ns("end", end))
 
     def dataset(self) -> "xarray.Dataset":
-        """Return samples and states as an xarray Dataset.
+        """Return samples and states as an xarray Dataset; needs the extra `analysis`.
 
-        Dimensions are `time` (the output grid, s), `sampling_time` (t_k, s), `robot` and `joint`,
-        from 1. What was not recorded is NaN. `MissingExtraError` without the extra `analysis`.
+        Returns:
+            The Dataset. Its dimensions are `time` (the output grid, s), `sampling_time` (t_k, s),
+            `robot` and `joint`, from 1. What was not recorded is NaN.
+
+        Raises:
+            InputError: The file is damaged or closed, or xarray is not installed.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     data = recording.dataset()
+            >>> dict(data.sizes)
+            {'time': 51, 'robot': 6, 'joint': 2, 'sampling_time': 10}
+            >>> data.effort.sel(robot=3, joint=1).dims
+            ('time',)
         """
         try:
             from nrs_cosim.recordings.export.dataset import dataset  # noqa: PLC0415 (an extra)
@@ -178,19 +270,20 @@ class Recording:
         start: float | None,
         end: float | None,
     ) -> NDArray[np.void]:
-        of = self._asked(robots)
-        found = [part for _, part in self.chunks([table], of, start, end)]
+        found = [part for _, part in self.chunks([table], robots, start, end)]
         return np.concatenate([np.empty(0, table.dtype(self.joints)), *found])
 
-    def _asked(self, robots: int | Collection[int] | None) -> Collection[int] | None:
-        """Return robots that are asked for; `ValueError` for one that there is not."""
+    def _expected(self, robots: int | Collection[int] | None, first: int) -> frozenset[int] | None:
+        """Return robots that are asked for; `InputError` for one that there is not."""
         if robots is None:
             return None
-        asked = [robots] if isinstance(robots, int) else [*robots]
-        for robot in asked:
-            if robot not in range(self.robots + 1):
-                raise ValueError(f"robots: expected 0, the target, to {self.robots}, got {robot!r}")
-        return asked
+        found: set[int] = set()
+        for robot in robots if np.iterable(robots) else [robots]:
+            if not isinstance(robot, Integral) or int(robot) not in range(first, self.robots + 1):
+                of = f"{first}{', the target,' * (not first)} to {self.robots}"
+                raise InputError(f"robots: expected {of}, got {quoted(robot)}")
+            found.add(int(robot))
+        return frozenset(found)
 
     def __repr__(self) -> str:
         return (
@@ -203,6 +296,6 @@ def _ns(name: str, seconds: float | None) -> int | None:
     """Return a time in ns; infinity, where there is nothing beyond, is no limit."""
     if seconds is None or seconds == (-inf if name == "start" else inf):
         return None
-    if not isfinite(seconds):
-        raise ValueError(f"{name}: expected a time in s, got {seconds}")
+    if not (isinstance(seconds, Real) and isfinite(seconds)):
+        raise InputError(f"{name}: expected a time in s, got {quoted(seconds)}")
     return round(seconds * 1e9)

@@ -279,6 +279,85 @@ class TestRecording:
         assert set(three["robot"]) == {3}
         assert (three["t"].min(), three["t"].max()) == (10.0, 19.98)
 
+    def test_the_target_is_on_the_grids_of_its_samples_and_of_the_states(self, recording):
+        samples = recording.samples(robots=0)
+        for grid, ticks in (("sampling", samples), ("output", recording.states(robots=1))):
+            t = recording.times(grid)
+            assert (t == ticks["t"]).all()
+            position, velocity = recording.target(grid)
+            assert position.shape == velocity.shape == (len(t), 2)
+            formula = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
+            np.testing.assert_allclose(position, formula, atol=1e-12)
+            slope = np.stack([2 + np.cos(t), -2 + np.sin(t)], axis=1)
+            np.testing.assert_allclose(velocity, slope, atol=1e-12)
+        np.testing.assert_allclose(recording.target("sampling")[0], samples["position"], atol=1e-12)
+        assert [x.shape for x in recording.target(1.0)] == [(2,), (2,)]
+        assert [x.shape for x in recording.target(np.ones((3, 4)))] == [(3, 4, 2)] * 2
+
+    @pytest.mark.parametrize("table", ["states", "samples", "link_events", "errors", "to_pandas"])
+    def test_robots_are_a_number_or_several_of_those_there_are(self, recording, table):
+        pytest.importorskip("pandas")
+        read = getattr(recording, table)
+        robots = (lambda *args: read("states", *args)) if table == "to_pandas" else read
+        several = [len(robots(of)) for of in ([1, 3], (3, 1), {1, 3}, np.array([1, 3]), [1, 3, 3])]
+        assert len({*several}) == 1
+        assert len(robots(3)) + len(robots(1)) == several[0]
+        assert len(robots(np.int64(3))) == len(robots([3])) == len(robots(range(3, 4)))
+        least = "0, the target," if table == "samples" else "1"
+        wrong = [9, [1, 9], -1, 2.0, "3", [None], *([0] if least == "1" else [])]
+        for of in wrong:
+            with pytest.raises(nrs.errors.InputError, match=f"robots: expected {least} to 6, got"):
+                robots(of)
+
+    @pytest.mark.parametrize("table", ["states", "samples", "link_events", "errors"])
+    def test_a_range_of_time_has_its_start_and_not_its_end(self, recording, table):
+        rows = getattr(recording, table)(None, 1.0, 2.0)["t"]
+        if table != "link_events":
+            assert (rows.min(), rows.max()) == (1.0, 1.9 if table == "samples" else 1.98)
+        for wrong in (float("nan"), "1", [1.0]):
+            for name in ("start", "end"):
+                with pytest.raises(nrs.errors.InputError, match=f"{name}: expected a time in s"):
+                    getattr(recording, table)(**{name: wrong})
+
+    @pytest.mark.parametrize(
+        ("call", "words"),
+        [
+            (lambda r: r.times("samples"), "grid: expected output or sampling, got 'samples'"),
+            (lambda r: r.target("samples"), "grid: expected output or sampling, got 'samples'"),
+            (lambda r: r.target([0.0, None, "x"]), "t: expected times in s, got "),
+            (lambda r: r.target(float("nan")), "t: expected times in s, got nan"),
+            (lambda r: r.to_pandas("state"), "table: expected states or samples or link_events"),
+            (lambda r: r.report("a.docx"), r"a\.docx: expected a name that ends in one of \.html"),
+            (lambda r: r.report("README.md/a.html"), "README.md: is a file and not a folder"),
+        ],
+    )  # fmt: skip
+    def test_what_is_asked_wrongly_is_named(self, recording, monkeypatch, call, words):
+        monkeypatch.chdir(ROOT)
+        with pytest.raises(nrs.errors.InputError, match=words):
+            call(recording)
+
+    def test_a_report_destroys_no_other_file(self, recording, tmp_path):
+        (tmp_path / "a.html").write_text("my thesis", "utf-8")
+        with pytest.raises(nrs.errors.InputError, match="exists and is no report"):
+            recording.report(tmp_path / "a.html")
+        assert (tmp_path / "a.html").read_text("utf-8") == "my thesis"
+
+    def test_a_table_of_pandas_is_the_rows_of_its_name(self, recording):
+        pytest.importorskip("pandas")
+        frame = recording.to_pandas("errors", robots=3, start=10.0, end=20.0)
+        rows = recording.errors(robots=3, start=10.0, end=20.0)
+        assert (frame["velocity_tracking_2"] == rows["velocity_tracking"][:, 1]).all()
+        assert list(recording.to_pandas("link_events").columns)[4:6] == ["source", "lost"]
+
+    def test_one_that_is_closed_says_so_and_is_still_shown(self, short):
+        with nrs.run(short) as recording:
+            pass
+        for read in (recording.states, recording.errors, recording.dataset, recording.analysis):
+            with pytest.raises(nrs.errors.InputError, match="is closed here; open it again"):
+                read()
+        assert repr(recording).endswith(", closed)")
+        assert "20 ticks" in recording._repr_html_()
+
     def test_it_gives_back_its_scenario(self, recording, paper):
         assert recording.to_scenario() == paper
 
@@ -387,7 +466,17 @@ def test_every_public_name_is_there_with_its_words():
         nrs.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("module", ["api.scenario", "api.run", "api.theory", "api.replay"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "api.scenario",
+        "api.run",
+        "api.theory",
+        "api.replay",
+        "api.recording",
+        "recordings.recording",
+    ],
+)
 def test_the_examples_in_the_docstrings_are_true(module, monkeypatch):
     monkeypatch.chdir(ROOT)
     failed, tried = doctest.testmod(importlib.import_module(f"nrs_cosim.{module}"))

@@ -133,6 +133,8 @@ class Reader:
         end_ns: int | None = None,
     ) -> Iterator[Columns]:
         """The same messages as columns; only chunks that overlap with the range are read."""
+        if self.is_closed:
+            raise UnreadableError(f"{self.path}: is closed here; open it again")
         asked = None if topics is None else {*topics}
         wanted = [n for n, topic in self.topics.items() if asked is None or topic in asked]
         start = 0 if start_ns is None else start_ns
@@ -187,6 +189,11 @@ class Reader:
     def end_ns(self) -> int | None:
         """The log time of the last message, None if there is none."""
         return self._chunks[-1].end if self._chunks else None
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the file is."""
+        return self._file.closed
 
     def close(self) -> None:
         """Close the file; what is known of it stays."""

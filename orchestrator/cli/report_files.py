@@ -1,0 +1,37 @@
+"""A report as a file, a page or figures for print: no other file is replaced, and none is half."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from nrs_cosim.bus.errors import MissingExtraError
+from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.report.data import Story
+from nrs_cosim.recordings.report.page import page
+
+Format = Literal["html", "png", "pdf", "svg"]
+BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+def write_report(stories: Sequence[Story], output: Path, kind: str) -> None:
+    """Write recordings in a format; `InputError` where the file cannot be made or replaced."""
+    try:
+        expect_replaceable(output, f"report ({kind})", BEGINS[kind])
+        output.parent.mkdir(parents=True, exist_ok=True)
+        part = output.with_name(output.name + ".part")
+        if kind == "html":
+            part.write_text(page(stories), "utf-8")
+        else:
+            _print(stories, part, kind)
+        part.replace(output)
+    except OSError as error:
+        raise UncreatableError(f"{output}: cannot be written: {error.strerror}") from None
+
+
+def _print(stories: Sequence[Story], path: Path, kind: str) -> None:
+    try:
+        from nrs_cosim.recordings.report.print import write_figures  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
+    write_figures(stories, path, kind)
