@@ -21,15 +21,13 @@ from nrs_cosim.bus.errors import CosimError, InputError, MissingExtraError
 from nrs_cosim.orchestrator.cli import replay_commands, run_commands
 from nrs_cosim.orchestrator.cli.fmu_commands import fmu
 from nrs_cosim.orchestrator.cli.group import Commands
+from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
 from nrs_cosim.orchestrator.cli.options import (
     Listen,
     NewRecording,
     RecordingPath,
     ScenarioPath,
     Set,
-    TlsCa,
-    TlsCertificate,
-    TlsKey,
     number,
 )
 from nrs_cosim.orchestrator.cli.report_commands import report
@@ -268,19 +266,13 @@ def check(
 
 
 @app.command()
-def doctor(
-    listen: Listen = None,
-    tls_ca: TlsCa = None,
-    tls_certificate: TlsCertificate = None,
-    tls_key: TlsKey = None,
-    as_json: AsJson = False,
-) -> None:
+@with_groups
+def doctor(*, listen: Listen = None, tls: TlsOptions, as_json: AsJson = False) -> None:
     """Try all that a run needs of this machine, and say what to do where something fails."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.doctor import diagnose
-    from nrs_cosim.orchestrator.cli.tls import tls_of
 
-    made = diagnose(listen or [], tls_of(tls_ca, tls_certificate, tls_key))
+    made = diagnose(listen or [], tls.certificates())
     if as_json:
         print_json(made.as_json())
     else:

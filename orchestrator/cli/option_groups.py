@@ -1,0 +1,155 @@
+"""Options that several commands have are declared once: as the fields of a group.
+
+A command takes a group as one argument; its users, and Typer, see the fields as options.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial, wraps
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from nrs_cosim.orchestrator.cli.options import (
+    WAIT,
+    Compressed,
+    Connect,
+    Deadline,
+    Expect,
+    Force,
+    InsecureTcp,
+    Listen,
+    NoRestart,
+    Output,
+    Set,
+    ShowProfile,
+    TlsCa,
+    TlsCertificate,
+    TlsKey,
+    Wait,
+    Workers,
+    expect_of,
+)
+from nrs_cosim.orchestrator.terminal import AsJson
+
+if TYPE_CHECKING:
+    from nrs_cosim.bus.network.certificates import Tls
+    from nrs_cosim.orchestrator.engine.lockstep import Launcher
+    from nrs_cosim.orchestrator.scenario.changes import Change
+    from nrs_cosim.orchestrator.scenario.experiment import Experiment
+    from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What of a scenario is changed, where the recording goes, and what is shown of it."""
+
+    output: Output = None
+    changes: Set = None
+    as_json: AsJson = False
+    force: Force = False
+    compression: Compressed = "zstd"
+    profile: ShowProfile = False
+
+    def scenario_changes(self) -> "list[Change]":
+        """Return what `--set` changes."""
+        from nrs_cosim.orchestrator.scenario.changes import Change
+
+        return [Change.of("--set", text) for text in self.changes or ()]
+
+
+@dataclass(frozen=True, slots=True)
+class TlsOptions:
+    """Who one is to others."""
+
+    tls_ca: TlsCa = None
+    tls_certificate: TlsCertificate = None
+    tls_key: TlsKey = None
+
+    def certificates(self, table: "TlsTable | None" = None, folder: Path = Path()) -> "Tls | None":
+        """Return the certificates that were given, here or in the scenario; see `tls_of`."""
+        from nrs_cosim.orchestrator.cli.tls import tls_of
+
+        return tls_of(self.tls_ca, self.tls_certificate, self.tls_key, table, folder)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkOptions(TlsOptions):
+    """How others are reached, and how long for."""
+
+    wait: Wait = None
+    insecure_tcp: InsecureTcp = False
+
+    @property
+    def seconds_to_wait(self) -> float:
+        """How long to wait for one another, s."""
+        return WAIT if self.wait is None else self.wait
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerOptions(LinkOptions):
+    """Who runs the robots of a run."""
+
+    workers: Workers = None
+    deadline: Deadline = None
+    no_restart: NoRestart = False
+    listen: Listen = None
+    connect: Connect = None
+    expect: Expect = 1
+
+    def expect_used(self) -> None:
+        """Refuse what is about workers, or about links, where the run has none."""
+        beyond = {"--listen": self.listen or None, "--connect": self.connect or None}
+        workers = {"--wait": self.wait, "--no-restart": self.no_restart or None}
+        expect_of({"--workers": self.workers, **beyond}, workers)
+        tls = {
+            "--tls-ca": self.tls_ca,
+            "--tls-certificate": self.tls_certificate,
+            "--tls-key": self.tls_key,
+        }
+        expect_of(beyond, {**tls, "--insecure-tcp": self.insecure_tcp or None})
+
+    def launcher(self, experiment: "Experiment") -> "Launcher":
+        """Return how a run of an experiment gets its workers."""
+        from nrs_cosim.bus.network.endpoints import Endpoints
+        from nrs_cosim.orchestrator.cli.terminal_run import launcher_of, policy_of
+
+        wait, tls = self.seconds_to_wait, experiment.scenario.bus.tls
+        certificates = self.certificates(tls, experiment.folder)
+        ends = partial(Endpoints, tls=certificates, insecure_tcp=self.insecure_tcp, wait=wait)
+        policy = policy_of(self.no_restart, wait, self.expect, self.deadline)
+        return launcher_of(experiment, self.workers, policy, self.listen, self.connect, ends)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command whose groups' fields are options of its own, in the groups' place."""
+    groups: dict[str, Any] = {}
+    options: list[Parameter] = []
+    for name, parameter in signature(command, eval_str=True).parameters.items():
+        if is_dataclass(parameter.annotation):
+            groups[name] = parameter.annotation
+            options += _options_of(parameter.annotation)
+        else:
+            options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+
+    @wraps(command)
+    def call(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        command(**given)
+
+    call.__signature__ = signature(command).replace(parameters=options)  # type: ignore[attr-defined]
+    # Typer looks here for what the signature does not say, and the command's own has the groups.
+    call.__annotations__ = {option.name: option.annotation for option in options}
+    return call
+
+
+def _options_of(group: Any) -> Iterator[Parameter]:
+    """Yield a group's fields as parameters, its own before those of the groups that it extends."""
+    hints = get_type_hints(group, include_extras=True)
+    defaults = {field.name: field.default for field in fields(group)}
+    for of in group.__mro__[:-1]:
+        for name in of.__annotations__:
+            yield Parameter(
+                name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=hints[name]
+            )
