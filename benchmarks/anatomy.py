@@ -31,14 +31,14 @@ PARTS: Mapping[str, Sequence[str]] = {
     "FMUs: references set": ["nrs_cosim.plant_fmu.fleet:Fleet.hold"],
     "FMUs: stepped and read": ["nrs_cosim.plant_fmu.drives.stepped:Stepped.step"],
     "FMUs: states gathered": ["nrs_cosim.plant_fmu.fleet:Fleet.advance"],
-    "agents: hear and jump": [
-        "nrs_cosim.estimator_agents.agents:Agents.hear",
+    "agents: receive and jump": [
+        "nrs_cosim.estimator_agents.agents:Agents.receive",
         "nrs_cosim.estimator_agents.agents:Agents.jump",
     ],
     "worker: bounds looked at": ["nrs_cosim.orchestrator.engine.worker:Worker._expect_bounded"],
     "worker: states as records": ["nrs_cosim.orchestrator.engine.worker:Worker._states"],
-    "worker: samples as records": ["nrs_cosim.orchestrator.engine.worker:Worker.publish_samples"],
-    "worker: what it needs": ["nrs_cosim.orchestrator.engine.worker:Worker.hear"],
+    "worker: samples as records": ["nrs_cosim.orchestrator.engine.worker:Worker._publish"],
+    "worker: what it needs": ["nrs_cosim.orchestrator.engine.worker:Worker._await"],
     "wire: batches packed": [
         "nrs_cosim.bus.validation:Wire.pack_samples",
         "nrs_cosim.bus.validation:Wire.pack_tick",

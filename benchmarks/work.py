@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.engine.robots import agents_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
@@ -73,10 +73,11 @@ def keep_motion(file: Experiment, recorded: Path, kept: Path) -> None:
             for k in np.unique(rows["k"]).tolist():
                 of_k = rows[rows["k"] == k]
                 heard = of_k[np.isin(of_k["robot"], agents.in_neighbours)]
-                agents.hear(k, heard["robot"], heard["position"], heard["velocity"])
+                fields = ("position", "velocity")
+                agents.receive(k, heard["robot"], {name: heard[name] for name in fields})
                 left = of_k[of_k["robot"] > 0]
-                agents.jump(k, Estimate(left["position"], left["velocity"]))
-                estimate = agents.estimate
+                agents.jump(k, Values({name: left[name] for name in fields}))
+                estimate = agents.state
                 references.append(np.hstack([estimate.position, estimate.velocity]))
     np.savez(
         kept,

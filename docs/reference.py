@@ -15,7 +15,7 @@ from typing import Any, get_args
 from typer.core import TyperArgument, TyperGroup
 from typer.main import get_command
 
-from nrs_cosim.estimator_agents.algorithm import algorithm_names, bundled_algorithms
+from nrs_cosim.estimator_agents.installed import algorithm_names, bundled_algorithms
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 

@@ -1,76 +1,59 @@
 """An agent takes the samples of its in-neighbours in and gives its own out; no bus is inside.
 
-At t_k (k ≥ 1) it needs one sample of each in-neighbour, exactly k's; then it jumps. Until the
-next sampling time it flies on what it knows. The agents of one worker are kept as arrays, a row a
-robot, and each owns the in-edges on which it hears; what is not on them it never sees. Where the
-digraphs take turns, a sample is taken in from whoever is ever heard, and summed over the edges of
-t_k alone.
+At t_k (k ≥ 1) its state flows to the left limit, it may look at the target, it sends, it receives
+the samples of t_k, and its state is then as its algorithm says. The agents of one worker are kept
+as arrays, a row a robot, and each owns the in-edges over which it receives; what is not on them it
+never sees. Where the digraphs are switched, a sample is taken in from whoever is ever received, and
+what an algorithm is given is over the edges of t_k alone.
 
-Where links have faults, an agent goes by what its links deliver, if they do. It sums over the
-in-neighbours of whom it has a sample, with their weights divided by what these add up to; with
-none it jumps as if all agreed. A robot in an outage hears nothing, and jumps by what it heard last
-if it holds.
+Where links have impairments, an agent goes by what its links deliver, if they do (`received`). A
+robot in an outage neither sends nor receives: what `send` changed of its state is undone, and it
+goes by what it received last if it holds.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.links.links import Links
-from nrs_cosim.bus.messages import LINK_EVENT, Codec
-from nrs_cosim.bus.topologies import TopologySchedule, edges_among
-from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.algorithm import Algorithm, name_of
+from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.bus.links.links import Links, Ticks
+from nrs_cosim.bus.random_streams import random_stream
+from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.estimator_agents.algorithm import (
+    Algorithm,
+    Missing,
+    class_of,
+    name_of,
+    overrides,
+)
+from nrs_cosim.estimator_agents.edges import Edges, sizes_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
-from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
-from nrs_cosim.estimator_agents.receive_buffer import Hearing, Missing
+from nrs_cosim.estimator_agents.now import Now
+from nrs_cosim.estimator_agents.receive_buffer import ReceiveBuffer
+from nrs_cosim.estimator_agents.received import Received
+from nrs_cosim.estimator_agents.values import (
+    Array,
+    Values,
+    flattened,
+    initial_values,
+    unflattened,
+)
 
-Array = NDArray[np.float64]
-Shares = tuple[Array, Array | None]
-"""The weights of what there is to sum, (E, 1), and what each row's sum is divided by, (rows, 1)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Edges:
-    """The in-edges of some robots in one digraph, sorted by (robot, in-neighbour)."""
-
-    source: NDArray[np.intp]
-    """(E,) the node that is heard."""
-    row: NDArray[np.intp]
-    """(E,) the row of the robot that hears."""
-    start: NDArray[np.intp]
-    """(rows,) where each row's edges begin; no row is without any."""
-    weight: Array
-    """(E, 1) w_ij / ϖ_i."""
-    faulty: NDArray[np.intp]
-    """(G,) which of the edges have faults."""
-    link: NDArray[np.intp]
-    """(G,) the number of each of them among all links that have faults."""
-
-    @classmethod
-    def into(cls, robots: NDArray[np.integer], topology: Topology, links: Links | None) -> "Edges":
-        """Return the in-edges of robots (rows,), ascending."""
-        mine = np.isin(topology.sink, robots)
-        source, sink = topology.source[mine], topology.sink[mine]
-        row = np.searchsorted(robots, sink)
-        start = np.searchsorted(row, np.arange(len(robots)))
-        faulty = link = np.zeros(0, np.intp)
-        if links:
-            edge = edges_among(topology, links.source, links.sink)
-            link = np.flatnonzero(edge >= 0)
-            faulty = np.searchsorted(np.flatnonzero(mine), edge[link])
-        return cls(source, row, start, topology.normalised[mine, None], faulty, link)
+Mask = NDArray[np.bool_]
+_NOTHING = Values()
 
 
 class Agents:
     """The estimator agents of one worker.
 
-    `estimate` holds, for the time `t_k` they last jumped at, ε_i(t_k⁺) and υ_i(t_k⁺), (rows, m).
-    `links` are those of the same robots that have faults, and `missing` says what an agent does
-    where they deliver nothing; without `links` everything is heard when it is said.
+    `state` holds, for the time t_k at which they received last, the fields of the algorithm's
+    STATE at t_k⁺, (rows, *shape). `links` are those of the same robots that go through a receive
+    buffer, and `missing` says what an agent does where they deliver nothing; over all others a
+    sample is received when it is sent.
     """
 
     def __init__(
@@ -78,137 +61,274 @@ class Agents:
         robots: NDArray[np.integer],
         topologies: TopologySchedule,
         algorithm: Algorithm,
-        initial: Estimate,
+        initial: Values,
+        ticks: Ticks,
         links: Links | None = None,
         missing: Missing = "hold",
+        seed: int = 0,
     ) -> None:
         self.robots = robots
-        self.estimate = initial
-        self._algorithm = algorithm
+        self.state = initial
+        self._algorithm, self._ticks, self._seed = algorithm, ticks, seed
         self._exchange_at = topologies.at
-        into = {t: Edges.into(robots, t, links) for t in topologies.digraphs}
+        into = {t: Edges.into(robots, t, topologies.links, links) for t in topologies.digraphs}
         self._edges = [(into[e.position], into[e.velocity]) for e in topologies.exchanges]
         """Of positions and of velocities, by exchange."""
         self.in_neighbours = np.unique(np.concatenate([edges.source for edges in into.values()]))
-        """Who is heard at some time, ascending."""
-        m = initial.position.shape[1]
-        self._position = np.zeros((topologies.n + 1, m))
-        self._velocity = np.zeros((topologies.n + 1, m))
-        self._heard_at = np.zeros(topologies.n + 1, np.int64)
-        self._hearing = Hearing(links, robots, m, missing) if links else None
-        self._no_events = Codec(LINK_EVENT, Sizes(m)).blank(np.array([], np.intp))
+        """From whom samples are received at some time, ascending."""
+        self._sizes = sizes_of(topologies, initial.position.shape[1])
+        sent = algorithm.SENT
+        self._samples = initial_values(sent, topologies.n + 1, self._sizes)
+        """The last that came of each node."""
+        self._sent_at = np.zeros(topologies.n + 1, np.int64)
+        self._buffer = ReceiveBuffer(links, robots, sent, self._sizes, missing) if links else None
+        sink = topologies.links.sink[np.isin(topologies.links.sink, robots)]
+        self._first_link = np.searchsorted(sink, np.append(robots, robots[-1] + 1))
+        """(rows + 1,) where the link fields of each robot begin."""
+        self._links = initial_values(algorithm.LINK, len(sink), self._sizes)
+        self.observes = overrides(class_of(algorithm), "observe")
+        """Whether they look at the target, whose sample they then need before they send."""
+        self._measures = overrides(class_of(algorithm), "measure")
+        self.follows_lines = not overrides(class_of(algorithm), "flow") or self._flows_on_lines()
+        """Whether positions move by ε̇ = υ with υ̇ = 0 between sampling times."""
 
-    def hear(
-        self,
-        k: int,
-        nodes: NDArray[np.integer],
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-    ) -> None:
-        """Take the samples of k from some nodes: (s,) node numbers, (s, m) left limits."""
-        self._position[nodes] = position
-        self._velocity[nodes] = velocity
-        self._heard_at[nodes] = k
+    def left(self, dt: float) -> Values:
+        """Return the state a time dt, s, after the last t_k⁺, before the next sampling time."""
+        return self._algorithm.flow(self.state, dt)
 
-    def missing(self, k: int) -> list[int]:
-        """Return the in-neighbours of whom no sample of k came yet though they send, ascending."""
-        late = self.in_neighbours[self._heard_at[self.in_neighbours] != k]
-        if self._hearing and len(late):
-            late = np.setdiff1d(late, self.silent(k))
-        return [int(node) for node in late]
+    def receive(self, k: int, nodes: NDArray[np.integer], samples: Mapping[str, Array]) -> None:
+        """Take the samples of k from some nodes: (s,) node numbers, (s, *shape) by field."""
+        for name, known in self._samples.items():
+            known[nodes] = samples[name]
+        self._sent_at[nodes] = k
+
+    def observe(self, k: int, left: Values) -> Values:
+        """Return the state after a look at the target, whose sample of t_k is there.
+
+        What a link delivers is looked at, when it delivers something new.
+        """
+        edges = self._edges[self._exchange_at(k)][0]
+        if self._buffer:
+            of_target = self._buffer.links.source == 0
+            self._buffer.take(k, self._sent_over_links(k), self._who_sends(k), of_target)
+        new = edges.source == 0
+        if self._buffer:
+            new[edges.buffered] &= self._buffer.is_new[edges.link]
+        pinned = np.zeros(len(self.robots), bool)
+        pinned[edges.row[new]] = True
+        delivered = self._delivered(k, edges)
+        measured = initial_values(self._algorithm.SENT, len(self.robots), self._sizes)
+        for name, values in measured.items():
+            values[edges.row[new]] = delivered[name][new]
+        return self._algorithm.observe(self._now(k), left, measured, pinned)
+
+    def send(self, k: int, left: Values) -> tuple[Values, Values, Mask | None]:
+        """Return the state afterwards, the messages, and who sends, (rows,); None for all."""
+        x, messages, who = self._algorithm.send(self._now(k), left)
+        if who is not None and not self._algorithm.TRIGGERED:
+            raise AlgorithmError(
+                f"algorithm {name_of(self._algorithm)}: send says who sends, which an algorithm "
+                "may that declares TRIGGERED = True"
+            )
+        for name, values in messages.items():
+            if values is not left.get(name):
+                self._expect_finite(k, "send", name, values)
+        if silent := self.silent(k):
+            out = np.isin(self.robots, silent)
+            who = ~out if who is None else who & ~out
+            x = x if x is left else _chosen(out, left, x)
+        return x, messages, who
+
+    def jump(self, k: int, left: Values) -> None:
+        """Receive the samples of t_k, k after k, with the state after `send`."""
+        positions, velocities = self._edges[self._exchange_at(k)]
+        if self._buffer:
+            of = self._buffer.links.source > 0 if self.observes else None
+            self._buffer.take(k, self._sent_over_links(k), self._who_sends(k), of)
+        over_velocities = None if velocities is positions else self._received(k, velocities)
+        received = self._received(k, positions, over_velocities)
+        after = self._algorithm.receive(self._now(k), left, received)
+        if isinstance(after, tuple):
+            after, links = after
+            for name, values in links.items():
+                self._expect_finite(k, "receive", name, values, self.robots[positions.row])
+                self._links[name][positions.place] = values
+        self.state = after
+        for name, values in after.items():
+            self._expect_finite(k, "receive", name, values)
 
     def silent(self, k: int) -> list[int]:
-        """Return the robots, of all that there are, that send nothing at t_k, ascending."""
-        return self._hearing.links.silent(k) if self._hearing else []
+        """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
+        return self._buffer.links.silent(k) if self._buffer else []
 
     @property
-    def faulty(self) -> list[int]:
-        """The robots here into which a link has faults, ascending."""
-        return np.unique(self._hearing.links.sink).tolist() if self._hearing else []
+    def link_events(self) -> NDArray[np.void] | None:
+        """What links did to the samples of the last jump; None where none can do anything."""
+        return self._buffer.link_events if self._buffer else None
+
+    def save(self, row: int, left: Values) -> bytes:
+        """Return what a robot's agent goes on from at t_k, before it observes or sends there.
+
+        Little-endian doubles behind a hash of what its algorithm declares, the same for every
+        partition of the robots.
+        """
+        links = slice(*self._first_link[row : row + 2])
+        kept = self._links.at(links)
+        parts = [
+            flattened(left.at(slice(row, row + 1)), 1).astype("<f8").tobytes(),
+            self._buffer.memory(int(self.robots[row])) if self._buffer else b"",
+            flattened(kept, links.stop - links.start).astype("<f8").tobytes(),
+        ]
+        return joined([self._declared, *parts])
+
+    def restore(self, checkpoints: Sequence[bytes]) -> Values:
+        """Take up what each robot's agent had; return the left limits. Its next jump is at t_k.
+
+        Raises `InputError` for what was not saved by the same algorithm over the same links.
+        """
+        rows = []
+        for row, checkpoint in enumerate(checkpoints):
+            robot = int(self.robots[row])
+            parts = parted(checkpoint)
+            if parts is None or len(parts) != 4 or parts[0] != self._declared:
+                raise InputError(
+                    f"robot {robot}'s checkpoint was not saved by algorithm "
+                    f"{name_of(self._algorithm)} with the fields that it declares; start from t_0"
+                )
+            _, state, memory, kept = parts
+            rows.append(np.frombuffer(state, "<f8"))
+            if self._buffer:
+                self._buffer.recall(robot, memory)
+            elif memory:
+                raise InputError(
+                    f"the memory of robot {robot} has {len(memory)} bytes, and without faults none "
+                    f"were expected; give one that was kept under the same faults"
+                )
+            links = slice(*self._first_link[row : row + 2])
+            flat = np.frombuffer(kept, "<f8").reshape(links.stop - links.start, -1)
+            for name, values in unflattened(flat, self._algorithm.LINK, self._sizes).items():
+                self._links[name][links] = values
+        return unflattened(np.array(rows), self._algorithm.STATE, self._sizes)
 
     @property
-    def link_events(self) -> NDArray[np.void]:
-        """What links did to the samples of the last jump: records of `LINK_EVENT`."""
-        return self._hearing.link_events if self._hearing else self._no_events
+    def _declared(self) -> bytes:
+        """A hash of what the algorithm keeps, sends and receives."""
+        of = self._algorithm
+        fields = [
+            [(name, field.size(self._sizes)) for name, field in declared.items()]
+            for declared in (of.STATE, of.SENT, of.LINK)
+        ]
+        return sha256(repr((name_of(of), of.ARRIVALS, fields)).encode()).digest()[:8]
 
-    def memory(self, row: int) -> bytes:
-        """Return what a robot heard over links with faults, and what is under way to it there.
+    def _flows_on_lines(self) -> bool:
+        """Return whether a flow of its own leaves position and velocity on a line, to the bit.
 
-        Little-endian doubles, the same for every partition of the robots; empty without faults.
+        It is tried, on numbers that are the same for all workers.
         """
-        return self._hearing.memory(int(self.robots[row])) if self._hearing else b""
+        rows = len(self.robots)
+        rng = random_stream(0, "flow")
+        x = Values(
+            {
+                name: rng.normal(size=values.shape[1:]) + np.zeros((rows, *values.shape[1:]))
+                for name, values in self.state.items()
+            }
+        )
+        for dt in (0.1, 0.7):
+            after = self._algorithm.flow(x, dt)
+            line = x.position + dt * x.velocity
+            if (after.position != line).any() or (after.velocity != x.velocity).any():
+                return False
+        return True
 
-    def recall(self, row: int, memory: bytes) -> None:
-        """Take up the memory that a robot had elsewhere; `InputError` when it is not of its links.
+    def _now(self, k: int) -> Now:
+        edges = self._edges[self._exchange_at(k)][0]
+        t, before = seconds(self._ticks.t(k)), seconds(self._ticks.t(k - 1))
+        return Now(
+            k,
+            t,
+            t - before,
+            self.robots,
+            edges.out_degree,
+            (edges.row, edges.source),
+            edges.pinned,
+            self._seed,
+        )
 
-        Its next jump must then be the one after that memory.
-        """
-        robot = int(self.robots[row])
-        if self._hearing:
-            self._hearing.recall(robot, memory)
-        elif memory:
-            raise InputError(
-                f"the memory of robot {robot} has {len(memory)} bytes, and without faults none "
-                f"were expected; give one that was kept under the same faults"
+    def _received(self, k: int, edges: Edges, velocities: Received | None = None) -> Received:
+        delivered = age = None
+        if self._buffer and len(edges.link):
+            delivered = np.ones(len(edges.source), bool)
+            delivered[edges.buffered] = self._buffer.present[edges.link]
+            age = np.zeros(len(edges.source), np.int64)
+            age[edges.buffered] = self._buffer.age(k)[edges.link]
+        return Received(
+            edges.row,
+            edges.start,
+            edges.source,
+            edges.weight,
+            self._delivered(k, edges),
+            self._links.at(edges.place) if self._links else _NOTHING,
+            delivered,
+            age,
+            velocities,
+        )
+
+    def _delivered(self, k: int, edges: Edges) -> Values:
+        """Return what agents go by on each edge, (E, *shape)."""
+        samples = self._sent(k, edges.source, edges.row)
+        if self._buffer and len(edges.link):
+            for name, values in self._buffer.samples.items():
+                samples[name][edges.buffered] = values[edges.link]
+        return samples
+
+    def _sent_over_links(self, k: int) -> Values:
+        assert self._buffer
+        links = self._buffer.links
+        return self._sent(k, links.source, np.searchsorted(self.robots, links.sink))
+
+    def _sent(self, k: int, source: NDArray[np.intp], row: NDArray[np.intp]) -> Values:
+        """Return what nodes sent last to rows, (E, *shape); of the target, what they measure."""
+        samples = self._samples.at(source)
+        if self._measures:
+            target = self._samples.at(0)
+            measured = self._algorithm.measure(self._now(k), target)
+            of_target = source == 0
+            for name, values in samples.items():
+                each = np.broadcast_to(measured[name], (len(self.robots), *values.shape[1:]))
+                values[of_target] = each[row[of_target]]
+        return samples
+
+    def _who_sends(self, k: int) -> Mask | None:
+        """Return whose sample of t_k there may be, over the links of the buffer; None: all's."""
+        if not self._buffer or not self._algorithm.TRIGGERED:
+            return None
+        source = self._buffer.links.source
+        sends: Mask = self._sent_at[source] == k
+        return sends | np.isin(source, self.silent(k))
+
+    def _expect_finite(
+        self,
+        k: int,
+        method: str,
+        name: str,
+        values: Array,
+        robots: NDArray[np.integer] | None = None,
+    ) -> None:
+        """Raise `AlgorithmError` for what is no number: a plant would be blamed for it."""
+        if not np.isfinite(values).all():
+            bad = np.argwhere(~np.isfinite(values))[0]
+            robot = (self.robots if robots is None else robots)[bad[0]]
+            raise AlgorithmError(
+                f"algorithm {name_of(self._algorithm)}: {method} returned a {name} of "
+                f"{values[tuple(bad)]} for robot {robot} at tick {k}"
             )
 
-    def heard_by(self, robot: int) -> dict[int, tuple[Array, Array]]:
-        """Return what one robot was last told: position and velocity, (m,), by in-neighbour."""
-        row = np.searchsorted(self.robots, robot)
-        sources = [edges.source[edges.row == row] for both in self._edges for edges in both]
-        heard = np.unique(np.concatenate(sources))
-        return {int(j): (self._position[j].copy(), self._velocity[j].copy()) for j in heard}
 
-    def jump(self, k: int, left: Estimate) -> None:
-        """Jump at t_k, k after k, from the left limits there; none may be `missing`."""
-        positions, velocities = self._edges[self._exchange_at(k)]
-        position = self._position[positions.source]
-        velocity = self._velocity[velocities.source]
-        if self._hearing:
-            source = self._hearing.links.source
-            self._hearing.take(k, np.stack([self._position[source], self._velocity[source]], 1))
-            delivered = self._hearing.values
-            position[positions.faulty] = delivered[positions.link, 0]
-            velocity[velocities.faulty] = delivered[velocities.link, 1]
-        shares = self._shares(positions)
-        apart = shares if velocities is positions else self._shares(velocities)
-        self.estimate = self._algorithm.jump(
-            left,
-            Disagreement(
-                _summed(positions, shares, position - left.position[positions.row]),
-                _summed(velocities, apart, velocity - left.velocity[velocities.row]),
-            ),
-        )
-        self._expect_finite(k)
-
-    def _expect_finite(self, k: int) -> None:
-        """Raise `AlgorithmError` for a jump that is no number: a plant would be blamed for it."""
-        for values in (self.estimate.position, self.estimate.velocity):
-            if not np.isfinite(values).all():
-                row, joint = np.argwhere(~np.isfinite(values))[0]
-                raise AlgorithmError(
-                    f"algorithm {name_of(self._algorithm)}: jump returned {values[row, joint]} "
-                    f"for robot {self.robots[row]} at tick {k}"
-                )
-
-    def _shares(self, edges: Edges) -> Shares:
-        """Return the weights (E, 1) of what is there, else 0, and what each row's is divided by.
-
-        A row that has all, or nothing, is divided by 1; the divisor is None when all have all.
-        """
-        hearing = self._hearing
-        if hearing is None or hearing.there[edges.link].all():
-            return edges.weight, None
-        there = np.ones(len(edges.source), bool)
-        there[edges.faulty] = hearing.there[edges.link]
-        weights = np.where(there[:, None], edges.weight, 0)
-        rest = np.add.reduceat(weights, edges.start, axis=0)
-        whole = np.logical_and.reduceat(there, edges.start)[:, None]
-        return weights, np.where(whole | (rest == 0), 1, rest)
-
-
-def _summed(edges: Edges, shares: Shares, differences: Array) -> Array:
-    """Return Σ_j w_ij/ϖ_i (x_j − x_i) for each row: an order that depends on the row alone."""
-    weights, rest = shares
-    total: Array = np.add.reduceat(weights * differences, edges.start, axis=0)
-    return total if rest is None else total / rest
+def _chosen(first: Mask, one: Values, other: Values) -> Values:
+    """Return the rows of one where `first`, (rows,), else of the other."""
+    return Values(
+        {
+            name: np.where(first.reshape(-1, *[1] * (values.ndim - 1)), one[name], values)
+            for name, values in other.items()
+        }
+    )

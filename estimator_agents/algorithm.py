@@ -1,84 +1,136 @@
-"""An algorithm says how an estimate jumps at a sampling time, and when that converges.
+"""An algorithm declares what an agent keeps, sends and receives, and says what it does at t_k.
 
-It is a pure function of what was heard, and works alike on one robot, (m,), and on many, (n, m).
-Others' packages add algorithms through the entry-point group `nrs.algorithms`; what they do wrong
-is told by `foreign`.
+At each sampling time, in this order, and on arrays with a row a robot:
+
+    flow      the state at t_k⁻ from that at t_{k−1}⁺
+    observe   the target, by the robots that are pinned to it
+    send      a message, and by whom
+    receive   the samples of the in-neighbours; the state at t_k⁺
+
+Each is a pure function, so that a run is the same to the last bit however it is spread. Most
+algorithms need one method alone, `jump`: it is given the estimate and the disagreement.
 """
 
-import os
-import sys
-from collections.abc import Mapping, Sequence
-from functools import lru_cache, partial
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.fields import ESTIMATE, Fields
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
-from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
-from nrs_cosim.estimator_agents.plugins import Foreign, loaded
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
+from nrs_cosim.estimator_agents.now import Now
+from nrs_cosim.estimator_agents.received import Received
+from nrs_cosim.estimator_agents.values import Values
 
-GROUP = "nrs.algorithms"
+Missing = Literal["hold", "drop"]
+"""What an agent does without a sample of an in-neighbour."""
+Arrivals = Literal["newest", "every"]
+"""Which of the samples that arrive at t_k over one link an agent receives."""
+
+POLICIES: tuple[Missing, ...] = get_args(Missing)
 
 Spectrum = NDArray[np.complex128]
 Spectra = tuple[Spectrum, ...]
 """Of D; of the positions' and of the velocities' D where these are two."""
+Mask = NDArray[np.bool_]
 
 
-def name_of(algorithm: "Algorithm") -> str:
-    """Return what an algorithm is called in errors."""
-    return str(getattr(algorithm, "name", type(algorithm).__name__))
+class Algorithm:
+    """A distributed estimator: a frozen dataclass, whose fields are its parameters.
 
+    A subclass has a `jump`, or a `receive` of its own. Arrays that it is given must not be written.
 
-class Algorithm(Protocol):
-    """A distributed estimator: a dataclass, whose fields are its parameters."""
-
-    missing: ClassVar[tuple[Missing, ...]]
-    """What its agents may do without a sample of an in-neighbour; the first unless asked."""
-
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
-        """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k."""
-
-    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
-        """Return the eigenvalues of the error's recursion, one axis of m, from those of D.
-
-        None at all, an empty array, where the jump is not linear.
-        """
-
-    def conditions(self, spectrum: Spectrum, h: float) -> Sequence[Condition]:
-        """Return the stability conditions for the eigenvalues s_i of D and the period h (s)."""
-
-
-class Hetero(Algorithm, Protocol):
-    """An algorithm whose positions and velocities may come over different digraphs; optional.
-
-    One that says so has an empty `one_digraph`, and its jump of either quantity depends on that
-    alone. Others have no `one_digraph`, or say in it why not.
+    Example:
+        >>> from dataclasses import dataclass
+        >>> import nrs_cosim as nrs
+        >>> @dataclass(frozen=True)
+        ... class Averaging(nrs.Algorithm):
+        ...     alpha: float
+        ...
+        ...     def jump(self, estimate, disagreement):
+        ...         position = estimate.position + self.alpha * disagreement.position
+        ...         return nrs.Estimate(position, estimate.velocity)
     """
 
-    one_digraph: ClassVar[str]
-    """Why positions and velocities must be heard over one digraph; empty where they need not."""
+    __slots__ = ()
 
-    def modes(self, spectrum: Spectrum, h: float, velocity: Spectrum | None = None) -> Spectrum:
-        """Return the same of the positions' D, and of the velocities' where that is another."""
+    STATE: ClassVar[Fields] = ESTIMATE
+    """What an agent keeps. Position and velocity are what its robot follows."""
+    SENT: ClassVar[Fields] = ESTIMATE
+    """What it sends; of fields that it keeps, what it keeps, unless `send` is its own."""
+    LINK: ClassVar[Fields] = {}
+    """What it keeps of each in-neighbour; `receive` then returns these too."""
+    MISSING: ClassVar[tuple[Missing, ...]] = POLICIES
+    """What it may do without a sample of an in-neighbour; the first unless a scenario asks."""
+    ARRIVALS: ClassVar[Arrivals] = "newest"
+    """The newest of the samples that arrive at t_k over a link, or every one, oldest first."""
+    TRIGGERED: ClassVar[bool] = False
+    """Whether `send` decides who sends; else all robots do, at every t_k."""
+    SEPARATE_GRAPHS: ClassVar[bool] = False
+    """Whether positions and velocities may be received over digraphs of their own."""
 
-    def conditions(
-        self, spectrum: Spectrum, h: float, velocity: Spectrum | None = None
-    ) -> Sequence[Condition]:
-        """Return the same of the positions' D, and of the velocities' where that is another."""
+    def flow(self, x: Values, dt: float) -> Values:
+        """Return the state a time dt, s, after t_k⁺, with no sampling time in between."""
+        return x.replace(position=x.position + dt * x.velocity)
+
+    def measure(self, now: Now, target: Values) -> Values:  # noqa: ARG002
+        """Return what pinned robots measure of the target: (rows, *shape), or *shape for all.
+
+        `target` has the fields of its sample: each field of SENT that has a truth is that, each
+        other one its initial value.
+        """
+        return target
+
+    def observe(self, now: Now, x: Values, measured: Values, pinned: Mask) -> Values:  # noqa: ARG002
+        """Return the state after a look at the target, which the `pinned` rows have at t_k."""
+        return x
+
+    def send(self, now: Now, x: Values) -> tuple[Values, Values, Mask | None]:  # noqa: ARG002
+        """Return the state afterwards, the messages, and who sends, (rows,): None for all."""
+        return x, Values({name: x[name] for name in self.SENT}), None
+
+    def receive(
+        self,
+        now: Now,  # noqa: ARG002
+        x: Values,
+        received: Received,
+    ) -> Values | tuple[Values, Values]:
+        """Return the state at t_k⁺; with link fields, those of each edge, (E, …), beside it."""
+        return jumped(self, x, received)
+
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
+        """Return ε_i(t_k⁺), υ_i(t_k⁺) from the left limits and the disagreement, at t_k.
+
+        It works alike on one robot, (m,), and on many, (n, m).
+        """
+        raise NotImplementedError
+
+    def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002
+        """Return the eigenvalues of the error's recursion, one axis of m, from those of D.
+
+        None at all, an empty array, where it is not linear or nobody derived them. A class with
+        `SEPARATE_GRAPHS` takes a third argument, which is given where velocities have their own D:
+        the spectrum of that.
+        """
+        return np.zeros(0, np.complex128)
+
+    def conditions(self, spectrum: Spectrum, h: float) -> Sequence[Condition]:  # noqa: ARG002
+        """Return the stability conditions for the eigenvalues s_i of D and the period h, s.
+
+        A third argument as for `modes`.
+        """
+        return ()
+
+    def demands(self, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:  # noqa: ARG002
+        """Return conditions on the period h, s, and on the largest |υ_0| and |a_0| (A1)."""
+        return ()
 
 
-@runtime_checkable
-class Demanding(Protocol):
-    """An algorithm whose conditions are also on the target's motion; this is optional."""
-
-    def demands(self, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:
-        """Return conditions on the period h (s) and on the largest |υ_0| and |a_0| (A1)."""
+def name_of(algorithm: Algorithm) -> str:
+    """Return what an algorithm is called in errors."""
+    return str(getattr(algorithm, "name", type(algorithm).__name__))
 
 
 def modes(algorithm: Algorithm, spectra: Spectra, h: float) -> Spectrum:
@@ -95,96 +147,31 @@ def conditions(algorithm: Algorithm, spectra: Spectra, h: float) -> Sequence[Con
     return found
 
 
-def demands(algorithm: Algorithm, h: float, gamma_1: float, gamma_2: float) -> Sequence[Condition]:
-    """Return what an algorithm demands of the target's motion: nothing, for most."""
-    return algorithm.demands(h, gamma_1, gamma_2) if isinstance(algorithm, Demanding) else ()
-
-
-def algorithm_names() -> tuple[str, ...]:
-    """Return the names of all installed algorithms."""
-    return tuple(sorted({entry.name for entry in _entries()}))
-
-
-def bundled_algorithms() -> tuple[str, ...]:
-    """Return the names of those that are modules here."""
-    return tuple(sorted({entry.name for entry in _entries() if _is_ours(entry)}))
-
-
-def load_algorithm(name: str, parameters: Mapping[str, Any]) -> Algorithm:
-    """Return an installed algorithm with its parameters.
-
-    Raises `InputError` if there is none of that name, or it does not take them.
-    """
-    entry = _entry(name)
-    build: Any = entry.load() if _is_ours(entry) else partial(Foreign.built, entry)
-    algorithm: Algorithm = build(**parameters)
-    return algorithm
-
-
-def algorithm_class(name: str) -> Any:
-    """Return the class of an installed algorithm; `InputError` if there is none of that name."""
-    entry = _entry(name)
-    return entry.load() if _is_ours(entry) else loaded(entry)
-
-
-def parameters_of(name: str) -> tuple[Parameter, ...]:
-    """Return what parameters an installed algorithm declares.
-
-    Raises `InputError` if there is none of that name, or what it declares is wrong.
-    """
-    return declared_parameters(algorithm_class(name), name)
-
-
-def policies_of(name: str) -> tuple[Missing, ...]:
-    """Return what an algorithm's agents may do without a sample, the default first.
-
-    Raises `InputError` if there is no such algorithm, or when it does not say.
-    """
-    policies: tuple[Missing, ...] = getattr(algorithm_class(name), "missing", ())
-    if not policies or not set(policies) <= set(POLICIES):
-        raise InputError(
-            f"algorithm.name: {name} does not say what its agents do without a sample; let its "
-            f"class have an attribute missing with some of {', '.join(POLICIES)}"
-        )
-    return policies
-
-
-def why_one_digraph(name: str) -> str:
-    """Return why an algorithm must hear positions and velocities over one digraph; empty if not.
-
-    Raises `InputError` if there is no such algorithm.
-    """
-    why: str = getattr(
-        algorithm_class(name), "one_digraph", "it does not say that it can, by an empty one_digraph"
+def jumped(algorithm: Algorithm, x: Values, received: Received) -> Values:
+    """Return the state after the `jump` of an algorithm that needs no more than that."""
+    after = algorithm.jump(
+        Estimate(x.position, x.velocity),
+        Disagreement(
+            received.disagreement("position", x.position),
+            received.disagreement("velocity", x.velocity),
+        ),
     )
-    return why
+    return x.replace(position=after.position, velocity=after.velocity)
 
 
-def _is_ours(entry: EntryPoint) -> bool:
-    return entry.module.rpartition(".")[0] == __package__
+def class_of(algorithm: Algorithm) -> type[Algorithm]:
+    """Return an algorithm's own class, also where another stands before it."""
+    own: Algorithm = getattr(algorithm, "own", algorithm)
+    return type(own)
 
 
-def _entry(name: str) -> EntryPoint:
-    found = next((entry for entry in _entries() if entry.name == name), None)
-    if found is None:
-        raise InputError(
-            f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {quoted(name)}"
-        )
-    return found
+def overrides(kind: type[Algorithm], method: str) -> bool:
+    """Return whether a class has a method of its own."""
+    return getattr(kind, method) is not getattr(Algorithm, method)
 
 
-def _entries() -> tuple[EntryPoint, ...]:
-    """Return what is installed; looked for again where a folder of packages has changed."""
-    return _entries_of(tuple((path, _changed(path)) for path in sys.path))
-
-
-@lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
-def _entries_of(_folders: tuple[tuple[str, int | None], ...]) -> tuple[EntryPoint, ...]:
-    return tuple(entry_points(group=GROUP))
-
-
-def _changed(folder: str) -> int | None:
-    try:
-        return os.stat(folder or os.curdir).st_mtime_ns  # noqa: PTH116 (a folder may be empty)
-    except OSError:  # as a path of nothing, which stands in sys.path all the same
-        return None
+def jumps(algorithm: Algorithm) -> bool:
+    """Return whether `jump` says all that an algorithm does."""
+    kind = class_of(algorithm)
+    methods = ("flow", "measure", "observe", "send", "receive")
+    return kind.STATE == ESTIMATE and not any(overrides(kind, method) for method in methods)

@@ -10,29 +10,27 @@ from typing import ClassVar
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.parameters import parameter
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 
 
 @dataclass(frozen=True, slots=True)
-class FirstOrder:
+class FirstOrder(Algorithm):
     """The first-order algorithm with gains α on position and β on velocity."""
 
-    missing: ClassVar[tuple[Missing, ...]] = POLICIES
-    one_digraph: ClassVar[str] = ""
+    SEPARATE_GRAPHS: ClassVar[bool] = True
 
     alpha: float = parameter("gain on the positions", above=0)
     beta: float = parameter("gain on the velocities", above=0)
 
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""
         return Estimate(
-            estimate.position + self.alpha * heard.position,
-            estimate.velocity + self.beta * heard.velocity,
+            estimate.position + self.alpha * disagreement.position,
+            estimate.velocity + self.beta * disagreement.velocity,
         )
 
     def modes(

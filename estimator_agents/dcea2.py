@@ -6,36 +6,29 @@ Its error obeys x(t_{k+1}) = Γ x(t_k) + Δ(k) (equation 2.0).
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.parameters import parameter
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta
 
 
 @dataclass(frozen=True, slots=True)
-class SecondOrder:
+class SecondOrder(Algorithm):
     """The second-order algorithm with gains α on position and β on velocity."""
-
-    missing: ClassVar[tuple[Missing, ...]] = POLICIES
-    one_digraph: ClassVar[str] = (
-        "it corrects the velocity by positions and velocities at once, and Theorem 3 is about the "
-        "eigenvalues of the one D that weighs both"
-    )
 
     alpha: float = parameter("gain on the positions", unit="1/s", above=0)
     beta: float = parameter("gain on the velocities", above=0)
 
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""
         return Estimate(
             estimate.position,
-            estimate.velocity + (self.alpha * heard.position + self.beta * heard.velocity),
+            estimate.velocity
+            + (self.alpha * disagreement.position + self.beta * disagreement.velocity),
         )
 
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:

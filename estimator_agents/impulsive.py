@@ -13,32 +13,28 @@ for β drags at the estimates: each of the paper's bounds gains h β γ1 (docs/t
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.parameters import parameter
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 
 
 @dataclass(frozen=True, slots=True)
-class Impulsive:
+class Impulsive(Algorithm):
     """The law with gain α on positions and damping β of the own velocity."""
-
-    missing: ClassVar[tuple[Missing, ...]] = POLICIES
-    one_digraph: ClassVar[str] = "it hears no velocities, so that one digraph is all that it has"
 
     alpha: float = parameter("gain on the positions", unit="1/s", above=0)
     beta: float = parameter("damping of the own velocity, at each sampling time", above=0)
 
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""
         return Estimate(
             estimate.position,
-            estimate.velocity + (self.alpha * heard.position - self.beta * estimate.velocity),
+            estimate.velocity
+            + (self.alpha * disagreement.position - self.beta * estimate.velocity),
         )
 
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:

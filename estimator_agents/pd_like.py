@@ -17,32 +17,27 @@ and sufficient. In the terms of their article, with μ for the eigenvalues of D,
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.parameters import parameter
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period
 
 
 @dataclass(frozen=True, slots=True)
-class PdLike:
+class PdLike(Algorithm):
     """The law with gain α; it has no second gain: β is 1."""
-
-    missing: ClassVar[tuple[Missing, ...]] = POLICIES
-    one_digraph: ClassVar[str] = SecondOrder.one_digraph
 
     alpha: float = parameter("gain on the positions", unit="1/s", above=0)
     beta: float = parameter("gain on the velocities, which is 1 in this law", 1.0, least=1, most=1)
 
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""
         return Estimate(
             estimate.position,
-            estimate.velocity + (self.alpha * heard.position + heard.velocity),
+            estimate.velocity + (self.alpha * disagreement.position + disagreement.velocity),
         )
 
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:

@@ -1,74 +1,90 @@
-"""What agents hear over links that have faults: at t_k, the newest of what arrives there.
+"""What agents receive over links with impairments: at t_k, the newest of what arrives there.
 
 The sample of t_s, on its way for d periods, arrives at t_{s+d}. Of those that arrive at t_k a link
 delivers the one with the largest s, if that is newer than all that the link delivered before.
 Where none is delivered, an agent that holds goes by the last one that was, and one that drops goes
 without that in-neighbour; so does one that holds, until the first. A link's memory is a few rows of
-1 + 2 m numbers, s and the sample's (s = 0: none): what was delivered last, and one row for each of
-the longest delay + 1 sampling times at which something under way can arrive.
+numbers, s and then the sample's (s = 0: none): what was delivered last, and one row for each of the
+longest delay + 1 sampling times at which something under way can arrive.
 """
-
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Fields, Sizes
 from nrs_cosim.bus.links.events import link_events
 from nrs_cosim.bus.links.links import Links
+from nrs_cosim.estimator_agents.algorithm import Missing
+from nrs_cosim.estimator_agents.values import Values, flattened, unflattened
 
-Missing = Literal["hold", "drop"]
-"""What an agent does without a sample of an in-neighbour."""
-
-POLICIES: tuple[Missing, ...] = get_args(Missing)
+Mask = NDArray[np.bool_]
 
 
-class Hearing:
-    """The memory of the agents of some robots; F is the number of their links with faults.
+class ReceiveBuffer:
+    """The memory of some robots' agents, of F links into them.
 
-    `robots` are all of them, ascending, also those whose in-links have no faults.
+    `robots` are all of them, ascending, also those of whose in-links none is here.
     """
 
-    def __init__(self, links: Links, robots: NDArray[np.integer], m: int, missing: Missing) -> None:
+    def __init__(
+        self,
+        links: Links,
+        robots: NDArray[np.integer],
+        fields: Fields,
+        sizes: Sizes,
+        missing: Missing,
+    ) -> None:
         self.links = links
-        self.there = np.zeros(len(links.sink), bool)
+        self.present = np.zeros(len(links.sink), bool)
         """(F,) whether there is a sample to go by, where an edge asks for one."""
+        self.is_new = np.zeros(len(links.sink), bool)
+        """(F,) whether one was delivered at the last tick."""
         self.link_events = links.codec.blank(np.array([], np.intp))
-        """Of the last tick: records of link events, by robot and source."""
-        self._robots, self._m, self._drops = robots, m, missing == "drop"
+        """Of the last tick: records, by robot and source."""
+        self._robots, self._fields, self._sizes = robots, fields, sizes
+        self._drops = missing == "drop"
         self._slots = links.longest + 1
         ends = np.cumsum(self._slots + 1)
         self._last = ends - self._slots - 1
-        self._cells = np.zeros((int(ends[-1]) if len(ends) else 0, 1 + 2 * m))
+        width = sum(int(np.prod(field.size(sizes), dtype=int)) for field in fields.values())
+        self._cells = np.zeros((int(ends[-1]) if len(ends) else 0, 1 + width))
         self._starts = np.append(self._last, len(self._cells))
 
     @property
-    def values(self) -> NDArray[np.float64]:
-        """(F, 2, m) position and velocity last delivered on each link; zeros where none was."""
-        return self._cells[self._last, 1:].reshape(-1, 2, self._m)
+    def samples(self) -> Values:
+        """What was delivered last on each link, (F, *shape) by field; zeros where nothing was."""
+        return unflattened(self._cells[self._last, 1:], self._fields, self._sizes)
 
-    def take(self, k: int, sent: NDArray[np.float64]) -> None:
-        """Send the samples of t_k, (F, 2, m), on their way, and deliver what arrives at t_k.
+    def age(self, k: int) -> NDArray[np.int64]:
+        """Return how many ticks before t_k each of the samples was sent, (F,)."""
+        sent: NDArray[np.int64] = self._cells[self._last, 0].astype(np.int64)
+        return k - sent
 
-        What is sent by a robot in an outage may be anything.
+    def take(self, k: int, sent: Values, sends: Mask | None = None, of: Mask | None = None) -> None:
+        """Send samples of t_k, (F, *shape), on their way, and deliver what arrives at t_k.
+
+        It is done where the source `sends`, (F,) or None for all, and is in no outage: elsewhere
+        `sent` may be anything. Of links that are not `of` these, (F,), nothing is done now.
         """
         outcome = self.links.outcome(k)
-        fields = {"position": sent[:, 0], "velocity": sent[:, 1]}
-        arriving = self.links.received(k, fields)
-        received = np.stack([arriving["position"], arriving["velocity"]], axis=1)
-        leaving = np.flatnonzero(~outcome.gone)
+        received = self.links.received(k, sent)
+        those = np.arange(len(self.present)) if of is None else np.flatnonzero(of)
+        leaves = ~outcome.gone if sends is None else ~outcome.gone & sends
+        leaving = those[leaves[those]]
         due = self._slot(k + outcome.delay)[leaving]
         self._cells[due, 0] = k
-        self._cells[due, 1:] = received[leaving].reshape(len(leaving), 2 * self._m)
-        now = self._slot(k)
-        newer = self._cells[now, 0] > self._cells[self._last, 0]
-        self._cells[self._last[newer]] = self._cells[now[newer]]
+        self._cells[due, 1:] = flattened(Values(received).at(leaving), len(leaving))
+        now, last = self._slot(k)[those], self._last[those]
+        newer = self._cells[now, 0] > self._cells[last, 0]
+        self._cells[last[newer]] = self._cells[now[newer]]
         self._cells[now] = 0
-        self.there = newer if self._drops else self._cells[self._last, 0] > 0
-        self.link_events = link_events(self.links, self._robots, k, outcome, fields, arriving)
+        self.is_new[those] = newer
+        self.present[those] = newer if self._drops else self._cells[last, 0] > 0
+        self.link_events = link_events(self.links, self._robots, k, outcome, sent, received, sends)
 
     def memory(self, robot: int) -> bytes:
-        """Return what one robot remembers, little-endian doubles; nothing without faults."""
+        """Return what one robot remembers, little-endian doubles; nothing without links."""
         return self._cells[self._span(robot)].astype("<f8").tobytes()
 
     def recall(self, robot: int, memory: bytes) -> None:

@@ -25,28 +25,26 @@ from typing import ClassVar
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.parameters import parameter
-from nrs_cosim.estimator_agents.receive_buffer import POLICIES, Missing
 
 
 @dataclass(frozen=True, slots=True)
-class Sliding:
+class Sliding(Algorithm):
     """The observer with steps α of position and β of velocity at each sampling time."""
 
-    missing: ClassVar[tuple[Missing, ...]] = POLICIES
-    one_digraph: ClassVar[str] = ""
+    SEPARATE_GRAPHS: ClassVar[bool] = True
 
     alpha: float = parameter("step of the position, at each sampling time", unit="rad", above=0)
     beta: float = parameter("step of the velocity, at each sampling time", unit="rad/s", above=0)
 
-    def jump(self, estimate: Estimate, heard: Disagreement) -> Estimate:
+    def jump(self, estimate: Estimate, disagreement: Disagreement) -> Estimate:
         """Return the estimate right after t_k."""
         return Estimate(
-            estimate.position + self.alpha * np.sign(heard.position),
-            estimate.velocity + self.beta * np.sign(heard.velocity),
+            estimate.position + self.alpha * np.sign(disagreement.position),
+            estimate.velocity + self.beta * np.sign(disagreement.velocity),
         )
 
     def modes(

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.algorithm import Algorithm, modes, name_of
+from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps, modes, name_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 
@@ -108,7 +108,9 @@ def recursion_of(
 
 
 def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:
-    """Return K and G, each (2, 2), of an algorithm that jumps linearly; else None."""
+    """Return K and G, each (2, 2), of an algorithm that only jumps, and linearly; else None."""
+    if not jumps(algorithm):
+        return None
     matrix = _jump(algorithm, np.eye(4))
     if not np.isfinite(matrix).all():
         raise AlgorithmError(
@@ -129,6 +131,8 @@ def expect_modes(algorithm: Algorithm, h: float) -> None:
     product are compared, which rounding does little to. One that gives none says nothing wrong.
     """
     found = linear_jump(algorithm)
+    if not jumps(algorithm):
+        return
     if found is None:
         if len(modes(algorithm, (np.zeros(1, np.complex128),), h)):
             raise AlgorithmError(

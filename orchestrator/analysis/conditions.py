@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, demands
+from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
@@ -210,7 +210,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         h_bound=min(bounds, default=None),
         conditions=(
             *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
-            *demands(algorithm, periods.longest, *experiment.target.bounds()),
+            *algorithm.demands(periods.longest, *experiment.target.bounds()),
             *_gain_conditions(experiment),
             *tracking_conditions(experiment, find),
         ),

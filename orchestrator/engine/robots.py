@@ -97,9 +97,11 @@ def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
         np.array(numbers),
         experiment.topologies,
         experiment.algorithm,
-        experiment.initial_estimates(numbers),
+        experiment.initial_state(numbers),
+        experiment.clock,
         experiment.links_into(numbers),
         experiment.missing,
+        experiment.seed,
     )
 
 

@@ -23,7 +23,7 @@ from nrs_cosim.bus.messages import CHECKPOINT, Blob
 from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
 from nrs_cosim.bus.validation import Nodes, Records, RejectedError, Tick, Wire
 from nrs_cosim.estimator_agents.agents import Agents
-from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.errors import DivergedError
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
@@ -87,12 +87,13 @@ class Worker:
         self.name = name
         self.agents = agents
         self.plants = plants
-        self.left = agents.estimate
-        """ε_i(t), υ_i(t) at the time that the plants have reached: left limits."""
+        self.left = agents.state
+        """What the agents keep at the time that the plants have reached: left limits."""
         self.spent = Spent()
         self._wire, self._clock, self._limit = wire, clock, divergence_limit
         self._every = checkpoint_every
         self._sample = wire.samples.blank(agents.robots)
+        self._fields = tuple(wire.samples.kind.fields)
         self._state = wire.states.blank(agents.robots)
         self._put_samples = bus.publisher(wire_key(SAMPLES, name))
         self._put_records = bus.publisher(wire_key(RECORDS, name))
@@ -115,28 +116,25 @@ class Worker:
         """
 
     def restore(self, k: int, checkpoints: Sequence[bytes]) -> None:
-        """Go back to t_k, before the samples of k were heard, from a checkpoint of each robot."""
-        plants, rows = [], []
+        """Go back to t_k, before anything was sent there, from a checkpoint of each robot."""
+        plants, agents = [], []
         for row, checkpoint in enumerate(checkpoints):
             parts = parted(CHECKPOINT.decode(checkpoint).data)
-            if parts is None or len(parts) != 4:
+            if parts is None or len(parts) != 2:
                 raise FmuError(f"robot {self.agents.robots[row]}'s checkpoint is damaged")
-            state, memory, position, velocity = parts
-            plants.append(state)
-            rows.append([np.frombuffer(position, "<f8"), np.frombuffer(velocity, "<f8")])
-            self.agents.recall(row, memory)
+            plants.append(parts[0])
+            agents.append(parts[1])
+        self.left = self.agents.restore(agents)
         self.plants.restore(plants)
-        left = np.array(rows)
-        self.left = Estimate(left[:, 0], left[:, 1])
         self.now = k
 
     def run(self, recorded: int, watch: Watch, listening: Listening) -> Iterator[int]:
-        """Run tick by tick to the end; yield each number once all of it was said.
+        """Run tick by tick to the end; yield each number once all of it was sent.
 
-        What the recording has already, the ticks up to `recorded` (−1 for none), is not said again.
+        What the recording has already, the ticks up to `recorded` (−1 for none), is not sent again.
         """
         if self.now:
-            self.hear(self.now, listening)
+            self.interact(self.now, listening, sends=False)
         elif recorded < 0:
             self._expect_bounded(self._clock.t(0))
             self._tell(0, self._states(0, self._clock.t(0)), ())
@@ -145,48 +143,71 @@ class Worker:
             self.now = k
             states = self.advance(k, watch)
             checkpoints = self._checkpoints(k) if k > recorded else ()
-            if k > recorded:
-                self.publish_samples(k)
-            self.hear(k, listening)
+            self.interact(k, listening, sends=k > recorded)
             if k > recorded:
                 self._tell(k, states, checkpoints)
             yield k
 
     def advance(self, k: int, watch: Watch) -> Records:
-        """Advance the plants over (t_{k−1}, t_k]; return their states on the output grid."""
-        estimate = self.agents.estimate
+        """Advance the plants over (t_{k−1}, t_k]; return their states on the output grid.
+
+        A reference that is no line between sampling times is given to them as its chords there.
+        """
+        before = self.agents.state
         reached = held = self._clock.t(k - 1)
-        self.plants.hold(estimate.position, estimate.velocity)
+        if self.agents.follows_lines:
+            self.plants.hold(before.position, before.velocity)
         batches = []
         for t in self._clock.outputs(k):
             began = perf_counter()
             self.place = t, 0, int(self.agents.robots[0])
-            self.plants.advance(seconds(reached), seconds(t - reached))
+            start, step = seconds(reached), seconds(t - reached)
+            left = self.agents.left(seconds(t - held))
+            if not self.agents.follows_lines:
+                self.plants.hold(before.position, (left.position - before.position) / step)
+            self.plants.advance(start, step)
             self.spent.plants += perf_counter() - began
-            reached = t
-            self.left = estimate.after(seconds(t - held))
+            reached, before = t, left
+            self.left = left
             self._expect_bounded(t)
             batches.append(self._states(k, t))
             watch(t)
         return batches[0] if len(batches) == 1 else np.concatenate(batches)
 
-    def publish_samples(self, k: int) -> None:
-        """Publish ε_i(t_k), υ_i(t_k) of the robots that send at t_k."""
+    def interact(self, k: int, listening: Listening, *, sends: bool) -> None:
+        """Do what the agents do at t_k: observe, send, receive all that they need, and jump.
+
+        What the robots send is published if it `sends`; their states change by it all the same.
+        """
+        left = self.left
+        if self.agents.observes:
+            self._await(k, frozenset({TARGET}), listening)
+            left = self.agents.observe(k, left)
+        left, messages, who = self.agents.send(k, left)
+        if sends:
+            self._publish(k, messages, who)
+        self._await(k, self._needed, listening)
+        del self._received[k]
+        began = perf_counter()
+        self.agents.jump(k, left)
+        self.spent.bus += perf_counter() - began
+
+    def _publish(self, k: int, messages: Values, who: NDArray[np.bool_] | None) -> None:
         began = perf_counter()
         records = self._sample
         records["k"], records["time_ns"] = k, self._clock.t(k)
-        records["position"], records["velocity"] = self.left.position, self.left.velocity
-        silent = self.agents.silent(k)
-        if silent:
-            records = records[~np.isin(self.agents.robots, silent)]
+        for name, values in messages.items():
+            records[name] = values
+        if who is not None:
+            records = records[who]
         self._put_samples(self._wire.pack_samples(self.name, k, records))
         self.spent.bus += perf_counter() - began
 
-    def hear(self, k: int, listening: Listening) -> None:
-        """Take the samples of t_k as they come, until none is missing, and jump."""
+    def _await(self, k: int, needed: frozenset[str], listening: Listening) -> None:
+        """Take the samples of t_k as they come, until none of some workers is missing."""
         began = perf_counter()
         waited = 0.0
-        while missing := self._missing(k):
+        while missing := self._missing(k, needed):
             items = self._inbox.take()
             if not items:
                 self._keep(k, listening.lack(k, missing))
@@ -195,23 +216,21 @@ class Worker:
                 waited += perf_counter() - asked
             for item in items:
                 self._keep(k, self._samples_in(item, listening))
-        received = self._received.pop(k)
+        received = self._received[k]
         if EVERYONE in received:
             received = {EVERYONE: received[EVERYONE]}
         for worker, records in received.items():
             rows = self._wanted.get(worker)
             if rows is None or len(records) != len(self._wire.assignment[worker]):
                 rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
-            self.agents.hear(
-                k, records["robot"][rows], records["position"][rows], records["velocity"][rows]
-            )
-        self.agents.jump(k, self.left)
+            samples = {name: records[name][rows] for name in self._fields}
+            self.agents.receive(k, records["robot"][rows], samples)
         self.spent.waiting += waited
         self.spent.bus += perf_counter() - began - waited
 
-    def _missing(self, k: int) -> list[str]:
+    def _missing(self, k: int, needed: frozenset[str]) -> list[str]:
         received = self._received[k].keys()
-        return [] if EVERYONE in received else sorted(self._needed - received)
+        return [] if EVERYONE in received else sorted(needed - received)
 
     def _samples_in(self, item: Item, listening: Listening) -> Iterable[ReceivedSamples]:
         """Return the samples in an item; what is not accepted is passed over.
@@ -233,8 +252,14 @@ class Worker:
 
     def _tell(self, k: int, states: Records, checkpoints: Sequence[bytes]) -> None:
         began = perf_counter()
-        events = self.agents.link_events if k else self._wire.none
-        self._put_records(self._wire.pack_tick(self.name, k, Tick(states, events, checkpoints)))
+        events = self.agents.link_events if k else None
+        self._put_records(
+            self._wire.pack_tick(
+                self.name,
+                k,
+                Tick(states, self._wire.none if events is None else events, checkpoints),
+            )
+        )
         self.spent.bus += perf_counter() - began
 
     def _checkpoints(self, k: int) -> Sequence[bytes]:
@@ -244,8 +269,7 @@ class Worker:
         t = self._clock.t(k)
         checkpoints = []
         for row, state in enumerate(self.plants.save()):
-            left = self.left.position[row].tobytes(), self.left.velocity[row].tobytes()
-            data = joined([state, self.agents.memory(row), *left])
+            data = joined([state, self.agents.save(row, self.left)])
             robot = int(self.agents.robots[row])
             checkpoints.append(CHECKPOINT.encode(Blob(robot, k, t, data)))
         return checkpoints

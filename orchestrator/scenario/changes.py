@@ -23,7 +23,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
-from nrs_cosim.estimator_agents.algorithm import algorithm_names, parameters_of
+from nrs_cosim.estimator_agents.installed import algorithm_names, parameters_of
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""

@@ -12,21 +12,22 @@ from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import Clock, Jitter, nanoseconds
 from nrs_cosim.bus.codecs import Codecs
-from nrs_cosim.bus.fields import ESTIMATE, Fields, Sizes
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, load_algorithm, policies_of
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing, class_of
+from nrs_cosim.estimator_agents.edges import sizes_of
 from nrs_cosim.estimator_agents.estimate import Estimate
-from nrs_cosim.estimator_agents.receive_buffer import Missing
+from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
 from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
@@ -104,28 +105,13 @@ class Experiment:
     @cached_property
     def sizes(self) -> Sizes:
         """What the symbols of declared shapes stand for."""
-        degrees = (np.bincount(t.sink, minlength=1).max() for t in self.topologies.digraphs)
-        return Sizes(self.m, self.n, int(max(1, *degrees)))
-
-    @cached_property
-    def sent(self) -> Fields:
-        """The fields of samples: what the algorithm's agents send."""
-        own: Any = getattr(self.algorithm, "own", self.algorithm)
-        fields: Fields = getattr(own, "SENT", ESTIMATE)
-        return fields
-
-    @cached_property
-    def kept(self) -> Fields:
-        """The fields of an agent's state: what the algorithm's agents keep."""
-        own: Any = getattr(self.algorithm, "own", self.algorithm)
-        fields: Fields = getattr(own, "STATE", ESTIMATE)
-        return fields
+        return sizes_of(self.topologies, self.m)
 
     @cached_property
     def codecs(self) -> Codecs:
         """What codes the run's messages: of what the algorithm sends and keeps."""
-        own: Any = getattr(self.algorithm, "own", self.algorithm)
-        return Codecs.of(self.sizes, type(own).__name__, self.sent, self.kept)
+        kind = class_of(self.algorithm)
+        return Codecs.of(self.sizes, kind.__name__, kind.SENT, kind.STATE)
 
     @cached_property
     def links(self) -> Links | None:
@@ -170,13 +156,17 @@ class Experiment:
         """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""
         return Estimate(self._initial("position", robots), self._initial("velocity", robots))
 
-    def initial_state(self, robots: Sequence[int] | None = None) -> dict[str, Array]:
+    def initial_state(self, robots: Sequence[int] | None = None) -> Values:
         """Return what agents keep at t_0, (rows, *shape) each, of some robots or of all."""
         those = self._those(robots)
-        return {
-            name: initial_rows(self.scenario, name, those, field.size(self.sizes), field.initial)
-            for name, field in self.kept.items()
-        }
+        return Values(
+            {
+                name: initial_rows(
+                    self.scenario, name, those, field.size(self.sizes), field.initial
+                )
+                for name, field in self.algorithm.STATE.items()
+            }
+        )
 
     def bodies(self, robots: Sequence[int] | None = None) -> list[Body]:
         """Return what each of some robots starts with, or of all."""

@@ -24,7 +24,7 @@ def wrong_initial(experiment: Experiment, *, sized: bool) -> Iterator[str]:
     scenario = experiment.scenario
     n, m = scenario.n, scenario.m
     try:
-        kept: Fields | None = experiment.kept
+        kept: Fields | None = experiment.algorithm.STATE
     except InputError:  # what is wrong with the algorithm is said elsewhere
         kept = None
     for name in ("q", "qd"):

@@ -6,7 +6,7 @@ from typing import Any
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.estimator_agents.algorithm import policies_of, why_one_digraph
+from nrs_cosim.estimator_agents.installed import policies_of, takes_separate_graphs
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
@@ -66,7 +66,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
 def _sent(experiment: Experiment) -> Collection[str]:
     """Return the fields of samples; none where the algorithm, which is wrong, does not say."""
     try:
-        return experiment.sent
+        return experiment.algorithm.SENT
     except InputError:
         return ()
 
@@ -113,11 +113,11 @@ def _algorithm_faults(experiment: Experiment) -> Iterator[str]:
         experiment.algorithm  # noqa: B018, it may not take these parameters together
     except InputError as error:
         yield str(error)
-    apart, why = hetero_at(scenario.network), why_one_digraph(scenario.algorithm.name)
-    if apart and why:
+    apart = hetero_at(scenario.network)
+    if apart and not takes_separate_graphs(scenario.algorithm.name):
         yield (
-            f"{apart}.velocity: {scenario.algorithm.name} cannot hear positions and velocities "
-            f"over different digraphs: {why}; give {apart} one digraph, or take dcea1"
+            f"{apart}.velocity: {scenario.algorithm.name} receives positions and velocities over "
+            f"one digraph; give {apart} one digraph, or take dcea1"
         )
     known = policies_of(scenario.algorithm.name)
     if scenario.algorithm.missing and scenario.algorithm.missing not in known:

@@ -7,13 +7,14 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
-from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.installed import algorithm_names, load_algorithm
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from tests.bus.test_topology import PAPER
+from tests.estimator_agents.meeting import agents_at, receive, values
 from tests.estimator_agents.paper import first_order, recursion, second_order, target
 
 TICKS = 300
@@ -28,12 +29,11 @@ def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
     """Return the left limits at t_1 … of agents that hear one another and the target."""
     story = []
     for k in range(1, ticks + 1):
-        left = agents.estimate.after(h)
+        left = agents.left(h)
         story.append(left)
         position, velocity = target(k * h)
-        agents.hear(k, np.array([0]), position[None], velocity[None])
-        agents.hear(k, agents.robots, left.position, left.velocity)
-        assert agents.missing(k) == []
+        receive(agents, k, np.array([0]), position[None], velocity[None])
+        receive(agents, k, agents.robots, left.position, left.velocity)
         agents.jump(k, left)
     return story
 
@@ -49,7 +49,7 @@ def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
     ids=["first 0.1", "first 0.5", "second 0.1", "second 0.45"],
 )
 def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
-    agents = Agents(
+    agents = agents_at(
         np.arange(1, 7), TopologySchedule.constant(Topology.of(*PAPER)), algorithm, initial(3)
     )
     story = estimates(agents, h, TICKS)
@@ -68,22 +68,22 @@ def test_robots_apart_jump_to_the_same_bits_as_together():
         FirstOrder(0.9, 1.1),
         initial(5),
     )
-    together = Agents(np.arange(1, 7), topology, algorithm, start)
+    together = agents_at(np.arange(1, 7), topology, algorithm, start)
     left = start.after(0.1)
     position, velocity = target(0.1)
     parts = []
     for robots in (np.array([1, 5]), np.array([2, 3, 4]), np.array([6])):
         rows = robots - 1
-        part = Agents(robots, topology, algorithm, start)
+        part = agents_at(robots, topology, algorithm, start)
         for agents in (part, together):
-            agents.hear(1, np.array([0]), position[None], velocity[None])
-            agents.hear(1, np.arange(1, 7), left.position, left.velocity)
-        part.jump(1, Estimate(left.position[rows], left.velocity[rows]))
-        parts.append((rows, part.estimate))
-    together.jump(1, left)
+            receive(agents, 1, np.array([0]), position[None], velocity[None])
+            receive(agents, 1, np.arange(1, 7), left.position, left.velocity)
+        part.jump(1, values(left).at(rows))
+        parts.append((rows, part.state))
+    together.jump(1, values(left))
     for rows, estimate in parts:
-        assert estimate.position.tobytes() == together.estimate.position[rows].tobytes()
-        assert estimate.velocity.tobytes() == together.estimate.velocity[rows].tobytes()
+        assert estimate.position.tobytes() == together.state.position[rows].tobytes()
+        assert estimate.velocity.tobytes() == together.state.velocity[rows].tobytes()
 
 
 def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
@@ -91,74 +91,63 @@ def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
     left = start.after(0.1)
     heard_by = {}
     for loud in range(7):
-        agents = Agents(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
+        agents = agents_at(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
         position = np.vstack([target(0.1)[0], left.position])
         velocity = np.vstack([target(0.1)[1], left.velocity])
         position[loud] += 1e3
-        agents.hear(1, np.arange(7), position, velocity)
-        agents.jump(1, left)
-        heard_by[loud] = agents.estimate.position
-    quiet = Agents(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
-    quiet.hear(
+        receive(agents, 1, np.arange(7), position, velocity)
+        agents.jump(1, values(left))
+        heard_by[loud] = agents.state.position
+    quiet = agents_at(np.arange(1, 7), topology, FirstOrder(0.9, 1.1), start)
+    receive(
+        quiet,
         1,
         np.arange(7),
         np.vstack([target(0.1)[0], left.position]),
         np.vstack([target(0.1)[1], left.velocity]),
     )
-    quiet.jump(1, left)
+    quiet.jump(1, values(left))
     moved = {
-        loud: (np.flatnonzero((position != quiet.estimate.position).any(axis=1)) + 1).tolist()
+        loud: (np.flatnonzero((position != quiet.state.position).any(axis=1)) + 1).tolist()
         for loud, position in heard_by.items()
     }
     assert moved == {0: [3], 1: [2, 4], 2: [1, 5], 3: [1, 4, 5, 6], 4: [5], 5: [], 6: []}
 
 
-def test_missing_names_the_silent_until_they_speak():
-    agents = Agents(
-        np.arange(1, 7),
-        TopologySchedule.constant(Topology.of(*PAPER)),
-        FirstOrder(0.9, 1.1),
-        initial(1),
-    )
-    assert agents.missing(1) == [0, 1, 2, 3, 4]
-    agents.hear(1, np.array([0, 2, 3]), np.zeros((3, 2)), np.zeros((3, 2)))
-    assert agents.missing(1) == [1, 4]
-    assert agents.missing(2) == [0, 1, 2, 3, 4]
-
-
 def test_second_order_positions_are_continuous():
     start = initial(2)
-    agents = Agents(
+    agents = agents_at(
         np.arange(1, 7),
         TopologySchedule.constant(Topology.of(*PAPER)),
         SecondOrder(1.1, 0.9),
         start,
     )
     left = start.after(0.1)
-    agents.hear(1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
-    agents.jump(1, left)
-    assert agents.estimate.position is left.position
-    assert not np.array_equal(agents.estimate.velocity, left.velocity)
+    receive(agents, 1, np.arange(7), np.ones((7, 2)), np.ones((7, 2)))
+    agents.jump(1, values(left))
+    assert agents.state.position is left.position
+    assert not np.array_equal(agents.state.velocity, left.velocity)
 
 
 class Endless(FirstOrder):
     """Its jumps are infinite, but for the first robot's."""
 
-    def jump(self, estimate, heard):
-        after = super().jump(estimate, heard)
+    def jump(self, estimate, disagreement):
+        after = super().jump(estimate, disagreement)
         after.velocity[1:] = np.inf
         return after
 
 
 def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
-    agents = Agents(
+    agents = agents_at(
         np.arange(1, 7),
         TopologySchedule.constant(Topology.of(*PAPER)),
         Endless(0.9, 1.1),
         initial(1),
     )
     with pytest.raises(
-        AlgorithmError, match=r"^algorithm Endless: jump returned inf for robot 2 at"
+        AlgorithmError,
+        match=r"^algorithm Endless: receive returned a velocity of inf for robot 2 at",
     ):
         estimates(agents, 0.1, 1)
 
@@ -173,33 +162,32 @@ def test_algorithms_are_found_by_name():
     assert load_algorithm("dcea2", {"alpha": 1.1, "beta": 0.9}) == SecondOrder(1.1, 0.9)
 
 
+ONES = Estimate(*np.ones((2, 2, 2)))
+
+
+def lone_graph() -> TopologySchedule:
+    return TopologySchedule.constant(Topology.of(*PAPER))
+
+
 def lone() -> Agents:
     """Return the agents of two robots of the example, whose links have no faults."""
-    topologies = TopologySchedule.constant(Topology.of(*PAPER))
-    return Agents(np.array([2, 5]), topologies, FirstOrder(0.9, 1.1), Estimate(*np.ones((2, 2, 2))))
+    return agents_at([2, 5], lone_graph(), FirstOrder(0.9, 1.1), ONES)
 
 
-def test_agents_without_faults_have_no_memory():
+def test_agents_without_faults_keep_their_estimate_alone():
     agents = lone()
-    assert agents.memory(0) == agents.memory(1) == b""
-    assert agents.silent(3) == agents.faulty == []
+    assert agents.silent(3) == []
     assert len(agents.link_events) == 0
-    agents.recall(1, b"")
-    with pytest.raises(InputError, match="the memory of robot 5 has 3 bytes, and without faults"):
-        agents.recall(1, b"abc")
+    saved = [agents.save(row, agents.state) for row in (0, 1)]
+    assert [len(one) for one in saved] == [saved[0].__len__()] * 2
+    left = agents.restore(saved)
+    assert {name: value.tolist() for name, value in left.items()} == {
+        name: value.tolist() for name, value in agents.state.items()
+    }
 
 
-def test_what_a_robot_was_told_stays_as_it_was_when_more_is_told():
-    agents = lone()
-    sources = Topology.of(*PAPER).in_neighbours(5).tolist()
-    for k in (1, 2):
-        for j in sources:
-            agents.hear(k, np.array([j]), np.full((1, 2), 10.0 * k + j), np.full((1, 2), 1.0 * k))
-        if k == 1:
-            first = agents.heard_by(5)
-    assert list(first) == sources
-    for j, (position, velocity) in first.items():
-        assert position.tolist() == [10.0 + j] * 2
-        assert velocity.tolist() == [1.0] * 2
-    later = agents.heard_by(5)
-    assert all(later[j][0].tolist() == [20.0 + j] * 2 for j in sources)
+def test_a_checkpoint_of_another_algorithm_is_refused():
+    agents, other = lone(), agents_at([2, 5], lone_graph(), SecondOrder(1, 1), ONES)
+    saved = [other.save(row, other.state) for row in (0, 1)]
+    with pytest.raises(InputError, match=r"^robot 2's checkpoint was not saved by algorithm First"):
+        agents.restore(saved)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
@@ -26,6 +25,7 @@ from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.digraphs import digraphs, ring
+from tests.estimator_agents.meeting import agents_at, receive
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order
 from tests.estimator_agents.test_bounds import error, radius_of
 
@@ -67,14 +67,16 @@ def test_jumps_of_agents_are_the_product_of_the_periods_matrices(topology, alpha
         Impulsive(alpha, beta),
     ):
         start = Estimate(*rng.normal(size=(2, n, 2)))
-        agents = Agents(np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start)
+        agents = agents_at(
+            np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start
+        )
         x = error(start.after(times[1]), states[1])
         for k in range(1, 7):
-            left = agents.estimate.after(times[k] - times[k - 1])
+            left = agents.left(times[k] - times[k - 1])
             scale = 1 + np.abs(x).max() + np.abs(states[k].position).max()
             np.testing.assert_allclose(error(left, states[k]), x, atol=1e-11 * scale)
-            agents.hear(k, np.array([0]), states[k].position[None], states[k].velocity[None])
-            agents.hear(k, agents.robots, left.position, left.velocity)
+            receive(agents, k, np.array([0]), states[k].position[None], states[k].velocity[None])
+            receive(agents, k, agents.robots, left.position, left.velocity)
             agents.jump(k, left)
             A, kept = step(algorithm, D, times[k + 1] - times[k])
             now, then = (np.repeat([s.position, s.velocity], n, axis=0) for s in states[k : k + 2])
@@ -153,10 +155,10 @@ def test_a_period_above_the_bound_of_theorem_3_may_be_made_up_for():
 def size_of_a_run(algorithm, gaps, ticks):
     """Return |x| at the end of a run of one agent that looks for a target that rests at 0."""
     start = Estimate(np.ones((1, 1)), np.ones((1, 1)))
-    agents = Agents(np.array([1]), TopologySchedule.constant(ALONE), algorithm, start)
+    agents = agents_at(np.array([1]), TopologySchedule.constant(ALONE), algorithm, start)
     for k in range(1, ticks + 1):
-        left = agents.estimate.after(gaps[k % len(gaps)])
-        agents.hear(k, np.array([0]), np.zeros((1, 1)), np.zeros((1, 1)))
+        left = agents.left(gaps[k % len(gaps)])
+        receive(agents, k, np.array([0]), np.zeros((1, 1)), np.zeros((1, 1)))
         agents.jump(k, left)
     return max(np.abs(left.position).max(), np.abs(left.velocity).max())
 

@@ -14,7 +14,6 @@ from scipy import sparse
 
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
@@ -40,6 +39,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import (
 )
 from tests.bus.test_topology import PAPER
 from tests.estimator_agents.digraphs import digraphs, ring
+from tests.estimator_agents.meeting import agents_at, receive
 from tests.estimator_agents.paper import HARMONIC
 
 TOPOLOGY = Topology.of(*PAPER)
@@ -138,15 +138,17 @@ def test_jumps_of_agents_are_the_recursion(topology, alpha, beta, h, seed):
         recursion = recursion_of(algorithm, topology, h)
         A = recursion.matrix.toarray()
         start = Estimate(*rng.normal(size=(2, n, 2)))
-        agents = Agents(np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start)
+        agents = agents_at(
+            np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start
+        )
         states = [HARMONIC.at(k * h) for k in range(8)]
         x = error(start.after(h), states[1])
         for k in range(1, 7):
-            left = agents.estimate.after(h)
+            left = agents.left(h)
             scale = 1 + np.abs(x).max() + np.abs(states[k].position).max()
             np.testing.assert_allclose(error(left, states[k]), x, atol=1e-11 * scale)
-            agents.hear(k, np.array([0]), states[k].position[None], states[k].velocity[None])
-            agents.hear(k, agents.robots, left.position, left.velocity)
+            receive(agents, k, np.array([0]), states[k].position[None], states[k].velocity[None])
+            receive(agents, k, agents.robots, left.position, left.velocity)
             agents.jump(k, left)
             now, then = (np.array([s.position, s.velocity]) for s in states[k : k + 2])
             delta = recursion.flow @ recursion.keep @ now - then
@@ -255,7 +257,7 @@ def test_both_sides_of_every_bound_by_a_run(factor):
 def ends_of_a_run(algorithm, h, ticks):
     """Return ‖x‖∞ at t_1 and t_ticks of agents that look for a target that rests at 0."""
     rng = np.random.default_rng(1)
-    agents = Agents(
+    agents = agents_at(
         np.arange(1, 7),
         TopologySchedule.constant(TOPOLOGY),
         algorithm,
@@ -263,10 +265,10 @@ def ends_of_a_run(algorithm, h, ticks):
     )
     sizes = []
     for k in range(1, ticks + 1):
-        left = agents.estimate.after(h)
+        left = agents.left(h)
         sizes.append(max(np.abs(left.position).max(), np.abs(left.velocity).max()))
-        agents.hear(k, np.array([0]), np.zeros((1, 2)), np.zeros((1, 2)))
-        agents.hear(k, agents.robots, left.position, left.velocity)
+        receive(agents, k, np.array([0]), np.zeros((1, 2)), np.zeros((1, 2)))
+        receive(agents, k, agents.robots, left.position, left.velocity)
         agents.jump(k, left)
     return sizes[0], sizes[-1]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nrs_cosim.estimator_agents.algorithm import algorithm_names, load_algorithm, policies_of
+from nrs_cosim.estimator_agents.installed import algorithm_names, load_algorithm, policies_of
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 
@@ -130,18 +130,18 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
         ),
         (
             PAPER,
-            "heard.velocity",
-            "heard.velocty",
-            "leaky.jump(estimate, heard): AttributeError: 'Disagreement' object has no attribute "
-            "'velocty'",
-            "(1 - self.leak) * estimate.velocity + self.beta * heard.velocty,",
+            "disagreement.velocity",
+            "disagreement.velocty",
+            "leaky.jump(estimate, disagreement): AttributeError: 'Disagreement' object has no "
+            "attribute 'velocty'",
+            "(1 - self.leak) * estimate.velocity + self.beta * disagreement.velocty,",
         ),
         (
             PAPER,
             "@dataclass(frozen=True)\n",
             "",
             "leaky: Leaky: is no dataclass; put @dataclass(frozen=True) above the class",
-            "class Leaky:",
+            "class Leaky(Algorithm):",
         ),
         (
             PAPER,
@@ -159,11 +159,11 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
         ),
         (
             PAPER,
-            "(1 - self.leak) * estimate.velocity + self.beta * heard.velocity",
+            "(1 - self.leak) * estimate.velocity + self.beta * disagreement.velocity",
             "0.0",
-            "leaky.jump(estimate, heard): ValueError: expected a velocity of shape (4,), as it was "
-            "given, got ()",
-            "def jump(self, estimate, heard):",
+            "leaky.jump(estimate, disagreement): ValueError: expected a velocity of shape (4,), as "
+            "it was given, got ()",
+            "def jump(self, estimate, disagreement):",
         ),
     ],
     ids=["third argument", "typo", "no dataclass", "default", "import", "shape"],
@@ -174,14 +174,25 @@ def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, re
     assert done.returncode == 2
 
 
+def test_what_it_is_given_it_cannot_write(broken):
+    was = "        return Estimate("
+    now = f"        if estimate.position.ndim == 2:\n            estimate.position += 1\n{was}"
+    done, place = broken("run", PAPER, was, now)
+    assert done.returncode == 1
+    assert done.stderr.replace("\n", "") == (
+        "failed: algorithm.name: leaky.jump(estimate, disagreement): ValueError: output array is "
+        "read-only, " + place["estimate.position += 1"]
+    )
+
+
 def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
     was = "        return Estimate("
     done, place = broken("run", PAPER, was, f"        1 / (estimate.position.ndim - 2)\n{was}")
     with Reader(installed / "s.mcap") as reader:
         assert (reader.status, reader.ticks) == ("failed", 0)
         assert reader.reason == (
-            "algorithm.name: leaky.jump(estimate, heard): ZeroDivisionError: division by zero, "
-            + place["1 / (estimate.position.ndim - 2)"]
+            "algorithm.name: leaky.jump(estimate, disagreement): ZeroDivisionError: division by "
+            "zero, " + place["1 / (estimate.position.ndim - 2)"]
         )
     assert done.returncode == 1
 
@@ -193,7 +204,8 @@ def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed
         "        return Estimate(",
         "estimate.position.ndim == 2 and np.ptp(estimate.position)",
     )
-    now = f"        if {many}:\n            estimate.position[...] = np.inf\n{was}"
+    endless = "estimate = Estimate(estimate.position + np.inf, estimate.velocity)"
+    now = f"        if {many}:\n            {endless}\n{was}"
     module.write_text(module.read_text("utf-8").replace(was, now), "utf-8")
     text = PAPER.replace('"dcea1"', '"leaky"')
     (installed / "s.toml").write_text(text, "utf-8")
@@ -207,7 +219,9 @@ def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed
         text=True,
     )
     assert done.returncode == 1
-    assert re.search(r"algorithm leaky: jump returned \S+ for robot \d+ at tick \d+", done.stderr)
+    assert re.search(
+        r"algorithm leaky: receive returned a \w+ of \S+ for robot \d+ at tick \d+", done.stderr
+    )
     assert "Traceback" not in done.stderr + done.stdout
     assert "FMU" not in done.stderr
 

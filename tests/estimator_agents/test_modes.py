@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from nrs_cosim.estimator_agents.algorithm import load_algorithm
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.installed import load_algorithm
 from nrs_cosim.estimator_agents.theory.recursion import expect_modes
 from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario

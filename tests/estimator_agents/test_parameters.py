@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 import pytest
 
-from nrs_cosim.estimator_agents.algorithm import bundled_algorithms, load_algorithm, parameters_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.installed import bundled_algorithms, load_algorithm, parameters_of
 from nrs_cosim.estimator_agents.parameters import declared_parameters, parameter
 
 

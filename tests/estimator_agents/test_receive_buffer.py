@@ -14,11 +14,11 @@ from nrs_cosim.bus.fields import ESTIMATE, Sizes
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
 from tests.estimator_agents.faulty import Network, simulate
+from tests.estimator_agents.meeting import agents_at, receive, values
 
 H, TICKS = 0.1, 90
 FUZZ = settings(
@@ -140,19 +140,18 @@ def agents_of(network, robots, algorithm, start):
         codecs=Codecs.of(Sizes(network.m)),
     )
     mine = Estimate(start.position[rows], start.velocity[rows])
-    return Agents(robots, topologies, algorithm, mine, links, network.missing)
+    return agents_at(robots, topologies, algorithm, mine, links, network.missing, ticks=ticks)
 
 
 def advance(parts, k, target):
     """Let the agents of all parts say, hear and jump at t_k; return what they said, (2, n, m)."""
-    lefts = [part.estimate.after(H) for part in parts]
+    lefts = [part.left(H) for part in parts]
     silent = parts[0].silent(k)
     for listener in parts:
-        listener.hear(k, np.array([0]), target[:1], target[1:])
+        receive(listener, k, np.array([0]), target[:1], target[1:])
         for part, left in zip(parts, lefts, strict=True):
             says = ~np.isin(part.robots, silent)
-            listener.hear(k, part.robots[says], left.position[says], left.velocity[says])
-        assert listener.missing(k) == []
+            receive(listener, k, part.robots[says], left.position[says], left.velocity[says])
     for part, left in zip(parts, lefts, strict=True):
         part.jump(k, left)
 
@@ -160,9 +159,7 @@ def advance(parts, k, target):
 def together(parts):
     """Return the estimates of all robots, (2, n, m), whoever has them."""
     robots = np.concatenate([part.robots for part in parts])
-    rows = np.concatenate(
-        [np.stack([p.estimate.position, p.estimate.velocity], axis=1) for p in parts]
-    )
+    rows = np.concatenate([np.stack([p.state.position, p.state.velocity], axis=1) for p in parts])
     return rows[np.argsort(robots)].swapaxes(0, 1)
 
 
@@ -211,23 +208,14 @@ def test_any_partition_and_any_restart_give_the_same_bits(network, data):
     )
     for k in range(1, TICKS + 1):
         if k == break_at:
-            kept = {
-                int(robot): (
-                    part.memory(row),
-                    part.estimate.position[row],
-                    part.estimate.velocity[row],
-                )
+            lefts = {
+                int(robot): part.save(row, part.state)
                 for part in apart
                 for row, robot in enumerate(part.robots)
             }
-            position, velocity = (np.array([kept[i][x] for i in range(1, n + 1)]) for x in (1, 2))
-            mixed = [
-                agents_of(network, part.robots, ALGORITHMS[1], Estimate(position, velocity))
-                for part in mixed
-            ]
+            mixed = [agents_of(network, part.robots, ALGORITHMS[1], start) for part in mixed]
             for part in mixed:
-                for row, robot in enumerate(part.robots):
-                    part.recall(row, kept[int(robot)][0])
+                part.state = part.restore([lefts[int(robot)] for robot in part.robots])
         for parts in (whole, apart, mixed):
             advance(parts, k, targets[k])
         bits = together(whole).tobytes()
@@ -253,12 +241,11 @@ def jumps(network, ticks):
     agents = agents_of(network, np.array([2]), FirstOrder(1.0, 1.0), start)
     story = []
     for k in range(1, ticks + 1):
-        agents.hear(k, np.array([0]), np.ones((1, 1)), np.zeros((1, 1)))
+        receive(agents, k, np.array([0]), np.ones((1, 1)), np.zeros((1, 1)))
         if 1 not in agents.silent(k):
-            agents.hear(k, np.array([1]), np.full((1, 1), 4.0 + k), np.zeros((1, 1)))
-        assert agents.missing(k) == []
-        agents.jump(k, zero)
-        story.append(float(agents.estimate.position[0, 0]))
+            receive(agents, k, np.array([1]), np.full((1, 1), 4.0 + k), np.zeros((1, 1)))
+        agents.jump(k, values(zero))
+        story.append(float(agents.state.position[0, 0]))
     return story
 
 
@@ -292,23 +279,29 @@ def test_links_that_have_no_faults_leave_every_bit_alone():
     start, targets = start_of(network)
     robots = np.array([1, 2])
     with_links = agents_of(network, robots, ALGORITHMS[1], start)
-    without = Agents(robots, topologies_of(network), ALGORITHMS[1], start)
+    without = agents_at(robots, topologies_of(network), ALGORITHMS[1], start)
     for k in range(1, 20):
         for agents in (with_links, without):
             advance([agents], k, targets[k])
             assert len(agents.link_events) == 0
-            assert [agents.memory(row) for row in (0, 1)] == [b"", b""]
         assert together([with_links]).tobytes() == together([without]).tobytes()
     assert without.silent(1) == []
-    without.recall(0, b"")
-    with pytest.raises(InputError, match="robot 2 has 8 bytes, and without faults none"):
-        without.recall(1, bytes(8))
+    kept = agents_of(plain(delay=(1, 1)), robots, ALGORITHMS[1], values_of(2))
+    saved = [kept.save(row, kept.state) for row in (0, 1)]
+    alone = agents_at(robots, topologies_of(plain()), ALGORITHMS[1], values_of(2))
+    with pytest.raises(InputError, match="robot 2 has 72 bytes, and without faults none"):
+        alone.restore(saved)
+
+
+def values_of(n):
+    return Estimate(np.zeros((n, 1)), np.zeros((n, 1)))
 
 
 def test_a_memory_of_other_links_is_refused():
-    network = plain(delay=(1, 1))
-    agents = agents_of(network, np.array([1, 2]), ALGORITHMS[1], start_of(network)[0])
-    assert agents.memory(0) == b""
-    assert len(agents.memory(1)) == 3 * 3 * 8
-    with pytest.raises(InputError, match="memory of robot 2 has 8 bytes, and 72 were expected"):
-        agents.recall(1, bytes(8))
+    late, later = (
+        agents_of(plain(delay=(d, d)), np.array([1, 2]), ALGORITHMS[1], values_of(2))
+        for d in (1, 2)
+    )
+    saved = [late.save(row, late.state) for row in (0, 1)]
+    with pytest.raises(InputError, match="memory of robot 2 has 72 bytes, and 96 were expected"):
+        later.restore(saved)

@@ -20,7 +20,6 @@ NRS = Path(sys.executable).with_name("nrs")
 MODULE = '''"""Three gains."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -29,10 +28,9 @@ from nrs_cosim.estimator_agents.condition import Condition
 
 
 @dataclass(frozen=True)
-class ThreeGains:
+class ThreeGains(nrs.Algorithm):
     """Positions push velocities too."""
 
-    missing: ClassVar = ("hold", "drop")
     alpha: float
     beta: float
     gamma: float = nrs.parameter("push of positions on velocities", 0.2, unit="1/s", least=0)
@@ -41,11 +39,10 @@ class ThreeGains:
         if self.gamma > self.alpha + self.beta:
             raise ValueError("gamma may be alpha + beta at most")
 
-    def jump(self, estimate, heard):
-        return nrs.Estimate(
-            estimate.position + self.alpha * heard.position,
-            estimate.velocity + (self.beta * heard.velocity + self.gamma * heard.position),
-        )
+    def jump(self, estimate, disagreement):
+        push = self.beta * disagreement.velocity + self.gamma * disagreement.position
+        position = estimate.position + self.alpha * disagreement.position
+        return nrs.Estimate(position, estimate.velocity + push)
 
     def modes(self, spectrum, h):
         a, b, c = (gain * (1 - spectrum) for gain in (self.alpha, self.beta, self.gamma))

@@ -10,7 +10,8 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.validation import RejectedError
-from nrs_cosim.estimator_agents import algorithm
+from nrs_cosim.estimator_agents import installed
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
@@ -305,21 +306,18 @@ class Installed:
 
     def __init__(self, missing, name="other"):
         self.name = name
-        self.load = lambda: type("Other", (), {} if missing is None else {"missing": missing})
+        self.load = lambda: type("Other", (FirstOrder,), {"MISSING": missing})
 
 
 @pytest.mark.parametrize("missing", [None, (), ("guess",)])
 def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, missing):
-    monkeypatch.setattr(algorithm, "_entries", lambda: (Installed(missing),))
-    with pytest.raises(InputError, match=r"algorithm\.name: other does not say what its agents do"):
-        algorithm.policies_of("other")
+    monkeypatch.setattr(installed, "_entries", lambda: (Installed(missing),))
+    with pytest.raises(InputError, match=r"^algorithm\.name: other: MISSING: expected a tuple of"):
+        installed.policies_of("other")
 
 
 def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
-    monkeypatch.setattr(algorithm, "_entries", lambda: (Installed(("drop",), "dcea1"),))
-    monkeypatch.setattr(
-        "nrs_cosim.orchestrator.scenario.wrong_tables.algorithm_names", lambda: ("dcea1",)
-    )
+    monkeypatch.setattr(installed, "_entries", lambda: (Installed(("drop",), "dcea1"),))
     with pytest.raises(ScenarioError) as error:
         paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
     assert str(error.value) == (

@@ -17,8 +17,8 @@ from nrs_cosim.bus.fields import ESTIMATE, Field
 
 
 @dataclass(frozen=True)
-class Keeper:
-    missing: ClassVar = ("hold",)
+class Keeper(nrs.Algorithm):
+    MISSING: ClassVar = ("hold",)
     STATE: ClassVar = {
         **ESTIMATE,
         "integral": Field(doc="of the disagreement"),

@@ -12,6 +12,7 @@ from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.engine.in_process import InProcess
 from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode
@@ -19,6 +20,7 @@ from nrs_cosim.orchestrator.engine.robots import Robots
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.recordings.export.tables import samples, states
@@ -272,8 +274,18 @@ class Kept:
         self.batches.append(sorted(m for part in tick for m in part.messages(self._topics)))
 
 
-def test_who_received_what_and_when(paper):
+def test_who_received_what_and_when(paper, monkeypatch):
     """Listen to the session beside the run: nothing else is sent, and nobody hears anyone else."""
+    received_at = []
+
+    class Listening(FirstOrder):
+        """Keeps what it receives."""
+
+        def receive(self, now, x, received):
+            received_at.append(received)
+            return super().receive(now, x, received)
+
+    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, p: Listening(**p))
     file, m = paper(SHORT), 2
     codec = Codec(SAMPLE, Sizes(m))
     with ExitStack() as stack:
@@ -299,11 +311,12 @@ def test_who_received_what_and_when(paper):
                     record = codec.decode([data])[0]
                     spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
             assert spoken.keys() == {*range(7)}
+            received = received_at.pop()
             for robot, nodes in heard.items():
-                got = loop.agents.heard_by(robot)
-                assert {j: (p.tolist(), v.tolist()) for j, (p, v) in got.items()} == {
-                    j: spoken[j] for j in nodes
-                }
+                mine = received.row == robot - 1
+                assert received.source[mine].tolist() == nodes
+                assert received.samples.position[mine].tolist() == [spoken[j][0] for j in nodes]
+                assert received.samples.velocity[mine].tolist() == [spoken[j][1] for j in nodes]
         assert Counter(said) == {"samples/target": 10, "samples/here": 10, "records/here": 11}
 
 
@@ -323,7 +336,7 @@ def test_a_tick_is_recorded_in_total_order_with_left_limits(paper):
     with ExitStack() as stack:
         bus, kept = MemoryBus(), Kept()
         loop = Loop(stack, paper(SHORT), bus, kept)
-        initial = loop.agents.estimate
+        initial = loop.agents.state
         list(loop.ticks())
     last = (-1, "")
     for k, batch in enumerate(kept.batches):

@@ -150,37 +150,22 @@ def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, result)
 
 
 @pytest.mark.parametrize(
-    ("name", "gains", "why"),
+    ("name", "gains"),
     [
-        (
-            "dcea2",
-            "alpha = 1.1\nbeta = 0.9",
-            "Theorem 3 is about the eigenvalues of the one D that",
-        ),
-        (
-            "pd_like",
-            "alpha = 1.1\nbeta = 1.0",
-            "it corrects the velocity by positions and velocities",
-        ),
-        (
-            "impulsive",
-            "alpha = 0.5\nbeta = 0.5",
-            "it hears no velocities, so that one digraph is all",
-        ),
+        ("dcea2", "alpha = 1.1\nbeta = 0.9"),
+        ("pd_like", "alpha = 1.1\nbeta = 1.0"),
+        ("impulsive", "alpha = 0.5\nbeta = 0.5"),
     ],
 )
-def test_two_digraphs_are_refused_with_the_reason_where_an_algorithm_has_use_for_one(
-    name, gains, why
-):
+def test_two_digraphs_are_refused_where_an_algorithm_has_use_for_one(name, gains):
     text = (SCENARIOS / "hetero_information.toml").read_text("utf-8")
     text = text.replace('name = "dcea1"\nalpha = 0.9\nbeta = 1.5', f'name = "{name}"\n{gains}')
     with pytest.raises(ScenarioError) as error:
         parse_scenario(text, "a", SCENARIOS, "a.toml")
-    result = str(error.value)
-    assert result.startswith(
-        f"a.toml: network.velocity: {name} cannot hear positions and velocities"
+    assert str(error.value) == (
+        f"a.toml: network.velocity: {name} receives positions and velocities over one digraph; "
+        "give network one digraph, or take dcea1"
     )
-    assert why in result
     sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
     assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).phases[0].digraphs[1:]
 

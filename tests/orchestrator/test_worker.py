@@ -18,7 +18,7 @@ from nrs_cosim.bus.transport import Message, Presence
 from nrs_cosim.bus.validation import Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
-from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.engine.worker import Worker, needed
 from nrs_cosim.orchestrator.errors import DivergedError
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -95,9 +95,10 @@ class Case:
         self.wire = Wire(Codecs.of(Sizes(M)), Clock((H,), 2, TICKS), ASSIGNMENT, Signer(b"secret"))
         self.bus, self.plants = Bus(self.wire), Springs()
         robots = ASSIGNMENT["here"]
-        initial = Estimate(np.full((2, M), start), np.full((2, M), 0.5))
-        agents = Agents(robots, TopologySchedule.constant(TOPOLOGY), FirstOrder(0.9, 1.1), initial)
+        initial = Values(position=np.full((2, M), start), velocity=np.full((2, M), 0.5))
         clock = Clock((H,), 2, TICKS)
+        topologies = TopologySchedule.constant(TOPOLOGY)
+        agents = Agents(robots, topologies, FirstOrder(0.9, 1.1), initial, clock)
         self.worker = Worker(
             "here", self.bus, self.bus, self.wire, clock, agents, self.plants, limit, every
         )
@@ -160,7 +161,7 @@ def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
         for j in sources:
             closed_ticks = left[0] if j is None else (heard[j]["position"], heard[j]["velocity"])
             d += (np.array(closed_ticks) - np.array(left[row])) / 2
-        after = case.worker.agents.estimate
+        after = case.worker.agents.state
         np.testing.assert_allclose(after.position[row], position[row] + 0.9 * d[0])
         np.testing.assert_allclose(after.velocity[row], velocity[row] + 1.1 * d[1])
 

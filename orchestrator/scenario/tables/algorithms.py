@@ -22,10 +22,10 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from nrs_cosim.estimator_agents.algorithm import algorithm_class, algorithm_names, parameters_of
+from nrs_cosim.estimator_agents.algorithm import Missing
 from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.installed import algorithm_class, algorithm_names, parameters_of
 from nrs_cosim.estimator_agents.parameters import Parameter
-from nrs_cosim.estimator_agents.receive_buffer import Missing
 from nrs_cosim.orchestrator.scenario.tables.values import Table
 
 _JSON = {float: "number", int: "integer", bool: "boolean", str: "string"}
@@ -75,7 +75,8 @@ def table_for(value: Any) -> type[AlgorithmTable]:
     name = value.get("name") if isinstance(value, dict) else None
     if not isinstance(name, str) or name not in algorithm_names():
         return _Unknown
-    return _table(name, algorithm_class(name))
+    kind: Any = algorithm_class(name)
+    return _table(name, kind)
 
 
 @lru_cache

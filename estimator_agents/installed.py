@@ -1,0 +1,101 @@
+"""The algorithms that are installed: those here, and others' through the group `nrs.algorithms`.
+
+What others' packages do wrong is one line, which says where (`plugins`).
+"""
+
+import os
+import sys
+from collections.abc import Mapping
+from functools import lru_cache, partial
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
+from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
+from nrs_cosim.estimator_agents.plugins import ThirdParty, loaded
+
+GROUP = "nrs.algorithms"
+
+
+def algorithm_names() -> tuple[str, ...]:
+    """Return the names of all installed algorithms."""
+    return tuple(sorted({entry.name for entry in _entries()}))
+
+
+def bundled_algorithms() -> tuple[str, ...]:
+    """Return the names of those that are modules here."""
+    return tuple(sorted({entry.name for entry in _entries() if _is_ours(entry)}))
+
+
+def load_algorithm(name: str, parameters: Mapping[str, Any]) -> Algorithm:
+    """Return an installed algorithm with its parameters.
+
+    Raises `InputError` if there is none of that name, or it does not take them.
+    """
+    entry = _entry(name)
+    build: Any = entry.load() if _is_ours(entry) else partial(ThirdParty.built, entry)
+    algorithm: Algorithm = build(**parameters)
+    return algorithm
+
+
+def algorithm_class(name: str) -> type[Algorithm]:
+    """Return the class of an installed algorithm; `InputError` if there is none of that name."""
+    entry = _entry(name)
+    kind: type[Algorithm] = entry.load() if _is_ours(entry) else loaded(entry)
+    return kind
+
+
+def parameters_of(name: str) -> tuple[Parameter, ...]:
+    """Return what parameters an installed algorithm declares.
+
+    Raises `InputError` if there is none of that name, or what it declares is wrong.
+    """
+    return declared_parameters(algorithm_class(name), name)
+
+
+def policies_of(name: str) -> tuple[Missing, ...]:
+    """Return what an algorithm's agents may do without a sample, the default first.
+
+    Raises `InputError` if there is no such algorithm, or when what it declares is wrong.
+    """
+    return algorithm_class(name).MISSING
+
+
+def takes_separate_graphs(name: str) -> bool:
+    """Return whether positions and velocities may be received over digraphs of their own.
+
+    Raises `InputError` as `policies_of`.
+    """
+    return algorithm_class(name).SEPARATE_GRAPHS
+
+
+def _is_ours(entry: EntryPoint) -> bool:
+    return entry.module.rpartition(".")[0] == __package__
+
+
+def _entry(name: str) -> EntryPoint:
+    found = next((entry for entry in _entries() if entry.name == name), None)
+    if found is None:
+        raise InputError(
+            f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {quoted(name)}"
+        )
+    return found
+
+
+def _entries() -> tuple[EntryPoint, ...]:
+    """Return what is installed; looked for again where a folder of packages has changed."""
+    return _entries_of(tuple((path, _changed(path)) for path in sys.path))
+
+
+@lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
+def _entries_of(_folders: tuple[tuple[str, int | None], ...]) -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=GROUP))
+
+
+def _changed(folder: str) -> int | None:
+    try:
+        return os.stat(folder or os.curdir).st_mtime_ns  # noqa: PTH116 (a folder may be empty)
+    except OSError:  # as a path of nothing, which stands in sys.path all the same
+        return None
