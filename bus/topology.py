@@ -5,13 +5,11 @@ its in-neighbours is always taken in the order of their numbers, whoever compute
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from scipy import sparse
+from nrs_cosim.bus.matrices import Matrix, components, matrix_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,15 +55,11 @@ class Topology:
         return self.weight / self.in_degree[self.sink - 1]
 
     @property
-    def D(self) -> "sparse.csr_array":  # noqa: N802, the paper's symbol
+    def D(self) -> Matrix:  # noqa: N802, the paper's symbol
         """D = B⁻¹ Ŵ, shape (n, n): the normalised weights between robots."""
-        from scipy import sparse  # noqa: PLC0415, 0.1 s that workers need not wait for
-
         among = self.source > 0
-        return sparse.csr_array(
-            (self.normalised[among], (self.sink[among] - 1, self.source[among] - 1)),
-            shape=(self.n, self.n),
-        )
+        rows, columns = self.sink[among] - 1, self.source[among] - 1
+        return matrix_of(rows, columns, self.normalised[among], self.n)
 
     def steps(self) -> NDArray[np.intp]:
         """Return the fewest edges that lead from the target to each robot, (n,); −1 for none do."""
@@ -90,8 +84,4 @@ class Topology:
 
     def components(self) -> list[NDArray[np.intp]]:
         """Return the strongly connected components of the robots, as arrays of robots − 1."""
-        from scipy.sparse.csgraph import connected_components  # noqa: PLC0415, as above
-
-        count, label = connected_components(self.D, connection="strong")
-        order = np.argsort(label, kind="stable")
-        return np.split(order, np.searchsorted(label[order], np.arange(1, count)))
+        return components(self.D)

@@ -51,7 +51,7 @@ Words = Annotated[str, Field(pattern=r"^[^\x00]*$")]
 class _Record(BaseModel):
     """A record; keys that are not known are a later version's."""
 
-    model_config = ConfigDict(frozen=True, extra="allow")
+    model_config = ConfigDict(frozen=True, extra="allow", defer_build=True)
 
 
 class JointRecord(_Record):

@@ -35,7 +35,7 @@ def test_tools_have_no_complaint(command):
         ("nrs_cosim.orchestrator.cli.main", {"fmpy", "numpy", "pydantic", "scipy", "zenoh"}),
         (
             "nrs_cosim.orchestrator.analysis.comparison",
-            {"fmpy", "scipy.interpolate", "scipy.optimize", "zenoh"},
+            {"fmpy", "scipy", "zenoh"},
         ),
         ("nrs_cosim.orchestrator.engine.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
         (
@@ -50,6 +50,33 @@ def test_a_process_starts_without_what_it_need_not_wait_for(module, unneeded):
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert not unneeded & set(done.stdout.split())
+
+
+PAPER = ROOT / "scenarios/paper_first_order.toml"
+RUNS = {"multiprocessing", "scipy", "tomlkit", "zenoh"}
+"""What takes part in runs alone, of few robots at periodic times."""
+
+
+def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
+    recording = tmp_path / "a.mcap"
+    scenario = nrs_cosim.Scenario.load(PAPER).replace({"run.duration": 1.0})
+    nrs_cosim.run(scenario, recording).close()
+    commands = {
+        ("check", PAPER): RUNS | {"mcap", "nrs_cosim.plant_fmu.checking"},
+        ("info", recording): RUNS | {"fmpy", "lxml"},
+    }
+    program = (
+        "import sys; from nrs_cosim.orchestrator.cli.main import command; "
+        "command()(standalone_mode=False); print(*sys.modules, file=sys.stderr)"
+    )
+    for command, unneeded in commands.items():
+        done = subprocess.run(
+            [sys.executable, "-c", program, *map(str, command)],
+            cwd=ROOT, check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        loaded = set(done.stderr.splitlines()[-1].split())
+        assert "numpy" in loaded
+        assert not unneeded & loaded, command[0]
 
 
 def volatile(line: str) -> str:

@@ -23,8 +23,8 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from nrs_cosim.bus.matrices import Matrix, identity, nonzeros
 from nrs_cosim.estimator_agents.theory.estimates import (
     REST,
     EstimateBounds,
@@ -54,7 +54,7 @@ def worst_case_of_list(
     too long.
     """
     n, jump, h = recursion.n, recursion.jump, np.array(gaps)
-    rounds = int(WORK / ((jump.nnz + 2 * n) * 2 * len(h)))
+    rounds = int(WORK / ((nonzeros(jump) + 2 * n) * 2 * len(h)))
     if recursion.drag[:, 0].any() or (factor > 0 and log(REST) / log(factor) > rounds):
         return None
     sizes = np.array([[slip(gap, gamma_1, gamma_2), min(2 * gamma_1, gap * gamma_2)] for gap in h])
@@ -69,7 +69,7 @@ def worst_case_of_list(
 
     kernel = np.zeros((2 * n, len(h), 2))
     kernel[:n, :, 0] = kernel[n:, :, 1] = 1.0
-    views = (sparse.eye_array(2 * n, format="csr"), jump)
+    views = (identity(jump), jump)
     most = np.zeros((len(views), 2, 2 * n, len(h)))
     for j in range(rounds):
         added = np.stack([moved(_times(seen, kernel)) for seen in views])
@@ -102,7 +102,7 @@ def worst_case_aperiodic(
             return None
         y = np.linalg.solve(np.eye(n) - r * H, y)
     found: list[EstimateBounds] = []
-    for seen in (sparse.eye_array(2 * n, format="csr"), jump):
+    for seen in (identity(jump), jump):
         most = worst(recursion, *moved, seen, recursion.h + r)
         pushed = _pushed(recursion, seen, radius, y)
         if most is None or pushed is None:
@@ -112,19 +112,19 @@ def worst_case_aperiodic(
     return before, always(before, after, recursion, gamma_1)
 
 
-def _pushed(recursion: Recursion, seen: sparse.csr_array, radius: float, y: Array) -> Array | None:
+def _pushed(recursion: Recursion, seen: Matrix, radius: float, y: Array) -> Array | None:
     """Return Σ_j |seen A^j [1; 0]| y, (p,)."""
     n = recursion.n
     A, S = _of_positions(recursion, seen)
-    if A.data.min(initial=0) >= 0 and S.data.min(initial=0) >= 0:
+    if A.min() >= 0 and S.min() >= 0:
         given = np.concatenate([y, np.zeros(A.shape[0] - n)])
-        found: Array = S @ solve(sparse.eye_array(A.shape[0]) - A, given)
+        found: Array = S @ solve(identity(A) - A, given)
         return found
     total = _sum(recursion, seen, radius)
     return None if total is None else total @ y
 
 
-def _sum(recursion: Recursion, seen: sparse.csr_array, radius: float) -> Array | None:
+def _sum(recursion: Recursion, seen: Matrix, radius: float) -> Array | None:
     """Return Σ_j |seen A^j [1; 0]|, (p, n)."""
     if recursion.n > LARGEST or (radius > 0 and log(REST) / log(radius) > MOST):
         return None
@@ -140,17 +140,15 @@ def _sum(recursion: Recursion, seen: sparse.csr_array, radius: float) -> Array |
     return None
 
 
-def _of_positions(
-    recursion: Recursion, seen: sparse.csr_array
-) -> tuple[sparse.csr_array, sparse.csr_array]:
+def _of_positions(recursion: Recursion, seen: Matrix) -> tuple[Matrix, Matrix]:
     """Return A and `seen` without the velocities where positions alone never come to them."""
     if not recursion.velocities_alone:
         return recursion.matrix, seen
     n = recursion.n
-    return sparse.csr_array(recursion.matrix[:n, :n]), sparse.csr_array(seen[:, :n])
+    return recursion.matrix[:n, :n], seen[:, :n]
 
 
-def _times(A: sparse.csr_array, stacked: Array) -> Array:
+def _times(A: Matrix, stacked: Array) -> Array:
     """Multiply (p, q) by (q, …)."""
     product: Array = (A @ stacked.reshape(len(stacked), -1)).reshape(-1, *stacked.shape[1:])
     return product

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from nrs_cosim.bus.matrices import Matrix, as_array, identity, nonzeros
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_norm
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
@@ -83,7 +83,7 @@ def worst_case(
 
     None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
     """
-    seen = sparse.eye_array(2 * recursion.n, format="csr")
+    seen = identity(recursion.matrix)
     most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
     return None if most is None else largest(most)
 
@@ -132,7 +132,7 @@ def worst(
     gamma_1: float,
     gamma_2: float,
     radius: float,
-    seen: sparse.csr_array,
+    seen: Matrix,
     h: float,
 ) -> Array | None:
     """Return the worst-case bounds, (p,), on `seen` x, (p, 2 n), at the sampling times.
@@ -144,11 +144,11 @@ def worst(
     n, A = recursion.n, recursion.matrix
     sizes = [slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
     unit = np.kron(np.eye(2), np.ones((n, 1)))
-    if A.data.min() >= 0 and seen.data.min() >= 0 and not recursion.drag.any():
-        found: Array = seen @ solve(sparse.eye_array(2 * n) - A, unit @ sizes)
+    if A.min() >= 0 and seen.min() >= 0 and not recursion.drag.any():
+        found: Array = seen @ solve(identity(A) - A, unit @ sizes)
         return found
     steps = log(REST) / log(radius) if radius > 0 else 2
-    most_steps = int(WORK / (1 + A.nnz / 4000))
+    most_steps = int(WORK / (1 + nonzeros(A) / 4000))
     if steps > most_steps:
         return None
     drag = recursion.drag[:, 1]
@@ -166,16 +166,16 @@ def worst(
     return None
 
 
-def _block(A: sparse.csr_array) -> int:
+def _block(A: Matrix) -> int:
     """Return how many periods are summed at once: many where powers of A are cheap, else one."""
     return BLOCK if A.shape[0] <= DENSE else 1
 
 
-def _history(A: sparse.csr_array, first: Reals) -> Iterator[Reals]:
+def _history(A: Matrix, first: Reals) -> Iterator[Reals]:
     """Yield A^j `first`, (2 n, 2, b), b of one after another at a time, for j = 0, 1, …"""
     kernels, power = first[:, :, None], A
     if _block(A) > 1:
-        power = A.toarray()
+        power = as_array(A)
         while kernels.shape[2] < BLOCK:
             further = np.tensordot(power, kernels, axes=1)
             kernels, power = np.concatenate([kernels, further], axis=2), power @ power
@@ -235,7 +235,7 @@ def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> Stea
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
     n, A, h = recursion.n, recursion.matrix, recursion.h
-    ones, unit = np.ones(n), sparse.eye_array(2 * n)
+    ones, unit = np.ones(n), identity(A)
     keep = recursion.flow @ recursion.keep
     frequency, waves = target.phasors()
     phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)

@@ -45,8 +45,8 @@ def network_of(topology: Topology) -> NetworkSummary:
     place[order] = np.arange(len(parts))
     edges = np.unique(place[between], axis=0).tolist() if len(between) else []
     steps = topology.steps()
-    weights = topology.D.tocoo()
-    rows = zip(weights.row + 1, weights.col + 1, weights.data, strict=True)
+    weights = topology.normalised[among]
+    rows = zip(topology.sink[among], topology.source[among], weights, strict=True)
     return NetworkSummary(
         D=tuple(sorted((int(i), int(j), float(d)) for i, j, d in rows)),
         pinned=tuple((topology.sink[topology.source == 0]).tolist()),

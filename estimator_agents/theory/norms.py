@@ -7,8 +7,11 @@ The vector norm is the paper's ‖η‖_A = ‖η 1ᵀ‖_A = ‖S⁻¹ η‖ �
 only b c counts, and ‖Sᵀ 1‖' cancels in it. Lemma 2 says that there is such a norm, not which. Three
 families are tried, and that which gives the smallest b c / (1 − ‖A‖_A) is taken:
 
-- weights: S = diag(w), w = (I − |A|)⁻¹ 1, in the ∞-norm, when ρ(|A|) < 1; it is sparse throughout;
-- schur: S = U diag(1, η, η², …) of the Schur form A = U T U*, in the ∞-norm;
+- weights: S = diag(w), w = (I − |A|/r)⁻¹ u, in the ∞-norm, for ρ(|A|) < r, when ρ(|A|) < 1: then
+  |A| w ≤ r w − r u. u is 1, or 1 for those alone that depend on no others: along a row of robots w
+  then falls as a geometric series. It is sparse throughout; of many robots r = 1 and u = 1 alone;
+- schur: S = U diag(1, η, η², …) of the Schur form A = U T U*, in the ∞-norm, of a few rows, and
+  where ρ(|A|) ≥ 1: elsewhere it was not better on 96 of 100 random digraphs, and needs SciPy;
 - ellipsoid: S = P^-½ with AᵀPA − r² P = −r² I, in the 2-norm, for ρ < r < 1.
 """
 
@@ -18,8 +21,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, sparse
 
+from nrs_cosim.bus.matrices import Matrix, as_array, components, identity
 from nrs_cosim.estimator_agents.theory.solving import solve
 
 Complex = NDArray[np.complex128]
@@ -27,8 +30,12 @@ Family = Literal["weights", "schur", "ellipsoid"]
 
 DENSE = 80
 """The order of A up to which the two families that need dense matrices are tried."""
+SCHUR = 5
+"""The order of A up to which Schur's family is tried beside weights."""
 DOUBLINGS = 40
 RATIOS = np.geomspace(0.02, 1, 12)
+SHARES = (0.02, 0.05, *(i / 10 for i in range(1, 11)), 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0, 1e3)
+"""By how much r is above ρ(|A|), in units of 1 − ρ(|A|)."""
 FRACTIONS = np.array([0.02, 0.1, 0.25, 0.5, 0.75, 0.9])
 
 
@@ -65,30 +72,54 @@ class SmallValueNorm:
         return 2 if self.family == "ellipsoid" else np.inf
 
 
-def small_value_norm(A: sparse.csr_array) -> SmallValueNorm | None:
+def small_value_norm(A: Matrix) -> SmallValueNorm | None:
     """Return the best that is found of a matrix (p, p); None where it is not Schur stable."""
     return min(_candidates(A), key=lambda norm: norm.gain, default=None)
 
 
-def _candidates(A: sparse.csr_array) -> Iterator[SmallValueNorm]:
-    p = A.shape[0]
+def _candidates(A: Matrix) -> Iterator[SmallValueNorm]:
     size = abs(A)
-    weights = solve(sparse.eye_array(p) - size, np.ones(p))
-    if np.all(np.isfinite(weights)) and weights.min() > 0:
-        value = float((size @ weights / weights).max())
-        if value < 1:
-            total = float(weights.sum())
-            bc = (float(weights.max()) / total, total / float(weights.min()))
-            yield SmallValueNorm("weights", weights.astype(complex), value, *bc)
-    if p <= DENSE:
-        dense = A.toarray()
-        radius = float(np.abs(np.linalg.eigvals(dense)).max())
-        if radius < 1:
-            yield from _schur(dense)
-            yield from _ellipsoids(dense, radius)
+    yield from _weights(size, 1.0, np.ones(size.shape[0]))
+    if A.shape[0] > DENSE:
+        return
+    array = as_array(A)
+    radius = float(np.abs(np.linalg.eigvals(array)).max())
+    if radius >= 1:
+        return
+    of_size = float(np.abs(np.linalg.eigvals(np.abs(array))).max())
+    if of_size < 1:
+        for u in (np.ones(len(array)), _roots(array)):
+            for share in SHARES:
+                yield from _weights(np.abs(array), of_size + share * (1 - of_size), u)
+    if of_size >= 1 or len(array) <= SCHUR:
+        yield from _schur(array)
+    yield from _ellipsoids(array, radius)
+
+
+def _roots(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return 1 for the rows of components that depend on no other, else 0, (p,)."""
+    found = np.zeros(len(A))
+    for part in components(A):
+        others = np.delete(A[part], part, axis=1)
+        found[part] = not others.any()
+    return found
+
+
+def _weights(size: Matrix, r: float, u: NDArray[np.float64]) -> Iterator[SmallValueNorm]:
+    """Yield the norm of w = (I − |A|/r)⁻¹ u, if it is one."""
+    w = solve(identity(size) - size / r, u)
+    if not (np.all(np.isfinite(w)) and w.min() > 0):
+        return
+    value = float((size @ w / w).max())
+    if value < 1:
+        total = float(w.sum())
+        b, c = float(w.max()) / total, total / float(w.min())
+        yield SmallValueNorm("weights", w.astype(complex), value, b, c)
 
 
 def _schur(A: NDArray[np.float64]) -> Iterator[SmallValueNorm]:
+    from scipy import linalg  # noqa: PLC0415, as in `bus.matrices`
+
     T, U = linalg.schur(A, output="complex")
     for ratio in RATIOS:
         powers = ratio ** np.arange(len(A))

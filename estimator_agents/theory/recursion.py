@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from nrs_cosim.bus.matrices import Matrix, identity, kron
 from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps, modes, name_of
@@ -40,11 +40,11 @@ class Recursion:
     """(2, 2) K; the identity where an estimate stays when all agree."""
     gain: Array
     """(2, 2) G; diag(α, β) for the first-order DCEA."""
-    D: sparse.csr_array
+    D: Matrix
     """(n, n), over which positions travel."""
-    D_velocity: sparse.csr_array
+    D_velocity: Matrix
     """(n, n), over which velocities travel; the same but for hetero-information."""
-    own: sparse.csr_array
+    own: Matrix
     """(n, n), whose state a jump is added to: mostly the identity."""
     copies: int = 1
     """How often each robot is among the n: once for each tick of a `theory.switching.period`."""
@@ -66,22 +66,22 @@ class Recursion:
         return drag
 
     @property
-    def jump(self) -> sparse.csr_array:
+    def jump(self) -> Matrix:
         """K ⊗ I + G ⊗ (D − I), (2 n, 2 n): x right after a sampling time from x there."""
         return self._of(self.keep, self.gain)
 
     @property
-    def matrix(self) -> sparse.csr_array:
+    def matrix(self) -> Matrix:
         """A, (2 n, 2 n)."""
         return self._of(self.flow @ self.keep, self.flow @ self.gain)
 
-    def _of(self, keep: Array, gain: Array) -> sparse.csr_array:
-        alone = sparse.kron(keep - gain, self.own)
+    def _of(self, keep: Array, gain: Array) -> Matrix:
+        alone = kron(keep - gain, self.own)
         if self.D is self.D_velocity:
-            return sparse.csr_array(alone + sparse.kron(gain, self.D))
+            return alone + kron(gain, self.D)
         of_position, of_velocity = gain * [1, 0], gain * [0, 1]
-        heard = sparse.kron(of_position, self.D) + sparse.kron(of_velocity, self.D_velocity)
-        return sparse.csr_array(alone + heard)
+        heard = kron(of_position, self.D) + kron(of_velocity, self.D_velocity)
+        return alone + heard
 
     @property
     def velocities_alone(self) -> bool:
@@ -89,9 +89,9 @@ class Recursion:
         return not (self.flow @ self.gain)[1, 0] and not (self.flow @ self.keep)[1, 0]
 
     @property
-    def velocity_block(self) -> sparse.csr_array:
+    def velocity_block(self) -> Matrix:
         """The part of A from ῡ to ῡ, (n, n): 𝒫 of equation 0.5."""
-        return sparse.csr_array(self.matrix[self.n :, self.n :])
+        return self.matrix[self.n :, self.n :]
 
 
 def recursion_of(
@@ -104,7 +104,7 @@ def recursion_of(
     exchange = over if isinstance(over, InteractionGraphs) else InteractionGraphs.of(over)
     D = exchange.position.D
     other = exchange.velocity.D if exchange.has_two_digraphs else D
-    return Recursion(h, *found, D, other, sparse.eye_array(D.shape[0], format="csr"))
+    return Recursion(h, *found, D, other, identity(D))
 
 
 def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:

@@ -1,11 +1,8 @@
 """When the estimates converge: everything follows from the spectrum of D (paper, section 3)."""
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import eigvals_banded
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
+from nrs_cosim.bus.matrices import Matrix, as_array, nonzeros
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 
@@ -28,7 +25,7 @@ def spectrum_of(topology: Topology) -> Spectrum:
     return np.concatenate([np.zeros(lone), *blocks]).astype(np.complex128)
 
 
-def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
+def _eigenvalues(block: Matrix, degree: np.ndarray) -> Spectrum:
     """Return the eigenvalues of a component's part of D, of robots with in-degrees ϖ_i.
 
     A large one is solved when it is a directed cycle, where s^p is the product of its p weights, or
@@ -36,8 +33,12 @@ def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
     """
     p = len(degree)
     if p <= DENSE:
-        return np.linalg.eigvals(block.toarray()).astype(np.complex128)
-    if block.nnz == p:
+        return np.linalg.eigvals(as_array(block)).astype(np.complex128)
+    from scipy import sparse  # noqa: PLC0415, as in `bus.matrices`
+    from scipy.linalg import eigvals_banded  # noqa: PLC0415, as above
+    from scipy.sparse.csgraph import reverse_cuthill_mckee  # noqa: PLC0415, as above
+
+    if nonzeros(block) == p:
         length = np.exp(np.log(block.data).mean())
         cycle: Spectrum = length * np.exp(2j * np.pi * np.arange(p) / p)
         return cycle
@@ -56,8 +57,10 @@ def _eigenvalues(block: sparse.csr_array, degree: np.ndarray) -> Spectrum:
     return np.unique(np.concatenate([_outermost(block, which) for which in ("LR", "SR", "LI")]))
 
 
-def _outermost(block: sparse.csr_array, which: str) -> Spectrum:
+def _outermost(block: Matrix, which: str) -> Spectrum:
     """Return the eigenvalues at one end, as many of them as Arnoldi's method comes to."""
+    from scipy.sparse.linalg import ArpackNoConvergence, eigs  # noqa: PLC0415, as above
+
     start = np.ones(block.shape[0])
     try:
         found = eigs(block, EXTREMES, which=which, return_eigenvectors=False, v0=start)

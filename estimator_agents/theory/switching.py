@@ -14,10 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from nrs_cosim.bus.matrices import Matrix, as_array, components, nonzeros
 from nrs_cosim.estimator_agents.theory.recursion import Array, Recursion
 from nrs_cosim.estimator_agents.theory.varying import LARGEST, JointRadius, joint_spectral_radius
 
@@ -41,11 +39,12 @@ def period(recursions: Sequence[Recursion], phases: Phases) -> Recursion | None:
     ticks = [e for e, count in phases for _ in range(count)]
     if len(ticks) * first.n > MOST_COPIES:
         return None
+    from scipy import sparse  # noqa: PLC0415, as in `bus.matrices`
 
-    def copied(blocks: Sequence[sparse.csr_array]) -> sparse.csr_array:
-        grid: list[list[sparse.csr_array | None]] = [[None] * len(ticks) for _ in ticks]
+    def copied(blocks: Sequence[Matrix]) -> Matrix:
+        grid: list[list[Matrix | None]] = [[None] * len(ticks) for _ in ticks]
         for p, e in enumerate(ticks):
-            grid[(p + 1) % len(ticks)][p] = blocks[e]
+            grid[(p + 1) % len(ticks)][p] = sparse.csr_array(blocks[e])
         return sparse.csr_array(sparse.block_array(grid))
 
     D = copied([one.D for one in recursions])
@@ -62,31 +61,36 @@ def period_radius(recursions: Sequence[Recursion], phases: Phases) -> float:
     """
     matrices = [one.matrix for one in recursions]
     ticks = sum(count for _, count in phases)
-    count, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
-    sizes = np.bincount(label, minlength=count)
-    lone = sizes[label] == 1
+    parts = components(_united(matrices))
+    lone = np.array([part[0] for part in parts if len(part) == 1], np.intp)
     with np.errstate(divide="ignore"):
         logs = sum(n * np.log(np.abs(matrices[e].diagonal()[lone])) for e, n in phases)
-    found = [float(np.exp(np.max(logs) / ticks))] if lone.any() else []
-    for part in np.flatnonzero(sizes > 1):
-        rows = np.flatnonzero(label == part)
+    found = [float(np.exp(np.max(logs) / ticks))] if len(lone) else []
+    for rows in (part for part in parts if len(part) > 1):
         blocks = [A[rows][:, rows] for A in matrices]
         found.append(_of_block(blocks, phases, ticks))
     return max(found, key=lambda factor: (np.isnan(factor), factor))
 
 
-def _of_block(blocks: Sequence[sparse.csr_array], phases: Phases, ticks: int) -> float:
+def _united(matrices: Sequence[Matrix]) -> Matrix:
+    """Return what is not 0 where any of some matrices is not."""
+    return sum((abs(A) for A in matrices[1:]), abs(matrices[0]))
+
+
+def _of_block(blocks: Sequence[Matrix], phases: Phases, ticks: int) -> float:
     if blocks[0].shape[0] > DENSE:
         return _of_large_block(blocks, phases, ticks)
     product, size = np.eye(blocks[0].shape[0]), 0.0
     for e, count in phases:
-        power, more = _power(blocks[e].toarray(), count)
+        power, more = _power(as_array(blocks[e]), count)
         product, most = _scaled(power @ product)
         size += more + most
     return float(np.exp((size + np.log(_radius(product))) / ticks)) if product.any() else 0.0
 
 
-def _of_large_block(blocks: Sequence[sparse.csr_array], phases: Phases, ticks: int) -> float:
+def _of_large_block(blocks: Sequence[Matrix], phases: Phases, ticks: int) -> float:
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigs  # noqa: PLC0415, as above
+
     order = [blocks[e] for e, count in phases for _ in range(count)]
 
     def through(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -95,7 +99,7 @@ def _of_large_block(blocks: Sequence[sparse.csr_array], phases: Phases, ticks: i
         return x
 
     p = blocks[0].shape[0]
-    once = sum(A.nnz for A in order)
+    once = sum(nonzeros(A) for A in order)
     try:
         found = eigs(
             LinearOperator((p, p), matvec=through, dtype=float),
@@ -134,8 +138,7 @@ def _radius(product: Array) -> float:
     """
     if not np.isfinite(product).all():
         return np.inf
-    count, label = connected_components(product != 0, connection="strong")
-    parts = (np.flatnonzero(label == part) for part in range(count))
+    parts = components(product != 0)
     sizes = (np.abs(np.linalg.eigvals(product[np.ix_(part, part)])).max() for part in parts)
     return float(max(sizes))
 
@@ -143,15 +146,15 @@ def _radius(product: Array) -> float:
 def any_order(recursions: Sequence[Recursion]) -> JointRadius | None:
     """Return bounds on the joint spectral radius; None where it is too large to be looked for."""
     matrices = [one.matrix for one in recursions]
-    _, label = connected_components(sum(abs(A) for A in matrices), connection="strong")
-    if matrices[0].shape[0] > DENSE or np.bincount(label).max() > LARGEST:
+    parts = components(_united(matrices))
+    if matrices[0].shape[0] > DENSE or max(map(len, parts)) > LARGEST:
         return None
-    dense = [A.toarray() for A in matrices]
-    found = joint_spectral_radius(dense)
+    arrays = [as_array(A) for A in matrices]
+    found = joint_spectral_radius(arrays)
     if found is None or not found.lower < 1 <= found.upper:
         return found
     # What is asked is on which side of 1 it lies: a search that ends near enough to tell.
-    nearer = joint_spectral_radius(dense, (1 - found.lower) / 4)
+    nearer = joint_spectral_radius(arrays, (1 - found.lower) / 4)
     if nearer is None:
         return found
     best = max(found, nearer, key=lambda one: one.lower)

@@ -7,8 +7,8 @@ Where A ≥ 0 the norm is max A^k 1, a vector's; of few robots A^k is made by sq
 """
 
 import numpy as np
-from scipy import sparse
 
+from nrs_cosim.bus.matrices import Matrix, as_array, nonzeros
 from nrs_cosim.estimator_agents.theory.recursion import Array, Recursion
 
 DENSE = 500
@@ -26,8 +26,8 @@ def ticks_until(recursion: Recursion, share: float) -> int | None:
     """
     A = recursion.matrix
     if A.shape[0] <= DENSE:
-        return _by_squares(A.toarray(), share)
-    return _by_ones(A, share) if A.data.min(initial=0) >= 0 else None
+        return _by_squares(as_array(A), share)
+    return _by_ones(A, share) if A.min() >= 0 else None
 
 
 def _by_squares(A: Array, share: float) -> int | None:
@@ -45,9 +45,9 @@ def _by_squares(A: Array, share: float) -> int | None:
     return k + 1
 
 
-def _by_ones(A: sparse.csr_array, share: float) -> int | None:
+def _by_ones(A: Matrix, share: float) -> int | None:
     x = np.ones(A.shape[0])
-    for k in range(1, int(WORK / A.nnz) + 1):
+    for k in range(1, int(WORK / nonzeros(A)) + 1):
         x = A @ x
         if x.max() <= share:
             return k

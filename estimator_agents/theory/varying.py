@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.sparse.csgraph import connected_components
+
+from nrs_cosim.bus.matrices import components
 
 Array = NDArray[np.float64]
 """Here of q matrices, (q, p, p)."""
@@ -81,9 +81,7 @@ def joint_spectral_radius(
 
 def _blocks(matrices: Array) -> Iterator[Array]:
     """Yield the diagonal blocks of the finest block triangular form that all matrices have."""
-    count, label = connected_components(np.any(matrices != 0, axis=0), connection="strong")
-    for number in range(count):
-        rows = np.flatnonzero(label == number)
+    for rows in components(np.any(matrices != 0, axis=0)):
         yield matrices[:, rows[:, None], rows]
 
 
@@ -123,6 +121,8 @@ def _surely(product: NDArray[np.float64]) -> float:
 
     Of a product that vanishes, or has many eigenvalues that are alike, rounding makes large ones.
     """
+    from scipy import linalg  # noqa: PLC0415, as in `_shrunk`
+
     found, left, right = linalg.eig(product, left=True, right=True)
     top = int(np.abs(found).argmax())
     angle = abs(np.vdot(left[:, top], right[:, top]))

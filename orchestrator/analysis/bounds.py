@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from math import isnan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
     worst_case_of_list,
 )
-from nrs_cosim.estimator_agents.theory.design import Design, design
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     PaperBound,
@@ -38,6 +37,9 @@ from nrs_cosim.orchestrator.analysis.convergence import (
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget, TargetMotion
+
+if TYPE_CHECKING:
+    from nrs_cosim.estimator_agents.theory.design import Design
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +237,10 @@ def ultimate_bounds(
 @np.errstate(all="ignore")
 def designed(
     experiment: Experiment, wanted: EstimateBounds, epsilon: float, find: Find | None = None
-) -> Design | None:
+) -> "Design | None":
     """Return gains and a period for a wanted accuracy; None without P3."""
+    from nrs_cosim.estimator_agents.theory.design import design  # noqa: PLC0415, for this alone
+
     topologies, whole = experiment.topologies, experiment.target.bounds()
     algorithm = experiment.algorithm
     spectra = spectra_of(topologies)

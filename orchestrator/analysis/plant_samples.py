@@ -6,8 +6,6 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
-from nrs_cosim.plant_fmu.checking.findings import CheckTask
-from nrs_cosim.plant_fmu.checking.subprocess_check import p3_of
 from nrs_cosim.plant_fmu.drives.choice import Driving
 
 MOST = 4
@@ -31,6 +29,9 @@ class Sampling:
         return self._found[key]
 
     def _sampled(self, plant: Plant, robot: int) -> Bounds | str:
+        from nrs_cosim.plant_fmu.checking.findings import CheckTask  # noqa: PLC0415, of these alone
+        from nrs_cosim.plant_fmu.checking.subprocess_check import p3_of  # noqa: PLC0415, as above
+
         (body,) = self._experiment.bodies([robot])
         try:
             archive = find_archive(plant.fmu, self._experiment.folder)

@@ -7,6 +7,7 @@ The modules `main` and `*_commands` declare commands and their options; what one
 it is called, for a user waits for all that is loaded.
 """
 
+import gc
 import logging
 from contextlib import ExitStack
 from errno import ENAMETOOLONG
@@ -28,6 +29,7 @@ from nrs_cosim.orchestrator.cli.options import (
     RecordingPath,
     ScenarioPath,
     Set,
+    changes_of,
     number,
 )
 from nrs_cosim.orchestrator.cli.report_commands import report
@@ -35,6 +37,8 @@ from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
 FAILED, BAD_INPUT = 1, 2
+COLLECTED = 100_000
+"""New objects between searches for garbage: what is loaded stays, and is not searched each time."""
 
 app = typer.Typer(
     name="nrs",
@@ -232,10 +236,9 @@ def check(
     from nrs_cosim.orchestrator.cli.theory_text import unmet as unmet_of
     from nrs_cosim.orchestrator.engine.plants import group_by_archive, naming_field, open_fleet
     from nrs_cosim.orchestrator.engine.units import mixed_units
-    from nrs_cosim.orchestrator.scenario.changes import Change
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
-    experiment = read_scenario(scenario, [Change.of("--set", text) for text in changes or ()])
+    experiment = read_scenario(scenario, changes_of(changes))
     wanted = EstimateBounds(*accuracy) if accuracy else None
     with stages(err) as begin:
         begin("opening the plants")
@@ -296,6 +299,7 @@ def command() -> Any:
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    gc.set_threshold(COLLECTED)
     logging.getLogger("nrs").handlers = [Warnings(logging.WARNING)]
     try:
         command()()

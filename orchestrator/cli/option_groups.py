@@ -28,6 +28,7 @@ from nrs_cosim.orchestrator.cli.options import (
     TlsKey,
     Wait,
     Workers,
+    changes_of,
     expect_of,
 )
 from nrs_cosim.orchestrator.terminal import AsJson
@@ -53,9 +54,7 @@ class RunOptions:
 
     def scenario_changes(self) -> "list[Change]":
         """Return what `--set` changes."""
-        from nrs_cosim.orchestrator.scenario.changes import Change
-
-        return [Change.of("--set", text) for text in self.changes or ()]
+        return changes_of(self.changes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,6 +11,9 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal, whole
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.formats import expect_ending
+
+if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.scenario.changes import Change
 
 LONGEST = 2**63 / 1e9
 """s; what the clock can count in ns."""
@@ -104,6 +107,17 @@ Set = Annotated[
         help="Change keys of the scenario; values are TOML. May be given again.",
     ),
 ]
+
+
+def changes_of(texts: list[str] | None) -> "list[Change]":
+    """Return what `--set` changes; without any nothing is loaded that edits TOML."""
+    if not texts:
+        return []
+    from nrs_cosim.orchestrator.scenario.changes import Change  # noqa: PLC0415, it loads tomlkit
+
+    return [Change.of("--set", text) for text in texts]
+
+
 Compressed = Annotated[
     Literal["zstd", "lz4", "none"],
     typer.Option("--compression", help="Of the recording's chunks."),

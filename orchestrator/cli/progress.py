@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -26,7 +27,9 @@ from rich.progress import (
 from rich.text import Text
 
 from nrs_cosim.bus.clock import Clock, seconds
-from nrs_cosim.recordings.mcap.reader import Reader
+
+if TYPE_CHECKING:
+    from nrs_cosim.recordings.mcap.reader import Reader
 
 PATIENCE = 2.0
 """s"""
@@ -94,8 +97,10 @@ def reading(
 
 
 @contextmanager
-def opened(console: Console, path: Path) -> Iterator[Reader]:
+def opened(console: Console, path: Path) -> Iterator["Reader"]:
     """Open a recording, which takes long where its chunks have to be judged one by one."""
+    from nrs_cosim.recordings.mcap.reader import Reader  # noqa: PLC0415, for these alone
+
     with ExitStack() as stack:
         with reading(console) as follow:
             reader = stack.enter_context(Reader(path, watch=follow(path)))

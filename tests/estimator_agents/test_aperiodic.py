@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -57,7 +58,7 @@ def radius(matrix):
 @quick
 @given(digraphs(), gains, st.floats(0.05, 1.9), lists, st.integers(0, 9))
 def test_jumps_of_agents_are_the_product_of_the_periods_matrices(topology, alpha, beta, gaps, seed):
-    rng, n, D = np.random.default_rng(seed), topology.n, topology.D.toarray()
+    rng, n, D = np.random.default_rng(seed), topology.n, as_array(topology.D)
     times = np.cumsum([0, *np.resize(gaps, 8)])
     states = [HARMONIC.at(t) for t in times]
     for algorithm in (
@@ -88,7 +89,7 @@ def test_jumps_of_agents_are_the_product_of_the_periods_matrices(topology, alpha
     [(FirstOrder(0.9, 1.1), first_order), (SecondOrder(1.1, 0.9), second_order)],
 )
 def test_the_matrices_are_the_papers(algorithm, matrix):
-    ours, _ = step(algorithm, TOPOLOGY.D.toarray(), 0.3)
+    ours, _ = step(algorithm, as_array(TOPOLOGY.D), 0.3)
     np.testing.assert_allclose(ours, matrix(algorithm.alpha, algorithm.beta, 0.3), atol=1e-15)
 
 
@@ -99,7 +100,7 @@ def test_a_list_grows_by_the_radius_of_its_dense_product(seed, alpha, beta, gaps
     rng = np.random.default_rng(seed)
     adjacency = rng.uniform(0.1, 2, (4, 4)) * (1 - np.eye(4))
     topology = Topology.of(adjacency, np.array([1.0, 0, 0, 0]))
-    D, spectrum = topology.D.toarray(), spectrum_of(topology)
+    D, spectrum = as_array(topology.D), spectrum_of(topology)
     for algorithm in (FirstOrder(alpha, beta), SecondOrder(alpha, beta), Impulsive(alpha, beta)):
         whole = np.eye(8)
         for h in gaps:
@@ -186,7 +187,7 @@ def test_on_a_path_with_beta_above_1_no_jitter_is_too_much():
 @pytest.mark.parametrize(("h", "early"), [(0.1, 0.02), (0.3, 0.27), (0.45, 0.2), (0.45, 0.44)])
 def test_what_jitter_can_do_lies_between_the_bounds(h, early):
     """By the paper's matrices of all turns of six extreme δ, and of thousands at random."""
-    algorithm, D = SecondOrder(1.1, 0.9), TOPOLOGY.D.toarray()
+    algorithm, D = SecondOrder(1.1, 0.9), as_array(TOPOLOGY.D)
     found = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods((h,), early))
     most = 0.0
     for length in range(1, 7):
@@ -239,7 +240,7 @@ def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
     """For each sequence the worst target of |a_0| <= 1 by hand; γ1 is no limit."""
     rho = radius_of(algorithm, TOPOLOGY, h)
     bound, always = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, h), r, 1e9, 1.0, rho)
-    D, rng, past = TOPOLOGY.D.toarray(), np.random.default_rng(1), 160
+    D, rng, past = as_array(TOPOLOGY.D), np.random.default_rng(1), 160
     sequences = [rng.choice([h - r, h + r], past) for _ in range(30)]
     sequences += [rng.uniform(h - r, h + r, past) for _ in range(6)]
     sequences += [np.full(past, h + r), np.resize([h - r, h + r], past)]
@@ -256,7 +257,7 @@ def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
     "algorithm", [FirstOrder(0.9, 1.1), FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)]
 )
 def test_of_a_list_the_worst_target_comes_to_the_bound(algorithm):
-    gaps, D = (0.03, 0.12, 0.1), TOPOLOGY.D.toarray()
+    gaps, D = (0.03, 0.12, 0.1), as_array(TOPOLOGY.D)
     radius = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods(gaps)).radius
     recursion = recursion_of(algorithm, TOPOLOGY, 1.0)
     bound, always = worst_case_of_list(recursion, gaps, 1e9, 1.0, radius)

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -101,7 +102,7 @@ def test_the_network_of_the_example():
     dense = np.zeros((6, 6))
     for i, j, d in network.D:
         dense[i - 1, j - 1] = d
-    np.testing.assert_array_equal(dense, TOPOLOGY.D.toarray())
+    np.testing.assert_array_equal(dense, as_array(TOPOLOGY.D))
 
 
 # Recursions
@@ -110,7 +111,7 @@ def test_the_network_of_the_example():
 @quick
 @given(digraphs(), gains, gains, periods)
 def test_the_recursion_is_that_of_the_paper(topology, alpha, beta, h):
-    dense, n = topology.D.toarray(), topology.n
+    dense, n = as_array(topology.D), topology.n
     one = np.eye(n)
     P = (1 - beta) * one + beta * dense
     Lambda = np.block([[(1 - alpha) * one + alpha * dense, h * P], [0 * one, P]])
@@ -119,7 +120,7 @@ def test_the_recursion_is_that_of_the_paper(topology, alpha, beta, h):
     )
     for algorithm, matrix in ((FirstOrder(alpha, beta), Lambda), (SecondOrder(alpha, beta), Gamma)):
         ours = recursion_of(algorithm, topology, h)
-        np.testing.assert_allclose(ours.matrix.toarray(), matrix, atol=1e-12)
+        np.testing.assert_allclose(as_array(ours.matrix), matrix, atol=1e-12)
     assert recursion_of(FirstOrder(alpha, beta), topology, h).velocities_alone
     assert not recursion_of(SecondOrder(alpha, beta), topology, h).velocities_alone
 
@@ -136,7 +137,7 @@ def test_jumps_of_agents_are_the_recursion(topology, alpha, beta, h, seed):
         Impulsive(alpha, beta),
     ):
         recursion = recursion_of(algorithm, topology, h)
-        A = recursion.matrix.toarray()
+        A = as_array(recursion.matrix)
         start = Estimate(*rng.normal(size=(2, n, 2)))
         agents = agents_at(
             np.arange(1, n + 1), TopologySchedule.constant(topology), algorithm, start
@@ -183,7 +184,7 @@ def test_conditions_hold_if_and_only_if_the_error_shrinks(topology, alpha, beta,
         if abs(rho - 1) < 1e-3:
             continue
         assert holds(algorithm, topology, h) == (rho < 1)
-        A = recursion_of(algorithm, topology, h).matrix.toarray()
+        A = as_array(recursion_of(algorithm, topology, h).matrix)
         far = np.linalg.matrix_power(A / rho, 4096)  # of order k^(2n) at most, and not less than 1
         assert 0.5 <= np.linalg.norm(far, 2) <= 4096.0 ** (2 * len(A))
 
@@ -233,7 +234,7 @@ def test_a_sliding_robot_that_hears_the_target_alone_keeps_up(h, gamma_2, share,
 @quick
 @given(digraphs(), gains)
 def test_pd_like_has_its_condition_in_the_terms_of_its_article(topology, alpha):
-    mu = np.linalg.eigvals(topology.D.toarray())
+    mu = np.linalg.eigvals(as_array(topology.D))
     away = np.abs(1 - mu) ** 2
     bound = 2 * away * (2 * (1 - mu).real - away) / (away**2 + 4 * mu.imag**2)
     (ours,) = PdLike(alpha, 1.0).conditions(mu, 0.1)
@@ -292,7 +293,7 @@ def test_small_value_norms_are_norms(topology, alpha, beta, h, seed):
         return
     assert norm is not None
     assert norm.value < 1
-    assert norm.of_matrix(A.toarray()) == pytest.approx(norm.value, rel=1e-6)
+    assert norm.of_matrix(as_array(A)) == pytest.approx(norm.value, rel=1e-6)
     rng, p = np.random.default_rng(seed), A.shape[0]
     X, Y = rng.normal(size=(2, p, p))
     x, y = rng.normal(size=(2, p))
@@ -313,6 +314,17 @@ def test_a_small_value_norm_of_matrices_known_by_heart(matrix):
     assert norm is not None
     assert np.abs(np.linalg.eigvals(matrix)).max() <= norm.value < 1
     assert small_value_norm(sparse.csr_array(matrix / 0.9)) is None
+
+
+@pytest.mark.parametrize("beta", [0.5, 0.9, 1.1])
+def test_the_norm_of_robots_in_a_row_is_near_the_best_of_all_geometric_weights(beta):
+    p, ahead, stays = 6, beta, abs(1 - beta)
+    matrix = (1 - beta) * np.eye(p) + beta * np.eye(p, k=-1)
+    ratios = np.linspace(1e-3, 1 - 1e-3, 9999)  # of one weight to the next
+    gains = ratios ** (1.0 - p) / np.maximum(1 - stays - ahead * ratios, 1e-12)
+    norm = small_value_norm(matrix)
+    assert norm is not None
+    assert norm.gain <= 1.05 * gains.min()
 
 
 # exact ≤ sharp ≤ paper
@@ -374,7 +386,7 @@ def test_some_target_reaches_the_sharp_bound(algorithm):
     h, parts, past = 0.1, 40, 150
     recursion = recursion_of(algorithm, TOPOLOGY, h)
     bound = worst_case(recursion, 1e9, 1.0, radius_of(algorithm, TOPOLOGY, h))
-    A = recursion.matrix.toarray()
+    A = as_array(recursion.matrix)
     kernels = [np.kron(np.eye(2), np.ones((6, 1)))]
     for _ in range(past - 1):
         kernels.append(A @ kernels[-1])
@@ -394,7 +406,7 @@ def test_some_target_reaches_the_sharp_bound(algorithm):
 def test_a_large_ring_has_the_spectrum_of_its_dense_matrix(n, both):
     topology = ring(n, both)
     ours = np.sort_complex(np.round(spectrum_of(topology), 9))
-    small = np.sort(np.abs(np.linalg.eigvals(ring(300, both).D.toarray())))
+    small = np.sort(np.abs(np.linalg.eigvals(as_array(ring(300, both).D))))
     assert len(ours) == n
     assert np.abs(ours).max() < 1
     traces = [np.sum(spectrum_of(topology) ** power).real for power in (1, 2, 3)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.impulsive import Impulsive
@@ -40,7 +41,7 @@ def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
     recursion = recursion_of(algorithm, TOPOLOGY, h)
     np.testing.assert_allclose(recursion.drag, [[0, -beta * h], [0, -beta]])
     rho = radius_of(algorithm, TOPOLOGY, h)
-    A, x = recursion.matrix.toarray(), np.kron([-beta * h, -beta], np.ones(6))
+    A, x = as_array(recursion.matrix), np.kron([-beta * h, -beta], np.ones(6))
     total = np.zeros(12)
     while np.abs(x).max() > 1e-16:
         total, x = total + np.abs(x) * gamma_1, A @ x
@@ -104,7 +105,7 @@ def test_where_nothing_cancels_the_worst_is_the_sum_of_all_steps_at_their_larges
     """Δ_1 is at most what a target slips by, Δ_2 what its velocity may change by in h."""
     algorithm = FirstOrder(0.9, 0.8)
     recursion = recursion_of(algorithm, TOPOLOGY, h)
-    A = recursion.matrix.toarray()
+    A = as_array(recursion.matrix)
     assert A.min() >= 0
     step = np.kron([slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)], np.ones(6))
     expected = np.linalg.solve(np.eye(12) - A, step)

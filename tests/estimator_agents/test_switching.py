@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -45,7 +46,7 @@ CHAIN, OTHER_WAY = Topology.of([[0, 0], [1, 0]], [1, 0]), Topology.of([[0, 1], [
 
 def dense(algorithm, exchange, h):
     """Return A of one axis, (2 n, 2 n), written out: Λ or Γ with a D for each quantity."""
-    D, other = exchange.position.D.toarray(), exchange.velocity.D.toarray()
+    D, other = as_array(exchange.position.D), as_array(exchange.velocity.D)
     one, zero, a, b = np.eye(len(D)), np.zeros_like(D), algorithm.alpha, algorithm.beta
     if isinstance(algorithm, FirstOrder):
         jump = np.block([[one + a * (D - one), zero], [zero, one + b * (other - one)]])
@@ -113,7 +114,7 @@ def test_jumps_of_agents_are_the_recursion_of_their_tick(given, counts, alpha, b
         matrices = [dense(algorithm, exchange, h) for exchange in given]
         for exchange, matrix in zip(given, matrices, strict=True):
             ours = recursion_of(algorithm, exchange, h)
-            np.testing.assert_allclose(ours.matrix.toarray(), matrix, atol=1e-12)
+            np.testing.assert_allclose(as_array(ours.matrix), matrix, atol=1e-12)
         agents = agents_at(
             np.arange(1, n + 1), topologies, algorithm, Estimate(*rng.normal(size=(2, n, 2)))
         )
@@ -148,7 +149,7 @@ def test_the_factor_of_a_period_is_that_of_its_product(given, counts, alpha, bet
         ours = period_radius(recursions, turns)
         # An eigenvalue of a defective product of order p is off by as much as eps^(1/p).
         assert ours**ticks == pytest.approx(expected, rel=1e-3, abs=0.02)
-        copies = np.abs(np.linalg.eigvals(period(recursions, turns).matrix.toarray())).max()
+        copies = np.abs(np.linalg.eigvals(as_array(period(recursions, turns).matrix))).max()
         assert ours == pytest.approx(copies, rel=1e-3, abs=0.15)
 
 
@@ -214,7 +215,7 @@ def test_in_any_order_n_ticks_bring_the_target_to_all(given, alpha, beta, h):
     assert contracts_in_any_order(recursion_of(algorithm, given[0], h))
     for gain, part in ((alpha, "position"), (beta, "velocity")):
         digraphs = [getattr(exchange, part) for exchange in given]
-        blocks = [np.eye(n) - gain * (np.eye(n) - t.D.toarray()) for t in digraphs]
+        blocks = [np.eye(n) - gain * (np.eye(n) - as_array(t.D)) for t in digraphs]
         mu = min(1 - gain, *(float(gain * t.normalised.min()) for t in digraphs))
         for order in product(blocks, repeat=n):
             whole = np.linalg.multi_dot([np.eye(n), *order])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -66,7 +67,7 @@ def test_modes_and_conditions_agree_with_dense_matrices(seed):
     adjacency[1:, 0] += 0.1
     pinning[0] = 1
     topology = Topology.of(adjacency, pinning)
-    dense = topology.D.toarray()
+    dense = as_array(topology.D)
     spectrum = spectrum_of(topology)
     for make, matrix in ((FirstOrder, first_order), (SecondOrder, second_order)):
         for alpha, beta in rng.uniform(0.3, 2.4, (10, 2)):

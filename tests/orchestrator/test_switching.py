@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.orchestrator.analysis.bounds import designed, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
@@ -355,7 +356,7 @@ def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
     assert checked.any_order.order == (2, 3, 2, 2, 2, 3, 2)
     worst = np.eye(12)
     for phase in checked.any_order.order:
-        D = scenario.topologies.exchanges[phase - 1].position.D.toarray()
+        D = as_array(scenario.topologies.exchanges[phase - 1].position.D)
         worst = second_order(0.9, 0.8, 0.1, D) @ worst
     rho = np.abs(np.linalg.eigvals(worst)).max() ** (1 / 7)
     assert rho == pytest.approx(1.007, abs=5e-4)

@@ -24,7 +24,7 @@ Matrix = tuple[Vector, ...]
 class Table(BaseModel):
     """A table whose keys are all known."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
