@@ -35,7 +35,7 @@ def as_array(A: Matrix) -> NDArray[Any]:
     return A if isinstance(A, np.ndarray) else A.toarray()
 
 
-def identity(A: Matrix) -> Matrix:
+def identity_like(A: Matrix) -> Matrix:
     """Return the identity of the order of A, and of its kind."""
     if isinstance(A, np.ndarray):
         return np.eye(len(A))

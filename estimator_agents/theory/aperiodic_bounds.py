@@ -24,7 +24,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.matrices import Matrix, identity, nonzeros
+from nrs_cosim.bus.matrices import Matrix, identity_like, nonzeros
 from nrs_cosim.estimator_agents.theory.estimates import (
     REST,
     EstimateBounds,
@@ -69,7 +69,7 @@ def worst_case_of_list(
 
     kernel = np.zeros((2 * n, len(h), 2))
     kernel[:n, :, 0] = kernel[n:, :, 1] = 1.0
-    views = (identity(jump), jump)
+    views = (identity_like(jump), jump)
     most = np.zeros((len(views), 2, 2 * n, len(h)))
     for j in range(rounds):
         added = np.stack([moved(_times(seen, kernel)) for seen in views])
@@ -102,7 +102,7 @@ def worst_case_aperiodic(
             return None
         y = np.linalg.solve(np.eye(n) - r * H, y)
     found: list[EstimateBounds] = []
-    for seen in (identity(jump), jump):
+    for seen in (identity_like(jump), jump):
         most = worst(recursion, *moved, seen, recursion.h + r)
         pushed = _pushed(recursion, seen, radius, y)
         if most is None or pushed is None:
@@ -118,7 +118,7 @@ def _pushed(recursion: Recursion, seen: Matrix, radius: float, y: Array) -> Arra
     A, S = _of_positions(recursion, seen)
     if A.min() >= 0 and S.min() >= 0:
         given = np.concatenate([y, np.zeros(A.shape[0] - n)])
-        found: Array = S @ solve(identity(A) - A, given)
+        found: Array = S @ solve(identity_like(A) - A, given)
         return found
     total = _sum(recursion, seen, radius)
     return None if total is None else total @ y

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.matrices import Matrix, as_array, identity, nonzeros
+from nrs_cosim.bus.matrices import Matrix, as_array, identity_like, nonzeros
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_norm
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
@@ -83,7 +83,7 @@ def worst_case(
 
     None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
     """
-    seen = identity(recursion.matrix)
+    seen = identity_like(recursion.matrix)
     most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
     return None if most is None else largest(most)
 
@@ -145,7 +145,7 @@ def worst(
     sizes = [slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
     unit = np.kron(np.eye(2), np.ones((n, 1)))
     if A.min() >= 0 and seen.min() >= 0 and not recursion.drag.any():
-        found: Array = seen @ solve(identity(A) - A, unit @ sizes)
+        found: Array = seen @ solve(identity_like(A) - A, unit @ sizes)
         return found
     steps = log(REST) / log(radius) if radius > 0 else 2
     most_steps = int(WORK / (1 + nonzeros(A) / 4000))
@@ -235,7 +235,7 @@ def steady_motion(recursion: Recursion, target: Harmonic, radius: float) -> Stea
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
     n, A, h = recursion.n, recursion.matrix, recursion.h
-    ones, unit = np.ones(n), identity(A)
+    ones, unit = np.ones(n), identity_like(A)
     keep = recursion.flow @ recursion.keep
     frequency, waves = target.phasors()
     phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)

@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.matrices import Matrix, as_array, components, identity
+from nrs_cosim.bus.matrices import Matrix, as_array, components, identity_like
 from nrs_cosim.estimator_agents.theory.solving import solve
 
 Complex = NDArray[np.complex128]
@@ -107,7 +107,7 @@ def _roots(A: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _weights(size: Matrix, r: float, u: NDArray[np.float64]) -> Iterator[SmallValueNorm]:
     """Yield the norm of w = (I − |A|/r)⁻¹ u, if it is one."""
-    w = solve(identity(size) - size / r, u)
+    w = solve(identity_like(size) - size / r, u)
     if not (np.all(np.isfinite(w)) and w.min() > 0):
         return
     value = float((size @ w / w).max())

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.matrices import Matrix, identity, kron
+from nrs_cosim.bus.matrices import Matrix, identity_like, kron
 from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps, modes, name_of
@@ -104,7 +104,7 @@ def recursion_of(
     exchange = over if isinstance(over, InteractionGraphs) else InteractionGraphs.of(over)
     D = exchange.position.D
     other = exchange.velocity.D if exchange.has_two_digraphs else D
-    return Recursion(h, *found, D, other, identity(D))
+    return Recursion(h, *found, D, other, identity_like(D))
 
 
 def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from nrs_cosim.bus import matrices
-from nrs_cosim.bus.matrices import as_array, components, identity, kron, nonzeros
+from nrs_cosim.bus.matrices import as_array, components, identity_like, kron, nonzeros
 from nrs_cosim.bus.topology import Topology
 from tests.estimator_agents.digraphs import digraphs
 
@@ -24,7 +24,10 @@ def test_many_robots_have_the_matrices_of_few(topology):
     np.testing.assert_array_equal(few, many.toarray())
     assert nonzeros(few) == nonzeros(many)
     small = np.array([[1.0, 0.5], [0.0, -2.0]])
-    for ours, others in ((identity(few), identity(many)), (kron(small, few), kron(small, many))):
+    for ours, others in (
+        (identity_like(few), identity_like(many)),
+        (kron(small, few), kron(small, many)),
+    ):
         assert isinstance(ours, np.ndarray)
         assert sparse.issparse(others)
         np.testing.assert_array_equal(ours, as_array(others))
