@@ -79,7 +79,7 @@ def case_of(name: str, data: Path) -> Case:
     path.unlink(missing_ok=True)
     run(file, path)
     with Reader(path) as reader:
-        measured = measure(reader)
+        measured = measure(reader, file)
         compared = compare_to_theory(reader, file, measured)
         table = np.concatenate(list(states(reader)))
     table = table[np.lexsort((table["robot"], table["time_ns"]))]

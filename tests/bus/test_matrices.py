@@ -3,7 +3,7 @@
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
@@ -12,7 +12,10 @@ from nrs_cosim.bus.matrices import as_array, components, identity_like, kron, no
 from nrs_cosim.bus.topology import Topology
 from tests.estimator_agents.digraphs import digraphs
 
+untimed = settings(deadline=None)  # SciPy is loaded by the first call
 
+
+@untimed
 @given(digraphs(9))
 def test_many_robots_have_the_matrices_of_few(topology):
     few = topology.D
@@ -34,6 +37,7 @@ def test_many_robots_have_the_matrices_of_few(topology):
 
 
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csr_array])
+@untimed
 @given(st.integers(1, 12), st.floats(0, 0.4), st.integers(0, 99))
 def test_components_are_those_of_another_library(kind, n, share, seed):
     edges = np.random.default_rng(seed).random((n, n)) < share
