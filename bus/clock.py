@@ -49,6 +49,7 @@ class Jitter:
     def at(self, k: int) -> int:
         """Return δ_k, ns."""
         number, offset = divmod(k, BLOCK)
+        # t_0 is where time begins: it is not early.
         return _drawn(self.seed, self.most, number)[offset] if k else 0
 
 
@@ -106,6 +107,7 @@ class Clock:
         """Return the first k with t_k >= a time."""
         turns, rest = divmod(time, self.cycle)
         k = turns * len(self.times) + (bisect_left(self.times, rest) + 1 if rest else 0)
+        # That is where the list has it; with jitter it may be too early, but never by a whole gap.
         return k if self.t(k) >= time else k + 1
 
     def outputs(self, k: int) -> Sequence[int]:

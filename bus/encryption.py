@@ -29,6 +29,7 @@ class KeyPair:
 
     def decrypt(self, where: str, data: bytes) -> bytes | None:
         """Return what was encrypted to this key for a place; None when nothing was."""
+        # What is too short, or a point of small order, is as good as what another key encrypted.
         theirs, hidden = data[:PUBLIC_SIZE], data[PUBLIC_SIZE:]
         try:
             return self.cipher(theirs, theirs + self.public).decrypt(_NONCE, hidden, where.encode())

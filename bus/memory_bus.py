@@ -30,6 +30,7 @@ class MemoryBus:
 
         def put(payload: bytes) -> None:
             for pattern, inbox in self._listeners:
+                # `*` stands for one part of a key, and that of fnmatch would cross a slash.
                 if key.count("/") == pattern.count("/") and fnmatchcase(key, pattern):
                     inbox.waiting.append(Message(key, payload))
 

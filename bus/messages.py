@@ -215,7 +215,7 @@ class Codec:
         return records
 
     def encode(self, records: NDArray[np.void]) -> list[bytes]:
-        """Return each record's bytes, as they travel."""
+        """Return the bytes of each of the records (n,), as they travel."""
         raw, size = records.tobytes(), self.size
         return [raw[at : at + size] for at in range(0, len(raw), size)]
 
@@ -311,6 +311,7 @@ class BlobType:
         rest = payload[HEADER.size :]
         if not rest:
             return Blob(robot, k, time_ns, b"")
+        # A tag, and a length of 1 to 5 bytes, which has room for 32 GiB.
         for size in range(2, min(len(rest), 7)):
             if rest[:size] == _data_of(len(rest) - size):
                 return Blob(robot, k, time_ns, rest[size:])

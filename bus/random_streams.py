@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 def random_stream(seed: int, purpose: str, *key: int) -> np.random.Generator:
     """Return the generator of what is drawn for one purpose and robot, or link and block."""
+    # crc32, for Python's own hash of a text is another in each process.
     sequence = np.random.SeedSequence([seed, crc32(purpose.encode()), *key])
     return np.random.Generator(np.random.Philox(sequence))
 

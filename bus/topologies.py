@@ -106,6 +106,7 @@ def united(topologies: Sequence[Topology]) -> Topology:
         np.concatenate([getattr(topology, name) for topology in topologies])
         for name in ("source", "sink", "weight")
     )
+    # Of the same edge in several digraphs the heaviest comes first, and it is the first that stays.
     order = np.lexsort((-weight, source, sink))
     source, sink, weight = source[order], sink[order], weight[order]
     first = np.append(True, (np.diff(source) != 0) | (np.diff(sink) != 0))
@@ -117,7 +118,8 @@ def edges_among(
 ) -> NDArray[np.intp]:
     """Return the number of each edge (j, i) in a digraph, (…) as given; −1 where it has none."""
     nodes = topology.n + 1
-    keys = topology.sink * nodes + topology.source
+    keys = topology.sink * nodes + topology.source  # which ascend, as the edges are sorted
     wanted = sink * nodes + source
+    # What is beyond the last key is compared with that one, and is another.
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
     return np.where(keys[at] == wanted, at, -1)

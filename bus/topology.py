@@ -39,7 +39,7 @@ class Topology:
         return cls(n, j[order], i[order], np.asarray(weight, float)[order])
 
     def in_neighbours(self, robot: int) -> NDArray[np.intp]:
-        """Return the nodes that a robot hears, ascending."""
+        """Return the nodes that a robot hears, ascending: (d,), 0 for the target."""
         first, end = np.searchsorted(self.sink, [robot, robot + 1])
         received: NDArray[np.intp] = self.source[first:end]
         return received
@@ -83,5 +83,5 @@ class Topology:
         return [int(row) + 1 for row in np.flatnonzero(self.steps() < 0)]
 
     def components(self) -> list[NDArray[np.intp]]:
-        """Return the strongly connected components of the robots, as arrays of robots − 1."""
+        """Return the strongly connected components, each as its robots − 1, (size,)."""
         return components(self.D)

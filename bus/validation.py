@@ -74,7 +74,10 @@ class Wire:
         signer: Signer,
         silent: Callable[[int], Nodes] = _none_silent,
     ) -> None:
-        """Know the run: which nodes each worker has, ascending, and who does not send at a tick."""
+        """Know the run: which nodes each worker has, ascending, and who does not send at a tick.
+
+        Nodes are (n,) each, 0 for the target.
+        """
         self.samples, self.states = codecs.samples, codecs.states
         self.link_events = codecs.link_events
         self.assignment = dict(assignment)
@@ -84,6 +87,7 @@ class Wire:
         """No link events."""
         self._accepted_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
         """Of each worker the last samples, as they came and as what they are."""
+        # At t_0 there is one output, and as many in each interval after it.
         most = max(len(times.outputs(0)), len(times.outputs(1)))
         self._expected_samples = {
             worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
@@ -93,13 +97,13 @@ class Wire:
         }
 
     def pack_samples(self, worker: str, k: int, records: Records) -> bytes:
-        """Return the batch of a worker's samples of t_k."""
+        """Return the batch of a worker's samples (n,) of t_k."""
         return self._signer.sign(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
 
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
-        """Return k and the samples that a worker put; `RejectedError` when they are not accepted.
+        """Return k and the samples (n,) that a worker put.
 
-        Bytes that two hear on one wire are judged once.
+        `RejectedError` when they are not accepted. Bytes that two hear on one wire are judged once.
         """
         known, accepted = self._accepted_last.get(worker, (b"", None))
         if accepted and payload == known:
@@ -149,6 +153,7 @@ class Wire:
         nodes = self.assignment.get(worker)
         if nodes is None:
             raise RejectedError("worker")
+        # Before anything else of it is read: what nobody of the run has signed says nothing.
         data = self._signer.verify(wire_key(kind, worker), payload)
         if data is None:
             raise RejectedError("signature")
@@ -180,6 +185,7 @@ class Wire:
         records = np.frombuffer(data, codec.dtype)
         for name in codec.kind.fields:
             expected[name] = records[name]
+            # A sum is quick; one of many numbers may be infinite where none of them is.
             if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
                 raise RejectedError("value")
         if expected.tobytes() != data:

@@ -29,7 +29,7 @@ class Draws:
         rows: NDArray[np.intp],
         draw: Draw,
     ) -> None:
-        """Draw for some rows of all `links` that have faults."""
+        """Draw for some rows (r,), ascending, of all `links` that have faults."""
         self._seed, self._purpose = seed, purpose
         self._rows, self._draw = rows.tolist(), draw
         self._links = [links[row] for row in self._rows]
@@ -37,7 +37,7 @@ class Draws:
         """The last block that was drawn, and its number."""
 
     def at(self, k: int) -> NDArray[Any]:
-        """Return the draws of t_k, (rows, …)."""
+        """Return the draws of t_k, (r, …)."""
         number, offset = divmod(k, BLOCK)
         # Links may be shared by runs in several threads: a block is read with its own number.
         kept, block = self._kept

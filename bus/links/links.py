@@ -58,7 +58,7 @@ class LinkOutcome:
 
     @property
     def gone(self) -> Mask:
-        """Whether no sample ever arrives."""
+        """Whether no sample ever arrives, (F,)."""
         return self.lost | self.outage | self.absent
 
 
@@ -75,8 +75,9 @@ class Ticks(Protocol):
 class Links:
     """The links into some robots that have faults, sorted by (robot, in-neighbour).
 
-    `faults` is by link, (j, i), and `silences` by robot; what is not named there has none.
-    `codecs` are those of the run: what its samples have, and what is said of links.
+    There are F of them, and `robots` is (r,). `faults` is by link, (j, i), and `silences` by robot;
+    what is not named there has none. `codecs` are those of the run: what its samples have, and what
+    is said of links.
     """
 
     def __init__(
@@ -154,6 +155,7 @@ class Links:
         delay[self._late] = self._delays.at(k)
         silent = self._silences.mask(k, self._nodes)
         outage = self._cuts.mask(k, len(self.sink)) | silent[self.source] | silent[self.sink]
+        # Whether its robot hears a late sample is known now, so that its outcome is told once.
         for periods in np.unique(delay[delay > 0]).tolist():
             then = self._silences.mask(k + periods, self._nodes)
             outage |= then[self.sink] & (delay == periods)

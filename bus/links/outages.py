@@ -10,6 +10,7 @@ Spans = tuple[tuple[int, int], ...]
 """Outages: from and to, ns."""
 
 _NEVER = 2**62
+"""A tick that no run comes to, and int64 has room for; the end of an outage may be beyond that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +36,13 @@ class Outages:
         return cls(who.astype(np.intp), first, end)
 
     def at(self, k: int) -> NDArray[np.intp]:
-        """Return who is out at t_k, ascending."""
+        """Return who is out at t_k, each once, ascending: (o,)."""
         if not self.who.size:
             return self.who
         return np.unique(self.who[(self.first <= k) & (k < self.end)])
 
     def mask(self, k: int, size: int) -> NDArray[np.bool_]:
-        """Return whether each of the numbers 0 … size − 1 is out at t_k."""
+        """Return whether each of the numbers 0 … size − 1 is out at t_k, (size,)."""
         out = np.zeros(size, bool)
         out[self.at(k)] = True
         return out

@@ -67,7 +67,7 @@ def _signed(
 def _issued(one: x509.Certificate, by: x509.Certificate) -> bool:
     try:
         one.verify_directly_issued_by(by)
-    except Exception:
+    except Exception:  # by name, by algorithm or by signature, each is an error of another kind
         return False
     return True
 

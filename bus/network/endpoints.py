@@ -26,6 +26,7 @@ NETWORK_LEASE, LOCAL_LEASE = 0.8, 3600.0
 """s; a lost link is noticed within 1 s, and a local process that is stopped is waited for."""
 
 _LONGEST_SOCKET_PATH = 107
+"""Bytes: Linux has room for 108 with the 0 at the end (unix(7), sun_path)."""
 _LARGEST_MESSAGE = 256 * 2**20
 """Bytes of a message that is let in where one listens; it is whole before it can be judged.
 
@@ -127,7 +128,9 @@ def zenoh_settings(endpoints: Endpoints) -> dict[str, Any]:
     settings |= {
         "transport/link/protocols": sorted(protocols),
         "transport/link/tx/lease": round(endpoints.seconds_of_silence * 1000),
+        # Signs of life in a lease: three of them may be late.
         "transport/link/tx/keep_alive": 4,
+        # µs, twice the silence: a link that is lost is noticed by its lease first.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(
             2e6 * endpoints.seconds_of_silence
         ),

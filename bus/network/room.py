@@ -25,6 +25,7 @@ def expect_room() -> None:
         what, limit = f"{ADDRESSES // 2**20} MiB more of addresses", "-v"
         mmap.mmap(-1, ADDRESSES, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ).close()
         what, limit = f"{THREADS} more threads", "-u"
+        # They wait for one another: only threads that are there together show that there is room.
         for _ in range(THREADS):
             thread = Thread(target=done.wait)
             thread.start()

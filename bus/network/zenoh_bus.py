@@ -52,6 +52,7 @@ class ZenohInbox:
             first = queue.get(timeout=seconds) if seconds else queue.get_nowait()
         except Empty:
             return []
+        # What arrives meanwhile is for the next time, so that this comes to an end.
         return [self._item(first), *(self._item(queue.get()) for _ in range(queue.qsize()))]
 
     def _screened(self, screen: Screen) -> Callable[[Any], None]:
@@ -220,6 +221,7 @@ class ZenohBus:
         self._session.get(
             self._prefix + key,
             Callback(answered, lambda: put((Answer, key)), indirect=False),
+            # All answers of all who serve: a stranger's must not take the place of a true one.
             target=zenoh.QueryTarget.ALL,
             payload=payload,
             timeout=_NOBODY,
@@ -245,6 +247,7 @@ class ZenohBus:
 
     def close(self) -> None:
         """Take back all that was declared on the session, the last first, and close it."""
+        # A listener goes before the publisher that it is of.
         while self._declared:
             with suppress(zenoh.ZError):  # the link is lost
                 self._declared.pop().undeclare()
