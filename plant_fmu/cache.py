@@ -111,6 +111,7 @@ def _expect_private(folder: Path) -> bool:
 def _read(path: Path) -> bytes:
     """Return the bytes of a regular file that is this user's alone to write; none otherwise."""
     try:
+        # Neither a link is followed, nor a FIFO waited for, that somebody put there.
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             about = os.fstat(file.fileno())
             shared = about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)

@@ -13,7 +13,7 @@ class Fleet:
     """All plants of a worker; see `plant_fmu.plants.Plants` and `Checkpointed`."""
 
     def __init__(self, groups: Sequence[tuple[NDArray[np.intp], DrivenPlants]], m: int) -> None:
-        """Join groups, each with the rows (ascending) that its plants have in the fleet."""
+        """Join groups, each with the rows (r,), ascending, that its plants have in the fleet."""
         rows = sum(len(rows) for rows, _ in groups)
         self._groups = [(_slice(rows), plants) for rows, plants in groups]
         self._rows = [rows.tolist() for rows, _ in groups]
@@ -45,6 +45,7 @@ class Fleet:
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put each robot back to a checkpoint."""
+        # That all are of one time is to hold across groups, which see their own alone.
         time_of(data, len(self.q))
         for rows, plants in zip(self._rows, self.plants, strict=True):
             plants.restore([data[row] for row in rows])

@@ -54,6 +54,7 @@ class InProcess:
         if point.start:
             self._worker.restore(point.start, point.checkpoints)
         self._ticks = self._worker.run(point.recorded, self._watch, _RecordedSamples(recorder))
+        # What the recording has is run through at once, and nothing of it is sent.
         if point.recorded >= 0:
             while next(self._ticks) < point.recorded:
                 pass

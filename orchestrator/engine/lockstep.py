@@ -171,9 +171,11 @@ class Lockstep:
             if recorder.is_whole(k):
                 break
             here = self._look_around(k)
+            # Silence counts where all workers are there; one that is started again has --wait.
             if recorder.taken != taken or not here:
                 taken, since = recorder.taken, monotonic()
             elif monotonic() - since >= self._deadline:
+                # What a worker failed with says more than the silence that follows from it.
                 self._workers.look_after(k, at_last=True)
                 raise BusError(self._silence(k), Cause("deadline", k))
         self.spent.waiting += waited

@@ -28,6 +28,7 @@ def point_of(
 ) -> Point:
     """Return where robots start, from each one's last checkpoint: its tick and its message."""
     ticks = {checkpoints[robot][0] if robot in checkpoints else 0 for robot in robots}
+    # Robots go on from one tick: where their last checkpoints are of several, from t_0.
     if ticks == {0} or len(ticks) > 1:
         return Point(0, recorded)
     return Point(ticks.pop(), recorded, [checkpoints[robot][1] for robot in robots])

@@ -103,6 +103,7 @@ def run(
             f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
+    # What is not finite is looked for and named, not warned of.
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, workers = (launch or in_process(experiment))(stack, watch)
         wire = workers.wire()

@@ -37,7 +37,7 @@ ReceivedSamples = tuple[int, Records, str]
 
 
 def needed(in_neighbours: NDArray[np.integer], assignment: Mapping[str, Nodes]) -> frozenset[str]:
-    """Return the workers whose samples robots with some in-neighbours need; the target's always."""
+    """Return the workers whose samples robots with in-neighbours (d,) need; the target's always."""
     return frozenset(
         h for h, nodes in assignment.items() if np.isin(nodes, in_neighbours).any()
     ) | {TARGET}
@@ -133,6 +133,7 @@ class Worker:
 
         What the recording has already, the ticks up to `recorded` (−1 for none), is not sent again.
         """
+        # A checkpoint is of before its tick's samples, which the recording has: none is sent again.
         if self.now:
             self.interact(self.now, listening, sends=False)
         elif recorded < 0:
@@ -142,6 +143,7 @@ class Worker:
         for k in range(self.now + 1, self._clock.ticks + 1):
             self.now = k
             states = self.advance(k, watch)
+            # Before the jump: what is restored receives the samples of k anew, and jumps itself.
             checkpoints = self._checkpoints(k) if k > recorded else ()
             self.interact(k, listening, sends=k > recorded)
             if k > recorded:
@@ -149,9 +151,10 @@ class Worker:
             yield k
 
     def advance(self, k: int, watch: Watch) -> Records:
-        """Advance the plants over (t_{k−1}, t_k]; return their states on the output grid.
+        """Advance the plants over (t_{k−1}, t_k]; return their states (outputs · robots,).
 
-        A reference that is no line between sampling times is given to them as its chords there.
+        They are on the output grid, by time and then by robot. A reference that is no line between
+        sampling times is given to the plants as its chords there.
         """
         before = self.agents.state
         reached = held = self._clock.t(k - 1)
@@ -217,10 +220,12 @@ class Worker:
             for item in items:
                 self._keep(k, self._samples_in(item, listening))
         received = self._received[k]
+        # The recording's are of all nodes: beside them nothing else of the tick is needed.
         if EVERYONE in received:
             received = {EVERYONE: received[EVERYONE]}
         for worker, records in received.items():
             rows = self._wanted.get(worker)
+            # Fewer than the worker has robots, where some are silent, or of all nodes: looked up.
             if rows is None or len(records) != len(self._wire.assignment[worker]):
                 rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
             samples = {name: records[name][rows] for name in self._fields}
@@ -292,7 +297,7 @@ class Worker:
         }
         for done, (name, values) in enumerate(estimates.items(), 1):
             sizes = np.abs(values)
-            if not sizes.max() <= self._limit:
+            if not sizes.max() <= self._limit:  # nor is NaN
                 row = int(np.flatnonzero(~(sizes <= self._limit).all(axis=1))[0])
                 self.place = t, done, int(self.agents.robots[row])
                 raise DivergedError(

@@ -159,6 +159,7 @@ def unpacked(archive: Archive) -> Iterator[Path]:
     """Unpack an archive into a temporary folder that ends with the context."""
     with own_folder() as folder:
         with _file(archive.path, archive.label) as file:
+            # What was looked at is what is loaded, whoever wrote the file meanwhile.
             if _digest(file) != archive.sha256:
                 raise FmuError(f"{archive.label}: has changed since it was read")
             unpack(file, folder, archive.label)

@@ -47,6 +47,7 @@ def opened_archive(file: BinaryIO, label: str) -> Iterator[ZipFile]:
             f"{label}: is no FMU, for it is no zip archive or a damaged one: {error}"
         ) from None
     with archive:
+        # First what is declared, for testzip decompresses all of it.
         if fault := _fault(archive, file.seek(0, 2)):
             raise FmuError(f"{label}: is refused: {fault}")
         try:

@@ -109,6 +109,7 @@ class View:
     """Rows of ours (robots, numbers), and the FMUs' own numbers that they stand for."""
 
     def __init__(self, quantities: Iterable[Quantity], ours: NDArray[np.float64]) -> None:
+        # C has the address of `theirs`: it is filled, and never replaced.
         layout = NumberLayout.of(quantities)
         self._ours, self._layout = ours, layout
         self._is_direct, self.is_complete = layout.is_direct, layout.is_complete

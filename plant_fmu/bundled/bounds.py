@@ -80,7 +80,7 @@ def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | Non
 
 
 def arm(mass: Array, r: Array, c: Array, I: Array, J: Array, g: float) -> Bounds | None:  # noqa: E741
-    """Return P3 of an arm with links (n,); None where one of its numbers is negative."""
+    """Return P3 of an arm with links (n,), in SI; None where one of its numbers is negative."""
     n = len(mass)
     if min(map(np.min, (mass, r, c, I, J))) < 0:
         return None

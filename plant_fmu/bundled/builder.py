@@ -29,6 +29,7 @@ from nrs_cosim.plant_fmu.bundled.model_description import build_description, mod
 from nrs_cosim.plant_fmu.errors import FmuError
 
 FLAGS = (
+    # -ffp-contract=off: a processor that multiplies and adds in one would round otherwise.
     *("-std=c99", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-fvisibility=hidden"),
     *("-Wall", "-Wextra", "-Wpedantic", "-Werror"),
     "-Wno-strict-prototypes",  # clang finds some in the headers of FMI 3

@@ -68,7 +68,7 @@ def from_the_base(
 
 
 def moving_links(order: Sequence[UrdfJoint]) -> dict[str, tuple[UrdfJoint, Array, Array]]:
-    """Return the links that move: the joint that moves each, and R and p in that one's frame."""
+    """Return the links that move: the joint of each, and R (3, 3) and p (3,) in its frame, m."""
     moving: dict[str, tuple[UrdfJoint, Array, Array]] = {}
     for joint in order:
         if joint.kind != "fixed":
@@ -84,7 +84,7 @@ def mass_matrix(
 ) -> tuple[Array, Array]:
     """Return M(q), (m, m), and for each of its diagonal the largest that any axis could give, (m,).
 
-    `axes` are the joints that move, in the order of q.
+    `axes` are the joints that move, in the order of q (m,), rad or m.
     """
     m = len(axes)
     number = {joint.name: k for k, joint in enumerate(axes)}

@@ -62,6 +62,7 @@ def open_probe(
     folder = stack.enter_context(unpacked(archive))
     library = stack.enter_context(Library(archive, folder, way.kind))
     if way.kind == "CoSimulation":
+        # inf: a torque is held for the whole of a step, so that no step is cut by the law.
         held = TorqueHeldPlants(library, [body], names, np.inf, heun=False)
         return OpenProbe(held, archive, way.kind)
     solved = ModelExchangePlants(
@@ -103,7 +104,10 @@ class MechanicsProbe:
         self._moves = True
 
     def acceleration(self, q: Array, qd: Array, tau: Array, span: float) -> Array:
-        """Return q̈(q, q̇, tau), (m,); `FmuError` where the plant does not start there."""
+        """Return q̈(q, q̇, tau), all (m,), found over a span in s.
+
+        `FmuError` where the plant does not start there.
+        """
         return np.asarray(_FORWARD @ self._velocities(q, qd, tau, span) / span, float)
 
     @property
@@ -135,8 +139,8 @@ class MechanicsProbe:
     def power_gained(self, q: Array, qd: Array, span: float) -> tuple[float, float]:
         """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s.
 
-        Beside it stands how much of that may be of the FMU's own steps d, of which an acceleration
-        is known to d times its rate of change.
+        q and q̇ are (m,), and the span is in s. Beside it stands how much of that may be of the
+        FMU's own steps d, of which an acceleration is known to d times its rate of change.
         """
         mass = np.linalg.inv(self.mobility(q, span))
         ahead, behind = (
@@ -151,7 +155,7 @@ class MechanicsProbe:
         return float((pull + change) / size), float(doubt / size)
 
     def damping_rate(self, q: Array, span: float) -> float:
-        """Return the fastest rate of M⁻¹(F + kd), 1/s: of damping over inertia."""
+        """Return the fastest rate of M⁻¹(F + kd) at q (m,), 1/s: of damping over inertia."""
         m = len(q)
         none = np.zeros(m)
         drags = [
@@ -162,7 +166,7 @@ class MechanicsProbe:
         return float(np.abs(np.linalg.eigvals(rates)).max())
 
     def rest(self, q: Array, span: float) -> Rest:
-        """Start at rest with tau = G(q) held, and look where it goes."""
+        """Start at rest at q (m,) with tau = G(q) held, and look where it goes."""
         none, tau = np.zeros(len(q)), self.gravity(q, span)
         slopes = [
             self.acceleration(q + aside, none, tau, span)

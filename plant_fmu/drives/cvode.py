@@ -72,11 +72,14 @@ class Cvode:
     def __init__(self, robot: Exchanged, rtol: float) -> None:
         """Solve within a relative tolerance, and `rtol` times the states' nominal values."""
         self._robot, self._rtol = robot, rtol
+        # An FMU that wants to hear of each step of the solver is told of one after the other.
         self._task = _ONE_STEP if robot.tells_steps else _NORMAL
         self._fault: BaseException | None = None
         self._complaint = ""
         self._reached = c_double()
+        # Freed in reverse: the solver before what it was given, and the context last.
         self._memory = ExitStack()
+        # SUNDIALS keeps pointers to these three, so that they live as long as the solver.
         self._evaluations = (
             _Evaluation(self._evaluation(robot.derivatives, "the derivatives", _address)),
             _Evaluation(self._evaluation(robot.signs, "the event indicators", int)),
@@ -104,6 +107,7 @@ class Cvode:
         while robot.time < until and not event:
             if until - robot.time <= TOO_CLOSE * max(1.0, abs(until)):
                 return robot.complete(until)
+            # Beyond this time the FMU must not be evaluated: its inputs may jump there.
             self._expect(_set_stop(self._solver, until))
             flag = _solve(self._solver, until, self._states, byref(self._reached), self._task)
             self._expect(flag)
@@ -130,7 +134,7 @@ class Cvode:
             _set_linear(self._solver, linear, matrix),
             _set_max_steps(self._solver, MAX_STEPS),
             _find_roots(self._solver, robot.indicators.size, indicators),
-            _allow_flat_roots(self._solver),
+            _allow_flat_roots(self._solver),  # an indicator may stay 0
         ):
             self._expect(status)
 

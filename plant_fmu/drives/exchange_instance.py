@@ -53,6 +53,7 @@ class Exchanged:
         if law:
             self._input = View([instances.vector("tau", m)], self._effort)
             self._write = instances.arguments(row, self._input, 0)
+            # What of the input's variables is not ours is written back as it was at first.
             if not self._input.is_complete:
                 self._expect(library.calls.get(*self._write), "access to tau")
         self.states = np.zeros(description.numberOfContinuousStates)
@@ -77,6 +78,7 @@ class Exchanged:
     def move(self, time: float, states: int) -> int:
         """Bring the FMU to a time and states, and give it the law's torque there."""
         handle, calls = self._handle, self._calls
+        # An FMI status is the higher, the worse: the worst of all calls is the answer.
         return max(
             calls.set_time(handle, time),
             calls.set_states(handle, states, self.states.size),

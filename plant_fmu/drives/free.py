@@ -30,7 +30,7 @@ class FreePlants:
         self.q, self.qd, self.tau = state[:, :m], state[:, m:], np.zeros((len(bodies), m))
 
     def hold(self, position: Array, velocity: Array) -> None:
-        """Take no reference."""
+        """Take no reference, whatever (rows, m) is given."""
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""

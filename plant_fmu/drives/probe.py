@@ -17,6 +17,7 @@ from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance, Plants
 
 POSTURES = 16
 SEED = 2003
+"""One for all that is drawn: an FMU is always probed at the same postures."""
 PATIENCE = 1.0
 """s, after which a push is taken to move nothing."""
 SPAN, ROBOTS = 0.2, 8

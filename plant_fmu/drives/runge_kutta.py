@@ -38,6 +38,7 @@ class RungeKutta:
         start = self._robot.time
         count = parts(until - start, self._step)
         part = (until - start) / count
+        # `any` stops at the first event; the last step ends at the very time that was asked for.
         return any(
             self._move(until if j == count else start + j * part) for j in range(1, count + 1)
         )

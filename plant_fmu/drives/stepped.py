@@ -61,7 +61,7 @@ class Stepped:
         self.instances.expect_finite(self.outputs, self.time)
 
     def inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
-        """Return rows for inputs of m numbers each, and the act that gives them to the FMUs."""
+        """Return rows (rows, numbers) for inputs of m numbers each, and the act that gives them."""
         rows = np.zeros((len(self.outputs), len(quantities) * self.m))
         found = [self.instances.vector(name, self.m) for name in quantities]
         return rows, self.instances.writes(found, rows)

@@ -79,7 +79,7 @@ class TorqueHeldPlants:
             torque += stepped.law.effort(stepped.time, stepped.state)
             torque /= 2
             self._states.put_back(time)
-            self._write_torque(time)
+            self._write_torque(time)  # after going back, for an FMU's state has its inputs
         stepped.step(time, step)
 
     def _tell_torque(self) -> None:

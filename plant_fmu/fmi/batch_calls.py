@@ -88,6 +88,7 @@ class CalledRounds:
 
 def arguments(calls: Calls, handle: int, which: Any, view: View, at: int) -> tuple[Any, ...]:
     """Return what `get` and `set` are told of an instance, and of a row of a view's numbers."""
+    # The address does not keep the array: whoever calls with it keeps the view.
     address = view.theirs.ctypes.data + at * view.theirs.strides[0]
     count = (view.theirs.shape[1],) if calls.counts_values else ()
     return handle, which, len(which), c_void_p(address), *count

@@ -76,6 +76,7 @@ def bind_step(dll: Any, fmi: int) -> StepCall:
     """Bind `doStep` (FMI 2.0, section 4.2.1; FMI 3.0, section 4.2.1)."""
     arguments = (c_void_p, c_double, c_double)
     if fmi == 2:
+        # noSetFMUStatePriorToCurrentPoint: a run goes back to the start of a step, never before it.
         do_step = bind(dll, "fmi2DoStep", *arguments, c_int)
         return StepCall(lambda handle, start, step: do_step(handle, start, step, 1))
     event, ended, early, reached = c_bool(), c_bool(), c_bool(), c_double()
@@ -111,6 +112,7 @@ def _common_fmi3(dll: Any) -> Calls:
         set_typed=lambda kind: bind(dll, f"fmi3Set{_INTEGER[3].get(kind, kind)}", *values),
         enter_configuration=bind(dll, "fmi3EnterConfigurationMode", c_void_p),
         exit_configuration=bind(dll, "fmi3ExitConfigurationMode", c_void_p),
+        # No tolerance but the FMU's own, and no stop time: a run may be continued beyond its end.
         enter_initialization=lambda handle, start: enter(handle, False, 0.0, start, False, 0.0),
         exit_initialization=bind(dll, "fmi3ExitInitializationMode", c_void_p),
         reset=bind(dll, "fmi3Reset", c_void_p),

@@ -70,6 +70,7 @@ class Instances:
     def writes(self, quantities: Sequence[Quantity], rows: Array) -> Transfer:
         """Return the act that gives each FMU its row of an array (robots, numbers), in SI."""
         view, what = View(quantities, rows), _listed(quantities)
+        # What of the variables is not ours is written as it was read before the first time.
         if not view.is_complete:
             self._transfer(view, what, setting=False)(0.0)
         move = self._transfer(view, what, setting=True)
@@ -92,7 +93,7 @@ class Instances:
         return read
 
     def steps(self, quantities: Sequence[Quantity], rows: Array) -> Advance:
-        """Return the act that steps each FMU, and then does as `reads` has it."""
+        """Return the act that steps each FMU, and then fills rows (robots, numbers) as `reads`."""
         view, what = View(quantities, rows), _listed(quantities)
         advance = self.rounds.advance(view)
 
@@ -116,7 +117,7 @@ class Instances:
             raise self.refusal(end.row, seconds, act, end.status)
 
     def expect_finite(self, rows: Array, seconds: float) -> None:
-        """Raise `StepError` for the first robot with a non-finite number in its row."""
+        """Raise `StepError` for the first robot of rows (robots, numbers) with a non-finite one."""
         finite = np.isfinite(rows)
         if not finite.all():
             row = int(np.flatnonzero(~finite.all(axis=1))[0])

@@ -38,6 +38,7 @@ class States:
         """Return the instances to states that were saved; `FmuError` where they refuse them."""
         for row, (handle, saved) in enumerate(zip(self._instances.handles, data, strict=True)):
             state = place(self._states, row)
+            # Deserialising makes a new state there; of a null pointer, freeing does nothing.
             self._calls.free(handle, state)
             status = self._calls.deserialize(handle, saved, len(saved), state)
             if status > WARNING:

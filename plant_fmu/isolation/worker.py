@@ -134,7 +134,7 @@ def serve(task: ShareTask, requests: BinaryIO, replies: BinaryIO) -> None:
             kind = BAD_FMU if isinstance(error, FmuError) else BAD_STEP
             robot = (error.cause.robot if isinstance(error, RunError) else None) or 0
             send(replies, envelope(kind, ROBOT.pack(robot) + str(error).encode()))
-            os._exit(1)
+            os._exit(1)  # without the stack, whose end would call the FMU
 
 
 def _private_pipes() -> tuple[BinaryIO, BinaryIO]:
