@@ -153,8 +153,8 @@ BAD = {
         "plant.parameters.kp: give it as controller.kp instead",
     ),
     "unknown algorithm": (
-        ('name = "dcea1"', 'name = "dcea3"'),
-        "algorithm.name: expected one of dcea1, dcea2, impulsive, pd_like, sliding, got 'dcea3'",
+        ('name = "dcea1"', 'name = "dcea0"'),
+        "algorithm.name: expected one of dcea1, dcea2, ",
     ),
     "variable's name": (
         ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = 3'),
