@@ -57,15 +57,17 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Load what a public name stands for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = _HOMES[name]
-    is_module = home == "nrs_cosim.api"
-    value = import_module(f"{home}.{name}") if is_module else getattr(import_module(home), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # a checker takes a module with it to have any name
+
+    def __getattr__(name: str) -> Any:
+        """Load what a public name stands for."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        home = _HOMES[name]
+        is_module = home == "nrs_cosim.api"
+        value = import_module(f"{home}.{name}") if is_module else getattr(import_module(home), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -1,6 +1,7 @@
 """What is installed has one name, and works away from the tree, beside a user's own modules."""
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
+
+import nrs_cosim
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings")
@@ -71,18 +74,56 @@ def test_modules_of_a_users_own_with_the_names_of_ours_break_nothing(site, tmp_p
     assert (status, digest[:8]) == ("completed", "130b001e")
 
 
-def test_a_users_type_checker_knows_our_types(site, tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from nrs_cosim.recordings import Recording\n"
-        "with Recording('run.mcap') as recording:\n"
-        "    wrong: int = recording.digest\n",
-        "utf-8",
-    )
-    done = subprocess.run(
+SCRIPT = (ROOT / "tests/user_script.py").read_text("utf-8")
+
+
+def checked(folder: Path, site: Path, program: str) -> str:
+    """Return what mypy says of a user's program, strictly."""
+    (folder / "script.py").write_text(program, "utf-8")
+    return subprocess.run(
         [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py"],
-        cwd=tmp_path, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
+        cwd=folder, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
+        capture_output=True, text=True, check=False,
+    ).stdout  # fmt: skip
+
+
+def test_a_users_script_with_every_public_name_is_typed_and_runs(site, tmp_path):
+    assert {name for name in nrs_cosim.__all__ if f"nrs.{name}" not in SCRIPT} == set()
+    assert checked(tmp_path, site, SCRIPT) == "Success: no issues found in 1 source file\n"
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert "Incompatible types in assignment" in done.stdout, done.stdout + done.stderr
-    assert "Found 1 error" in done.stdout, done.stdout
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "run.mcap"
+
+
+WRONG = [
+    ("nrs.Scenario.load(3)", "arg-type"),
+    ("nrs.check('paper.toml')", "arg-type"),
+    ("nrs.check(paper).bounds[0].lowest", "attr-defined"),
+    ("nrs.run(paper, wokers=2)", "call-arg"),
+    ("nrs.run(paper).digest.upper()", "union-attr"),
+    ("nrs.resume('a.mcap', changes=['run.duration'])", "arg-type"),
+    ("nrs.Recording('a.mcap').times('outputs')", "arg-type"),
+    ("nrs.Recording('a.mcap').target(0.0).shape", "attr-defined"),
+    ("nrs.compare('a.mcap', 3)", "arg-type"),
+    ("nrs.replay.verify('a.mcap').same", "attr-defined"),
+    ("nrs.errors.InputErr", "attr-defined"),
+    ("nrs.Estimate(1, 2)", "arg-type"),
+    ("nrs.nothing", "attr-defined"),
+]
+
+
+def test_a_users_type_checker_finds_what_is_wrong(site, tmp_path):
+    lines = [
+        "import nrs_cosim as nrs",
+        "paper = nrs.Scenario.load('paper.toml')",
+        *(line for line, _ in WRONG),
+    ]
+    said = checked(tmp_path, site, "\n".join(lines) + "\n")
+    errors = re.findall(r"^script\.py:(\d+): error: .*\[([a-z-]+)\]$", said, re.MULTILINE)
+    found = {int(number): code for number, code in errors}
+    assert found == {number: code for number, (_, code) in enumerate(WRONG, 3)}
