@@ -20,7 +20,7 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from mcap.reader import make_reader
 
 from benchmarks.table import keep
-from benchmarks.writers import Ticks, mcaps, ours, ours_flushed, ticks_of
+from benchmarks.writers import CODECS, Ticks, mcaps, ours, ours_flushed, ticks_of
 from nrs_cosim.recordings.export.tables import SAMPLES, STATES, rows
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import CHUNK_BYTES
@@ -36,10 +36,10 @@ def foxgloves(path: Path, n: int, ticks: Ticks) -> None:
     context = Context()
     options = MCAPWriteOptions(compression=MCAPCompression.Zstd, chunk_size=CHUNK_BYTES)
     with foxglove.open_mcap(path, context=context, writer_options=options):
-        used = channels(n, (), False)
+        used = channels(CODECS, n, (), False)
         types = {
             s.name: FoxgloveSchema(name=s.name, encoding="protobuf", data=s.data)
-            for s in schemas(used)
+            for s in schemas(used, CODECS)
         }
         log = {
             c.topic: Channel(

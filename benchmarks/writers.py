@@ -8,18 +8,20 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic, state_topic
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
-from nrs_cosim.recordings.export.tables import RUN
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.ordering import columns_of
 from nrs_cosim.recordings.mcap.writer import CHUNK_BYTES, Writer
+from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
 
 H = 100_000_000
 """ns"""
+CODECS = Codecs.of(Sizes(2))
 
 Ticks = list[list[Message]]
 
@@ -43,17 +45,24 @@ def ticks_of(n: int, count: int) -> Ticks:
 
 def as_columns(n: int, ticks: Ticks) -> list[Columns]:
     """Return the same ticks as runs hand them over: columns, on the channels of n robots."""
-    numbers = {channel.topic: number for number, channel in enumerate(channels(n, (), False), 1)}
+    numbers = {
+        channel.topic: number for number, channel in enumerate(channels(CODECS, n, (), False), 1)
+    }
     return [columns_of(tick, numbers) for tick in ticks]
 
 
 @contextmanager
 def recording(path: Path, n: int) -> Iterator[Writer]:
     """Open this project's writer for n robots, and finish what it wrote."""
-    used = channels(n, (), False)
+    used = channels(CODECS, n, (), False)
     about = {RUN: {"robots": str(n), "joints": "2"}}
     with Writer(
-        path, version="0", channels=used, schemas=schemas(used), metadata=about, attachments={}
+        path,
+        version="0",
+        channels=used,
+        schemas=schemas(used, CODECS),
+        metadata=about,
+        attachments={},
     ) as writer:
         yield writer
         writer.finish("completed")
@@ -86,8 +95,11 @@ def mcaps(path: Path, n: int, ticks: Ticks) -> None:
     with path.open("wb") as file:
         writer = McapWriter(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start("nrs", "benchmark")
-        used = channels(n, (), False)
-        ids = {s.name: writer.register_schema(s.name, "protobuf", s.data) for s in schemas(used)}
+        used = channels(CODECS, n, (), False)
+        ids = {
+            s.name: writer.register_schema(s.name, "protobuf", s.data)
+            for s in schemas(used, CODECS)
+        }
         numbers = {
             c.topic: writer.register_channel(c.topic, "protobuf", ids[c.schema_name]) for c in used
         }

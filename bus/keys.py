@@ -1,8 +1,9 @@
 """A node's messages have topics of their own; what a worker puts at one tick travels as one batch.
 
 In a recording node 0 is the target and the robots are 1 … n: `/target/sample`, `/robot_1/sample`,
-`/robot_1/state`, `/robot_1/link_event`, `/robot_1/checkpoint`, so that a robot is one folder in
-every viewer's tree, with a name that ROS allows. On the wire a key is `<kind>/<worker>`.
+`/robot_1/state`, `/robot_1/agent_state`, `/robot_1/link_event`, `/robot_1/checkpoint`, so that a
+robot is one folder in every viewer's tree, with a name that ROS allows. On the wire a key is
+`<kind>/<worker>`.
 """
 
 TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
@@ -29,13 +30,18 @@ def link_event_topic(robot: int) -> str:
     return f"/{_folder(robot)}/link_event"
 
 
+def agent_state_topic(robot: int) -> str:
+    """Return the topic of what a robot's agent keeps beside its estimate, right after t_k."""
+    return f"/{_folder(robot)}/agent_state"
+
+
 def checkpoint_topic(robot: int) -> str:
     """Return the topic of what a robot can be restored from."""
     return f"/{_folder(robot)}/checkpoint"
 
 
 def kind_of(topic: str) -> str:
-    """Return what the messages of a topic are: sample, state, link_event or checkpoint."""
+    """Return what the messages of a topic are: sample, state, link_event and so on."""
     return topic.rpartition("/")[2]
 
 

@@ -1,9 +1,9 @@
 """What was said: writing and reading it, and what follows from it.
 
-`Recording` is the way in for users of Python; its `chunks` wants some of the three tables.
+`Recording` is the way in for users of Python; its `chunks` wants some of the four tables.
 """
 
-from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES
+from nrs_cosim.recordings.export.tables import AGENT_STATES, LINK_EVENTS, SAMPLES, STATES
 from nrs_cosim.recordings.recording import Recording
 
-__all__ = ["LINK_EVENTS", "SAMPLES", "STATES", "Recording"]
+__all__ = ["AGENT_STATES", "LINK_EVENTS", "SAMPLES", "STATES", "Recording"]

@@ -2,6 +2,8 @@
 
 ε̄_i = ε_i − ε_0 and ῡ_i = υ_i − υ_0 are taken at the sampling times, left limits, in the ∞-norm;
 e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 on the output grid, in the 2-norm (paper, after equation 2.1).
+Both are of the states, where ε_i and υ_i are what a robot follows: samples are but those that were
+sent, and one that sends only when it must would be judged by its worst moments, or by none.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.export.tables import SAMPLES, STATES, robots, rows
+from nrs_cosim.recordings.export.tables import STATES, robots, rows
 from nrs_cosim.recordings.mcap.reader import Reader
 
 Array = NDArray[np.float64]
@@ -49,17 +51,16 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
             row = int(norms.argmax())
             most[quantity], times[quantity] = norms[row], time_ns[row]
 
-    for table, part in rows(reader, [SAMPLES, STATES], start_ns=since):
-        records = part[part["robot"] > 0]
-        position, velocity = target_at(records["t"])
-        for name in ("position", "velocity"):
-            size = max(size, float(np.abs(records[name]).max(initial=0.0)))
-        if table is SAMPLES:
-            note(0, records["position"] - position, np.inf, records["time_ns"])
-            note(1, records["velocity"] - velocity, np.inf, records["time_ns"])
-        else:
-            note(2, records["position"] - position, 2, records["time_ns"])
-            note(3, records["velocity"] - velocity, 2, records["time_ns"])
+    for _, part in rows(reader, [STATES], start_ns=since):
+        position, velocity = target_at(part["t"])
+        note(2, part["position"] - position, 2, part["time_ns"])
+        note(3, part["velocity"] - velocity, 2, part["time_ns"])
+        then = at_sampling_times(part)
+        sampled, names = part[then], ("reference_position", "reference_velocity")
+        note(0, sampled[names[0]] - position[then], np.inf, sampled["time_ns"])
+        note(1, sampled[names[1]] - velocity[then], np.inf, sampled["time_ns"])
+        for values in (part["position"], part["velocity"], *(sampled[name] for name in names)):
+            size = max(size, float(np.abs(values).max(initial=0.0)))
     (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
     (e, f, g, h) = times.tolist()
     return SteadyState(a, b, c, d, (e, f, g, h), size)
@@ -68,11 +69,22 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
 def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:
     """Yield k and the estimates' errors ε̄ and ῡ at t_k, (2, n, m), of each tick that is whole."""
     n = robots(reader)
-    for _, part in rows(reader, [SAMPLES]):
-        mine = part[part["robot"] > 0]
+    for _, part in rows(reader, [STATES]):
+        mine = part[at_sampling_times(part)]
         position, velocity = target_at(mine["t"])
-        errors = np.stack([mine["position"] - position, mine["velocity"] - velocity])
+        errors = np.stack(
+            [mine["reference_position"] - position, mine["reference_velocity"] - velocity]
+        )
         ks, starts, counts = np.unique(mine["k"], return_index=True, return_counts=True)
         for k, start, count in zip(ks, starts, counts, strict=True):
             if count == n:
                 yield int(k), errors[:, start : start + count]
+
+
+def at_sampling_times(states: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Return which states, of whole ticks, are of a sampling time from t_1 on: a tick's last."""
+    _, ticks = np.unique(states["k"], return_inverse=True)
+    last = np.zeros(ticks.max(initial=-1) + 1, np.int64)
+    np.maximum.at(last, ticks, states["time_ns"])
+    found: NDArray[np.bool_] = (states["time_ns"] == last[ticks]) & (states["k"] > 0)
+    return found

@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.bus.keys import sample_topic, state_topic
+from nrs_cosim.bus.keys import agent_state_topic, sample_topic, state_topic
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.errors import UnreadableError
@@ -144,9 +144,11 @@ def read_about(
         return None
     run = parse(path, RUN, RunRecord, metadata[RUN])
     n = run.robots
-    expected = {sample_topic(0)}
-    if len(topics) == 2 * n + 1:
-        expected |= {key(robot) for robot in range(1, n + 1) for key in (sample_topic, state_topic)}
+    keys = (sample_topic, state_topic, agent_state_topic)
+    of_each = [keys[:count] for count in (0, 2, 3) if len(topics) == count * n + 1]
+    expected = {sample_topic(0)} | {
+        key(robot) for keys in of_each for key in keys for robot in range(1, n + 1)
+    }
     if expected != {*topics}:
         raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
     of_plants = sorted(robot for group in run.plants for robot in group.robots)

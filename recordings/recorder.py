@@ -16,19 +16,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import (
     EVERYONE,
     RECORDS,
     SAMPLES,
     TARGET,
+    agent_state_topic,
     checkpoint_topic,
     kind_of,
     link_event_topic,
     sample_topic,
     state_topic,
 )
-from nrs_cosim.bus.messages import CHECKPOINT, HEADER, LINK_EVENT, SAMPLE, STATE, MessageType
+from nrs_cosim.bus.messages import CHECKPOINT, HEADER, BlobType, Codec, MessageType
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Records, RejectedError, Tick, Wire
 from nrs_cosim.recordings.mcap.columns import Columns
@@ -36,10 +38,11 @@ from nrs_cosim.recordings.mcap.container import Channel, Schema
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 from nrs_cosim.recordings.mcap.ordering import columns_of
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.units import vector_unit
+from nrs_cosim.recordings.units import field_unit
 
 
 def channels(
+    codecs: Codecs,
     n: int,
     faulty: Collection[int],
     checkpoints: bool,
@@ -47,23 +50,21 @@ def channels(
 ) -> list[Channel]:
     """Return the channels of n robots and the target, with what `plants` tell of the robots.
 
+    They are of the message types that `codecs` code; those of agent states only if there are any.
     Those of link events, for robots whose links may do anything to samples, and those of
     checkpoints, if there are any, do not enter the digest.
     """
     robots = range(1, n + 1)
     of = {robot: plant for plant in plants for robot in plant["robots"]}
-    found = [
-        Channel(sample_topic(node), SAMPLE.name, metadata=_joints(of.get(node), SAMPLE))
-        for node in range(n + 1)
-    ]
-    found += [
-        Channel(state_topic(robot), STATE.name, metadata=_joints(of.get(robot), STATE))
-        for robot in robots
-    ]
-    found += [
-        Channel(link_event_topic(robot), LINK_EVENT.name, False, _joints(of.get(robot), LINK_EVENT))
-        for robot in faulty
-    ]
+
+    def channel(topic: str, codec: Codec, node: int, counted: bool = True) -> Channel:
+        return Channel(topic, codec.kind.name, counted, _joints(of.get(node), codec.kind))
+
+    found = [channel(sample_topic(node), codecs.samples, node) for node in range(n + 1)]
+    found += [channel(state_topic(robot), codecs.states, robot) for robot in robots]
+    if codecs.agent_states:
+        found += [channel(agent_state_topic(r), codecs.agent_states, r) for r in robots]
+    found += [channel(link_event_topic(r), codecs.link_events, r, False) for r in faulty]
     if checkpoints:
         found += [Channel(checkpoint_topic(r), CHECKPOINT.name, counted=False) for r in robots]
     return found
@@ -75,15 +76,16 @@ def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str
         return {}
     units = [joint["unit"] for joint in plant["joints"]]
     metadata = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
-    for vector in kind.fields:
-        metadata[f"unit.{vector}"] = json.dumps([vector_unit(vector, unit) for unit in units])
+    for name, of in kind.fields.items():
+        by_joint = [field_unit(name, of, unit) for unit in units]
+        metadata[f"unit.{name}"] = json.dumps(by_joint if "m" in of.shape else of.unit or "")
     return metadata | {"fmu": plant["fmu"], "drive": plant["drive"]}
 
 
-def schemas(used_by: Iterable[Channel]) -> list[Schema]:
-    """Return the protobuf schemas of some channels."""
+def schemas(used_by: Iterable[Channel], codecs: Codecs) -> list[Schema]:
+    """Return the protobuf schemas of some channels, of messages that `codecs` code."""
     used = {channel.schema_name for channel in used_by}
-    kinds = (SAMPLE, STATE, LINK_EVENT, CHECKPOINT)
+    kinds: tuple[MessageType | BlobType, ...] = (*codecs.types, CHECKPOINT)
     return [Schema(kind.name, kind.descriptor()) for kind in kinds if kind.name in used]
 
 

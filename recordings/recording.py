@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.export.tables import (
+    AGENT_STATES,
     LINK_EVENTS,
     SAMPLES,
     STATES,
     MessageTable,
-    about,
     joints,
+    layout,
     robots,
     rows,
 )
 from nrs_cosim.recordings.mcap.container import Status
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import about, recorded_types
 
 if TYPE_CHECKING:
     import xarray
@@ -104,8 +106,9 @@ class Recording:
             end: s; the end is excluded.
 
         Returns:
-            Rows of k, time_ns, t, robot, position, velocity, sorted by time, then robot. The
-            vectors are (rows, m): a robot's estimates of the target, or the target's own.
+            Rows of k, time_ns, t, robot, and what was sent, sorted by time, then robot. Most
+            algorithms send `position` and `velocity`, (rows, m): a robot's estimates of the
+            target, or the target's own; another's fields have the shapes that it declares.
 
         Raises:
             InputError: There is no such robot, a time is none, or the file is damaged or closed.
@@ -151,6 +154,35 @@ class Recording:
         """
         return self._array(STATES, robots, start, end)
 
+    def agent_states(
+        self,
+        robots: int | Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> NDArray[np.void]:
+        """Return what agents keep beside their estimates, right after t_k.
+
+        Args:
+            robots: One or several of 1 to n; all unless given.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
+
+        Returns:
+            Rows of k, time_ns, t, robot, and the fields that the algorithm declares, of its shapes,
+            sorted by time, then robot. There are none where agents keep no more than estimates.
+
+        Raises:
+            InputError: As of `states`.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     len(recording.agent_states())  # dcea1 keeps its estimate alone
+            0
+        """
+        return self._array(AGENT_STATES, robots, start, end)
+
     def link_events(
         self,
         robots: int | Collection[int] | None = None,
@@ -165,9 +197,9 @@ class Recording:
             end: s; the end is excluded.
 
         Returns:
-            Rows of k, time_ns, t, robot, source, lost, outage, delay, position, velocity. A row is
-            what the link from `source` to `robot` did to the sample of t_k; it may be lost: then
-            position and velocity, (rows, m), are 0. A robot that is its own source was in an
+            Rows of k, time_ns, t, robot, source, lost, outage, delay, and what arrived, by the
+            fields of samples. A row is what the link from `source` to `robot` did to the sample of
+            t_k; it may be lost: then what arrived is 0. A robot that is its own source was in an
             outage.
 
         Raises:
@@ -271,7 +303,8 @@ class Recording:
         end: float | None,
     ) -> NDArray[np.void]:
         found = [part for _, part in self.chunks([table], robots, start, end)]
-        return np.concatenate([np.empty(0, table.dtype(self.joints)), *found])
+        none = np.empty(0, layout(recorded_types(self._reader), table).dtype)
+        return np.concatenate([none, *found])
 
     def _expected(self, robots: int | Collection[int] | None, first: int) -> frozenset[int] | None:
         """Return robots that are asked for; `InputError` for one that there is not."""

@@ -1,15 +1,21 @@
-"""The units of a message's vectors follow from the units of the joints' coordinates: rad or m."""
+"""The units of a message's fields: as declared, or from the joints' coordinates, rad or m."""
+
+from nrs_cosim.bus.fields import Field
 
 _UNITS = {
     "position": {"rad": "rad", "m": "m"},
     "velocity": {"rad": "rad/s", "m": "m/s"},
+    "acceleration": {"rad": "rad/s^2", "m": "m/s^2"},
     "effort": {"rad": "N m", "m": "N"},
 }
 
 
-def vector_unit(vector: str, coordinate: str) -> str:
-    """Return the unit of a joint's number in a vector; empty where the coordinate has none.
+def field_unit(name: str, field: Field, coordinate: str) -> str:
+    """Return the unit of a joint's number in a field; empty where none is known.
 
-    A vector's name ends with what it is: position, velocity or effort.
+    A field that declares none has that of what its name ends with, or of what it stands for.
     """
-    return _UNITS[vector.rpartition("_")[2]].get(coordinate, "")
+    if field.unit is not None:
+        return field.unit
+    of = _UNITS.get(name.rpartition("_")[2]) or _UNITS.get(field.truth or "", {})
+    return of.get(coordinate, "")

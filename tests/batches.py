@@ -58,7 +58,9 @@ class Kept:
     path = "nowhere"
 
     def __init__(self, faulty=(), checkpoints=False) -> None:
-        topics = [channel.topic for channel in channels(2, faulty, checkpoints)]
+        topics = [
+            channel.topic for channel in channels(Codecs.of(Sizes(M)), 2, faulty, checkpoints)
+        ]
         self.numbers = {topic: number for number, topic in enumerate(topics, 1)}
         self._topics = {number: topic for topic, number in self.numbers.items()}
         self.ticks = []

@@ -324,7 +324,10 @@ class TestRecording:
             (lambda r: r.target("samples"), "grid: expected output or sampling, got 'samples'"),
             (lambda r: r.target([0.0, None, "x"]), "t: expected times in s, got "),
             (lambda r: r.target(float("nan")), "t: expected times in s, got nan"),
-            (lambda r: r.to_pandas("state"), "table: expected states or samples or link_events"),
+            (
+                lambda r: r.to_pandas("state"),
+                "table: expected states or samples or agent_states or link_events",
+            ),
             (lambda r: r.report("a.docx"), r"a\.docx: expected a name that ends in one of \.html"),
             (lambda r: r.report("README.md/a.html"), "README.md: is a file and not a folder"),
         ],

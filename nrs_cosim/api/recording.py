@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.bus.errors import InputError, MissingExtraError
+from nrs_cosim.bus.fields import column_names
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.analysis.results import Result
@@ -20,13 +21,14 @@ from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings import Recording as Tables
+from nrs_cosim.recordings.export.tables import flat
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 Grid = Literal["output", "sampling"]
-Table = Literal["states", "samples", "link_events", "errors"]
+Table = Literal["states", "samples", "agent_states", "link_events", "errors"]
 GRIDS: Sequence[str] = get_args(Grid)
 TABLES: Sequence[str] = get_args(Table)
 
@@ -216,7 +218,7 @@ class Recording(Tables):
         """Return a table, a column a number: `position_1`, …; needs the extra `analysis`.
 
         Args:
-            table: `states`, `samples`, `link_events` or `errors`.
+            table: `states`, `samples`, `agent_states`, `link_events` or `errors`.
             robots: As of that table, as the rest.
             start: s; the first time that is asked for.
             end: s; the end is excluded.
@@ -241,13 +243,10 @@ class Recording(Tables):
         except ImportError:
             raise MissingExtraError("a DataFrame needs pandas", "analysis") from None
         rows: NDArray[np.void] = getattr(self, table)(robots, start, end)
-        columns: dict[str, Any] = {}
+        found: dict[str, Any] = {}
         for name in rows.dtype.names or ():
-            if rows[name].ndim == 1:
-                columns[name] = rows[name]
-            else:
-                columns |= {f"{name}_{j + 1}": rows[name][:, j] for j in range(self.joints)}
-        return pd.DataFrame(columns)
+            found |= zip(column_names(name, rows[name].shape[1:]), flat(rows[name]).T, strict=True)
+        return pd.DataFrame(found)
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write the run as `nrs report` does; needs the extra `report`.

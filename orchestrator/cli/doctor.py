@@ -10,7 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.network.certificate_check import CertificateStatus, vet
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Address
@@ -98,12 +100,13 @@ def _try_bus() -> str:
 def _try_recording() -> str:
     with tempfile.TemporaryDirectory(prefix="nrs-") as folder:
         path = Path(folder) / "doctor.mcap"
-        topics = channels(1, (), checkpoints=False)
+        codecs = Codecs.of(Sizes(1))
+        topics = channels(codecs, 1, (), checkpoints=False)
         with Writer(
             path,
             version=version("nrs-cosim"),
             channels=topics,
-            schemas=schemas(topics),
+            schemas=schemas(topics, codecs),
             metadata={},
             attachments={},
         ) as writer:

@@ -194,6 +194,8 @@ def comparison(console: Console, found: "Comparison") -> None:
         return
     for name in found.partial:
         prose(console, f"[bold]{name}[/] lacks messages of its run: they are not compared")
+    for kind, (a, b) in found.schemas.items():
+        prose(console, f"[bold]{kind}s[/]: {escape(_short(a))} -> {escape(_short(b))}")
     for name, (a, b) in found.fields.items():
         prose(console, f"[bold]{escape(name)}[/]: {escape(_short(a))} -> {escape(_short(b))}")
     if found.first is None:

@@ -32,9 +32,9 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.orchestrator.terminal import err, out, print_json, say
-from nrs_cosim.recordings.export.tables import about
 from nrs_cosim.recordings.mcap.container import Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import about
 
 KEPT = 0.95
 """Of the pace that was asked for: what is slower did not keep it."""

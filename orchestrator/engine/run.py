@@ -31,6 +31,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import CAUSE, REJECTED, RUN, SCENARIO, SPENT, VERSIONS
 from nrs_cosim.recordings.recorder import Recorder, channels, schemas
+from nrs_cosim.recordings.schemas import fields_record
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")
 
@@ -98,7 +99,7 @@ def run(
     clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
     every, faulty = scenario.run.checkpoint_every, experiment.faulty
     checkpoints = 0 < every <= clock.ticks
-    if (count := len(channels(n, faulty, checkpoints))) > MOST_CHANNELS:
+    if (count := len(channels(experiment.codecs, n, faulty, checkpoints))) > MOST_CHANNELS:
         raise ScenarioError(
             f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
@@ -109,16 +110,17 @@ def run(
         wire = workers.wire()
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.describe_plants()
-        topics = channels(n, faulty, checkpoints, plants)
+        topics = channels(experiment.codecs, n, faulty, checkpoints, plants)
         writer = stack.enter_context(
             Writer(
                 output,
                 version=version("nrs-cosim"),
                 channels=topics,
-                schemas=schemas(topics),
+                schemas=schemas(topics, experiment.codecs),
                 metadata={
                     RUN: _about_run(experiment, plants),
                     VERSIONS: _versions(),
+                    **fields_record(experiment.codecs),
                     **(metadata or {}),
                 },
                 attachments={SCENARIO: ("application/toml", experiment.text.encode())},

@@ -13,12 +13,12 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.export.tables import about as about_run
-from nrs_cosim.recordings.export.tables import expect_joints
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, steady_state
 from nrs_cosim.recordings.metadata import RUN, SCENARIO
+from nrs_cosim.recordings.schemas import about as about_run
+from nrs_cosim.recordings.schemas import expect_joints, recorded_types
 
 _PARTIAL = "none of the run: messages of it are missing here"
 
@@ -129,7 +129,7 @@ def experiment_of(reader: Reader) -> Experiment:
             raise UnreadableError(
                 f"{origin}: has {key} = {number}, but {RUN} says {getattr(run, key)}"
             )
-    expect_joints(reader)
+    expect_joints(reader, recorded_types(reader))
     if reader.digest and reader.end_ns not in {experiment.clock.t(reader.ticks), None}:
         raise UnreadableError(
             f"{reader.path}: {END}: ticks: is {reader.ticks}, but the last message is of "

@@ -16,18 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import NS_PER_S
-from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.summary import experiment_of
-from nrs_cosim.orchestrator.replay.verify import ABSENT, Difference, difference_in
+from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, difference_in
 from nrs_cosim.recordings.export.tables import joints
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import contents_of, recorded_types
 
 QUANTITIES = tuple(STATE.fields)
+COUNTED = ("sample", "state", "agent_state")
+"""The kinds of messages that enter the digest."""
 Array = NDArray[np.float64]
 
 
@@ -60,13 +62,16 @@ class Comparison:
     """And how far apart they are then, (times, quantities)."""
     why_not: str
     """Why there are no distances after t = 0; empty where there are, or no states to measure."""
+    schemas: Mapping[str, tuple[str, str]]
+    """Of kinds of messages that have other fields in one than in the other: both, with shapes."""
     partial: tuple[str, ...] = ()
     """Which of the two, A and B, lack messages of their runs: nothing is known of these."""
 
     @property
     def is_same(self) -> bool:
         """Whether both hold all of the same run."""
-        return not self.fields and self.first is None and not self.partial
+        same = not self.fields and not self.schemas
+        return same and self.first is None and not self.partial
 
     def as_json(self) -> dict[str, Any]:
         """Return it for JSON."""
@@ -74,6 +79,7 @@ class Comparison:
             "same": self.is_same,
             "partial": list(self.partial),
             "fields": dict(self.fields),
+            "schemas": dict(self.schemas),
             "first": asdict(self.first) if self.first else None,
             "distances": [asdict(distance) for distance in self.distances],
             "why_not": self.why_not,
@@ -88,14 +94,17 @@ def compare(a: Reader, b: Reader) -> Comparison:
     fields = dict(_fields(was, now))
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
+    of_a, of_b = recorded_types(a).codecs, recorded_types(b).codecs
+    types = {kind: (contents_of(of_a.get(kind)), contents_of(of_b.get(kind))) for kind in COUNTED}
+    schemas = {kind: (one, other) for kind, (one, other) in types.items() if one != other}
     alike = joints(a) == joints(b)
-    codec = Codec(STATE, Sizes(joints(a)))
+    codec = of_a["state"]
     nothing: list[Message] = []
     both = 0
     for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):
         if first is None and tick_a != tick_b:
             pair = next((one, two) for one, two in zip_longest(tick_a, tick_b) if one != two)
-            first = difference_in(joints(a), joints(b), *pair)
+            first = difference_in(of_a, of_b, *pair)
         both += bool(tick_a and tick_b)
         if alike and tick_a and tick_b:
             for robot, *part in _apart(_states(codec, tick_a), _states(codec, tick_b)):
@@ -109,7 +118,7 @@ def compare(a: Reader, b: Reader) -> Comparison:
     elif both > 1 and not any(t[-1] > 0 for t in times.values()):
         why_not = "no tick has times in common: sampling times differ"
     partial = tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None)
-    return Comparison(fields, first, tuple(found), times, apart, why_not, partial)
+    return Comparison(fields, first, tuple(found), times, apart, why_not, schemas, partial)
 
 
 def _distances(robot: int, times: Array, apart: Array) -> Iterator[Distance]:

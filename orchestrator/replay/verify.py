@@ -6,7 +6,7 @@ tick is compared with what was recorded, message by message in total order. With
 agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import zip_longest
@@ -16,20 +16,20 @@ from typing import Any, Literal, Never
 import numpy as np
 
 from nrs_cosim.bus.clock import Clock, seconds
-from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.keys import (
     EVERYONE,
     RECORDS,
     SAMPLES,
     kind_of,
-    node_of,
     state_topic,
     wire_key,
 )
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.messages import Codec
 from nrs_cosim.bus.signature import Signer
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import shortened
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.lockstep import TargetNode
@@ -37,39 +37,24 @@ from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.worker import ReceivedSamples
+from nrs_cosim.orchestrator.replay.difference import ABSENT, PRESENT, Difference, difference_in
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.export.tables import about
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.schemas import (
+    TOPICS,
+    about,
+    contents_of,
+    declared_types,
+    recorded_types,
+)
 
 HERE = "here"
-ABSENT, PRESENT = "absent", "present"
-_KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """The first message that is not what it was."""
-
-    k: int
-    t: float
-    """s"""
-    topic: str
-    robot: int
-    field: str
-    recorded: Any
-    replayed: Any
-
-    def between(self, one: str, other: str) -> str:
-        """Return it as a sentence on two recordings."""
-        return (
-            f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
-            f"is {quoted(self.recorded)} in {one}, {quoted(self.replayed)} in {other}"
-        )
+_KINDS = frozenset(TOPICS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +146,10 @@ class _Kept:
 
     path: str | PathLike[str] = ""
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, codecs: Codecs, n: int) -> None:
         self.tick: list[Recorded] = []
-        topics = (channel.topic for channel in channels(n, range(1, n + 1), checkpoints=True))
-        self._topics = dict(enumerate(topics, 1))
+        found = channels(codecs, n, range(1, n + 1), checkpoints=True)
+        self._topics = dict(enumerate((channel.topic for channel in found), 1))
         self.numbers = {topic: number for number, topic in self._topics.items()}
 
     def flush(self) -> None:
@@ -183,20 +168,20 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
     if next(past_of(reader), None) is None:
         return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
     clock, n, m = experiment.clock, experiment.n, experiment.m
-    numbers = range(1, n + 1)
+    numbers, codecs = range(1, n + 1), expect_same_types(reader, experiment)
     with ExitStack() as stack, np.errstate(all="ignore"):
         robots = (
             Robots.opened(stack, experiment, numbers, _finder(reader, experiment))
             if plants
             else Robots.driven_by(
-                experiment, numbers, RecordedPlants(numbers, m, states_of(reader, m)), []
+                experiment, numbers, RecordedPlants(numbers, m, states_of(reader)), []
             )
         )
         bus = MemoryBus()
         ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         wire = wire_of(experiment, {HERE: numbers}, Signer())
         target = TargetNode(bus, clock, wire, experiment.target)
-        kept, received = _Kept(n), _Samples()
+        kept, received = _Kept(experiment.codecs, n), _Samples()
         recorder = Recorder(kept, wire, n, 0)
         worker = robots.worker(HERE, bus, MemoryInbox(), wire)
         ticks = worker.run(-1, lambda _time: None, received)
@@ -214,7 +199,7 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
             recorder.close(k)
             for was, now in zip_longest(recorded, _said(kept.tick)):
                 if was != now:
-                    return Verification(k, same, difference_in(m, m, was, now))
+                    return Verification(k, same, difference_in(codecs, codecs, was, now))
                 same += 1
     return Verification(k, same, None, _unseen(reader, k), _missing(reader))
 
@@ -265,9 +250,26 @@ def _finder(reader: Reader, experiment: Experiment) -> Find:
     return find_recorded(about(reader).plants, experiment.folder)
 
 
-def states_of(reader: Reader, m: int) -> Iterator[Records]:
+def expect_same_types(reader: Reader, experiment: Experiment) -> Mapping[str, Codec]:
+    """Return what codes the messages of a recording, which are those that its run would have now.
+
+    `InputError` where an algorithm of the name is installed that declares other fields.
+    """
+    recorded, now = recorded_types(reader).codecs, declared_types(experiment.codecs)
+    for kind, codec in now.items():
+        was, is_now = contents_of(recorded.get(kind)), contents_of(codec)
+        if was != is_now:
+            raise InputError(
+                f"{reader.path}: a {kind} has {shortened(was)}, but of the algorithm "
+                f"{experiment.scenario.algorithm.name} as it is installed here it has "
+                f"{shortened(is_now)}: install the version that it was recorded with"
+            )
+    return recorded
+
+
+def states_of(reader: Reader) -> Iterator[Records]:
     """Yield a recording's states by tick, from 0 on."""
-    codec = Codec(STATE, Sizes(m))
+    codec = recorded_types(reader).codecs["state"]
     return (_records(codec, "state", tick) for tick in past_of(reader))
 
 
@@ -282,29 +284,3 @@ def _said(tick: list[Recorded]) -> list[Recorded]:
 
 def _kind(message: Recorded) -> str:
     return kind_of(message[1])
-
-
-def difference_in(m_was: int, m_now: int, was: Recorded | None, now: Recorded | None) -> Difference:
-    """Return what is not the same of a message, which one of the two may lack.
-
-    The two hold vectors of `m_was` and `m_now` numbers.
-    """
-    if was is None or now is None or was[:2] != now[:2]:
-        missing = was is None or (now is not None and now < was)
-        there = now if missing else was
-        assert there is not None
-        sides = (ABSENT, PRESENT) if missing else (PRESENT, ABSENT)
-        return Difference(*_about(there), "message", *sides)
-    old, new = (
-        Codec(_KINDS[_kind(message)], Sizes(m)).decode([message[3]])[0]
-        for message, m in ((was, m_was), (now, m_now))
-    )
-    for name in old.dtype.names:
-        if old[name].tobytes() != new[name].tobytes():
-            return Difference(*_about(was), name, old[name].tolist(), new[name].tolist())
-    return Difference(*_about(was), "k", was[2], now[2])
-
-
-def _about(message: Recorded) -> tuple[int, float, str, int]:
-    time_ns, topic, k, _ = message
-    return k, seconds(time_ns), topic, node_of(topic)

@@ -25,9 +25,9 @@ from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.plant_fmu.fleet import Fleet
-from nrs_cosim.recordings.export.tables import about
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import PARENT
+from nrs_cosim.recordings.schemas import about
 
 
 def changed_run(
@@ -62,7 +62,7 @@ def run_again(reader: Reader, experiment: Experiment, robots: Sequence[int]) -> 
         parts: list[Any] = [(np.array(robots) - 1, real.plants)]
         if others:
             expect_states(reader, experiment.clock, n)
-            rest = RecordedPlants(others, m, states_of(reader, m))
+            rest = RecordedPlants(others, m, states_of(reader))
             parts.append((np.array(others) - 1, rest))
         descriptions = [*real.plant_descriptions, *_descriptions_of(reader, others)]
         fleet = Fleet(parts, m)

@@ -14,11 +14,11 @@ from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
-from nrs_cosim.recordings.export.tables import about
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.data import Story, read_story
 from nrs_cosim.recordings.report.subject import Arm, ConditionRow, Subject, unit_over
+from nrs_cosim.recordings.schemas import about
 
 
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:

@@ -4,25 +4,33 @@ position, velocity, effort              (time, robot, joint)           the joint
 reference_position, reference_velocity  (time, robot, joint)           what they follow
 sample_position, sample_velocity        (sampling_time, robot, joint)  left limits at t_k
 target_position, target_velocity        (sampling_time, joint)         the target's
+
+An algorithm may send other fields, `sample_<field>` and `target_<field>`, and its agents may keep
+more, `agent_<field>`. An axis of m numbers is `joint`, one of n `other_robot`, one of in-degrees
+`in_neighbour`, and any other one the variable's own, as is a second one of a kind.
 """
+
+from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.fields import Field, Shape
 from nrs_cosim.recordings.export.tables import (
+    AGENT_STATES,
     SAMPLES,
     STATES,
     MessageTable,
-    about,
-    joints,
-    robots,
+    layout,
     rows,
 )
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.units import vector_unit
+from nrs_cosim.recordings.schemas import about, recorded_types
+from nrs_cosim.recordings.units import field_unit
 
-_WHAT = {
+_MEANING = {
     "position": "joint positions",
     "velocity": "joint velocities",
     "effort": "applied generalised forces",
@@ -33,7 +41,10 @@ _WHAT = {
     "target_position": "the target's position",
     "target_velocity": "the target's velocity",
 }
-_Variable = tuple[tuple[str, ...], NDArray[np.float64], dict[str, str]]
+_AXES = {"m": "joint", "n": "other_robot", "in_degree": "in_neighbour"}
+Array = NDArray[np.float64]
+_Variable = tuple[tuple[str, ...], Array, dict[str, str]]
+_PREFIX = {"state": "", "sample": "sample_", "agent_state": "agent_"}
 
 
 def dataset(reader: Reader) -> xarray.Dataset:
@@ -42,39 +53,51 @@ def dataset(reader: Reader) -> xarray.Dataset:
     The unit of a variable is an attribute where all joints of all robots have the same. Raises
     `UnreadableError` as `rows` does.
     """
-    run = about(reader).run
-    n, m = robots(reader), joints(reader)
-    parts: dict[str, list[NDArray[np.void]]] = {SAMPLES.name: [], STATES.name: []}
-    for table, part in rows(reader, [SAMPLES, STATES]):
+    run, types = about(reader).run, recorded_types(reader)
+    n, sampled = run.robots, [SAMPLES, AGENT_STATES]
+    parts: dict[str, list[NDArray[np.void]]] = {table.name: [] for table in (STATES, *sampled)}
+    for table, part in rows(reader, [STATES, *sampled]):
         parts[table.name].append(part)
 
-    def spread(table: MessageTable) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        found = np.concatenate([np.empty(0, table.dtype(m)), *parts.pop(table.name)])
-        times, row = np.unique(found["time_ns"], return_inverse=True)
+    def spread(tables: Sequence[MessageTable]) -> tuple[Array, dict[tuple[str, str], Array]]:
+        """Return the times of tables, s, and arrays (times, n + 1, …) by kind and field."""
+        layouts = [layout(types, table) for table in tables]
+        found = [
+            np.concatenate([np.empty(0, of.dtype), *parts.pop(of.table.name)]) for of in layouts
+        ]
+        times = np.unique(np.concatenate([table["time_ns"] for table in found]))
         grids = {}
-        for name in table.kind.fields:
-            grids[name] = np.full((len(times), n + 1, m), np.nan)
-            grids[name][row, found["robot"]] = found[name]
+        for of, table in zip(layouts, found, strict=True):
+            row = np.searchsorted(times, table["time_ns"])
+            for name, shape in of.shapes.items():
+                grid = np.full((len(times), n + 1, *shape), np.nan)
+                grid[row, table["robot"]] = table[name]
+                grids[of.table.kind, name] = grid
         return times / 1e9, grids
 
-    grid, states = spread(STATES)
-    at, samples = spread(SAMPLES)
+    grid, states = spread([STATES])
+    at, samples = spread(sampled)
     units = {joint.unit for group in run.plants for joint in group.joints}
     coordinate = units.pop() if len(units) == 1 else ""
+    sizes: dict[str, int] = {"joint": run.joints}
 
-    def variable(dims: tuple[str, ...], name: str, values: NDArray[np.float64]) -> _Variable:
-        attributes = {"long_name": _WHAT[name]}
-        if unit := vector_unit(name, coordinate):
+    def variable(dims: Sequence[str], full: str, kind: str, name: str, values: Array) -> _Variable:
+        field = types.codecs[kind].kind.fields[name]
+        axes = _axes(full, field, values.shape[len(dims) :])
+        sizes.update(axes)
+        attributes = {"long_name": _MEANING.get(full) or field.doc or name}
+        if unit := field_unit(name, field, coordinate):
             attributes["units"] = unit
-        return (*dims, "joint"), values, attributes
+        return (*dims, *axes), values, attributes
 
-    variables = {
-        name: variable(("time", "robot"), name, values[:, 1:]) for name, values in states.items()
-    }
-    for name, values in samples.items():
-        sampled, target = f"sample_{name}", f"target_{name}"
-        variables[sampled] = variable(("sampling_time", "robot"), sampled, values[:, 1:])
-        variables[target] = variable(("sampling_time",), target, values[:, 0])
+    variables = {}
+    for (kind, name), values in {**states, **samples}.items():
+        full = _PREFIX[kind] + name
+        dims = ("time" if kind == "state" else "sampling_time", "robot")
+        variables[full] = variable(dims, full, kind, name, values[:, 1:])
+        if kind == "sample":
+            full = f"target_{name}"
+            variables[full] = variable(dims[:1], full, kind, name, values[:, 0])
     seconds = {"units": "s", "long_name": "simulated time"}
     return xarray.Dataset(
         variables,
@@ -82,7 +105,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
             "time": ("time", grid, seconds),
             "sampling_time": ("sampling_time", at, seconds),
             "robot": ("robot", np.arange(1, n + 1)),
-            "joint": ("joint", np.arange(1, m + 1)),
+            **{axis: (axis, np.arange(1, size + 1)) for axis, size in sizes.items()},
         },
         {
             "name": run.name,
@@ -91,3 +114,15 @@ def dataset(reader: Reader) -> xarray.Dataset:
             "seed": run.seed,
         },
     )
+
+
+def _axes(variable: str, field: Field, shape: Shape) -> dict[str, int]:
+    """Return the names of a field's axes, each once, with their sizes."""
+    seen: Counter[str] = Counter()
+    found = {}
+    for number, (axis, size) in enumerate(zip(field.shape, shape, strict=True), 1):
+        name = _AXES.get(str(axis), "")
+        seen[name] += 1
+        own = not name or seen[name] > 1
+        found[f"{variable}_axis_{number}" if own else name] = size
+    return found

@@ -1,9 +1,11 @@
 """A recording's tables as CSV or Parquet: every float is the same bits when it is read again.
 
 `samples` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
-`states` has a row a robot and output time; `link_events`, where the scenario has any, a row a
-sample that a link lost, delayed or altered. All are sorted by time, then robot. CSV has floats in
-their shortest form that reads back to the same bits. A table gets its name when it is whole.
+`states` has a row a robot and output time; `agent_states`, where agents keep more than an estimate,
+a row a robot and sampling time; `link_events`, where the scenario has any, a row a sample that a
+link lost, delayed or altered. A number of an array has a column of its own. All are sorted by time,
+then robot. CSV has floats in their shortest form that reads back to the same bits. A table gets its
+name when it is whole.
 """
 
 import csv
@@ -18,20 +20,19 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.tables import (
-    LINK_EVENTS,
-    SAMPLES,
-    STATES,
-    MessageTable,
     Put,
-    expect_joints,
-    joints,
+    TableLayout,
+    flat,
+    layout,
+    recorded_tables,
     rows,
 )
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import expect_joints, recorded_types
 
 Format = Literal["csv", "parquet"]
-Opener = Callable[[Path, MessageTable, int], AbstractContextManager[Put]]
-"""Opens a file for a table of vectors of m numbers; what it gives puts rows into it."""
+Opener = Callable[[Path, TableLayout], AbstractContextManager[Put]]
+"""Opens a file for a table; what it gives puts rows into it."""
 
 
 def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
@@ -41,18 +42,20 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     folder cannot be written, `UnreadableError` as `rows`; then no table is replaced.
     """
     reader.expect_ticks("export")
-    expect_joints(reader)
+    types = recorded_types(reader)
+    expect_joints(reader, types)
     opened = _csv if form == "csv" else _parquet()
-    faulty = any(channel.schema_name == LINK_EVENTS.kind.name for channel in reader.channels)
-    tables = [SAMPLES, STATES, LINK_EVENTS] if faulty else [SAMPLES, STATES]
-    m = joints(reader)
+    tables = recorded_tables(types)
     paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
     parts = {name: path.with_suffix(".part") for name, path in paths.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         try:
             with ExitStack() as stack:
-                put = {t.name: stack.enter_context(opened(parts[t.name], t, m)) for t in tables}
+                put = {
+                    table.name: stack.enter_context(opened(parts[table.name], layout(types, table)))
+                    for table in tables
+                }
                 for table, found in rows(reader, tables):
                     put[table.name](found)
             return [parts[name].replace(path) for name, path in paths.items()]
@@ -64,17 +67,16 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
 
 
 @contextmanager
-def _csv(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
+def _csv(path: Path, of: TableLayout) -> Iterator[Put]:
     with path.open("w", newline="", encoding="ascii") as file:
         out = csv.writer(file, lineterminator="\n")
-        out.writerow(table.columns(m))
+        out.writerow(of.columns)
 
         def put(found: NDArray[np.void]) -> None:
-            scalars = zip(*(found[name].tolist() for name in table.scalars), strict=True)
-            vectors = np.concatenate([found[name] for name in table.kind.fields], axis=1)
-            out.writerows(
-                (*head, *row) for head, row in zip(scalars, vectors.tolist(), strict=True)
-            )
+            scalars = zip(*(found[name].tolist() for name in of.scalars), strict=True)
+            numbers = [flat(found[name]) for name in of.shapes]
+            cells = np.concatenate([np.empty((len(found), 0)), *numbers], axis=1)
+            out.writerows((*head, *row) for head, row in zip(scalars, cells.tolist(), strict=True))
 
         yield put
 

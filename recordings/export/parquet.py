@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from nrs_cosim.recordings.export.tables import MessageTable, Put
+from nrs_cosim.recordings.export.tables import Put, TableLayout, flat
 
 GROUP = 4 * 2**20
 _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
@@ -21,21 +21,19 @@ _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
 
 
 @contextmanager
-def parquet_table(path: Path, table: MessageTable, m: int) -> Iterator[Put]:
-    """Open a file for a table of vectors of m numbers; what it gives puts rows into it."""
-    kinds = {name: _SCALARS.get(name, pa.uint32()) for name in table.scalars}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in table.columns(m)])
+def parquet_table(path: Path, of: TableLayout) -> Iterator[Put]:
+    """Open a file for a table; what it gives puts rows into it."""
+    kinds = {name: _SCALARS.get(name, pa.uint32()) for name in of.scalars}
+    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in of.columns])
     waiting: list[NDArray[np.void]] = []
     with parquet.ParquetWriter(path, schema) as file:
 
         def write() -> None:
             found = np.concatenate(waiting)
             waiting.clear()
-            columns = [np.ascontiguousarray(found[name]) for name in table.scalars]
+            columns = [np.ascontiguousarray(found[name]) for name in of.scalars]
             columns += [
-                np.ascontiguousarray(found[name][:, i])
-                for name in table.kind.fields
-                for i in range(m)
+                np.ascontiguousarray(column) for name in of.shapes for column in flat(found[name]).T
             ]
             file.write_table(pa.table(columns, schema=schema))
 

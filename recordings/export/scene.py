@@ -133,6 +133,8 @@ def _moves(
     """The messages on `/tf` with start_ns <= log_time < end_ns."""
     found: dict[int, tuple[int, list[tuple[int, NDArray[np.float64]]]]] = {}
     for table, part in rows(reader, [SAMPLES, STATES], figures.keys(), start_ns, end_ns):
+        if "position" not in (part.dtype.names or ()) or part["position"].ndim == 1:
+            continue  # samples of an algorithm that does not send where the target is
         for row in part:
             if (table is SAMPLES) == (row["robot"] == 0):
                 _, robots = found.setdefault(int(row["time_ns"]), (int(row["k"]), []))

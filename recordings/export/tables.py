@@ -1,103 +1,124 @@
 """A recording's tables: one row a message, sorted by time, then robot, a chunk at a time.
 
-A row has k, `time_ns` and `t` (the same in s), the robot, then what the message type has. Samples
-are left limits at t_k, of all nodes, robot 0 being the target; states are of robots on the output
-grid; link events say what a link did to a sample of `source` on its way to the robot.
+A row has k, `time_ns` and `t` (the same in s), the robot, then what the message type in the file
+has. Samples are left limits at t_k, of all nodes, robot 0 being the target; states are of robots on
+the output grid; agent states are what agents keep beside their estimates, right after t_k; link
+events say what a link did to a sample of `source` on its way to the robot.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
+from nrs_cosim.bus.fields import Shape, column_names
+from nrs_cosim.bus.messages import Codec
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import DamageError
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.metadata import RUN, About
+from nrs_cosim.recordings.schemas import TOPICS, RecordedTypes, about, recorded_types
 
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
+OPENING = ("k", "time_ns", "t", "robot")
+"""What every row begins with."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageTable:
-    """A name, the type of the messages, their topics by robot, the first robot, the row's names."""
+    """A name, the kind of its messages, and the first robot that has any."""
 
     name: str
-    kind: MessageType
-    key: Callable[[int], str]
+    kind: str
     first: int
-    scalars: tuple[str, ...]
+
+    def key(self, robot: int) -> str:
+        """Return the topic of a robot's messages."""
+        return TOPICS[self.kind](robot)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableLayout:
+    """What the rows of a table are in one recording."""
+
+    table: MessageTable
+    codec: Codec | None
+    """None where the recording has no such messages."""
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """The whole numbers of a row beside those of `OPENING`."""
+        return self.codec.kind.counts if self.codec else ()
+
+    @property
+    def scalars(self) -> tuple[str, ...]:
+        """All that are no field."""
+        return (*OPENING, *self.counts)
+
+    @property
+    def shapes(self) -> dict[str, Shape]:
+        """The fields, with their shapes in numbers."""
+        return self.codec.shapes if self.codec else {}
 
     @property
     def order(self) -> tuple[str, ...]:
         """What rows are sorted by, the last one first, as `numpy.lexsort` wants it."""
-        return (*reversed(self.kind.counts), "robot", "time_ns")
+        return (*reversed(self.counts), "robot", "time_ns")
 
-    def columns(self, m: int) -> list[str]:
-        """Return the names of the columns where each number has one of its own."""
-        vectors = [f"{name}_{i}" for name in self.kind.fields for i in range(1, m + 1)]
-        return [*self.scalars, *vectors]
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns where each number has one of its own."""
+        fields = (column_names(name, shape) for name, shape in self.shapes.items())
+        return [*self.scalars, *(column for field in fields for column in field)]
 
-    def dtype(self, m: int) -> np.dtype[np.void]:
-        """Return the type of a row of vectors of m numbers."""
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The type of a row."""
         layout: list[tuple[Any, ...]] = [
             ("k", "u4"),
             ("time_ns", "i8"),
             ("t", "f8"),
             ("robot", "u4"),
         ]
-        layout += [(name, "u4") for name in self.kind.counts]
-        return np.dtype(layout + [(name, "f8", (m,)) for name in self.kind.fields])
+        layout += [(name, "u4") for name in self.counts]
+        return np.dtype(layout + [(name, "f8", shape) for name, shape in self.shapes.items()])
 
 
-SAMPLES = MessageTable("samples", SAMPLE, sample_topic, 0, ("k", "time_ns", "t", "robot"))
-STATES = MessageTable("states", STATE, state_topic, 1, ("k", "time_ns", "t", "robot"))
-LINK_EVENTS = MessageTable(
-    "link_events",
-    LINK_EVENT,
-    link_event_topic,
-    1,
-    ("k", "time_ns", "t", "robot", *LINK_EVENT.counts),
-)
-
-
-def about(reader: Reader) -> About:
-    """Return what a recording says of its run; `UnreadableError` when it says nothing of one."""
-    if reader.about is None:
-        raise UnreadableError(f"{reader.path}: holds no run; give a recording of `nrs run`")
-    return reader.about
+SAMPLES = MessageTable("samples", "sample", 0)
+STATES = MessageTable("states", "state", 1)
+AGENT_STATES = MessageTable("agent_states", "agent_state", 1)
+LINK_EVENTS = MessageTable("link_events", "link_event", 1)
 
 
 def joints(reader: Reader) -> int:
-    """Return m, the numbers in each vector of the run's messages."""
+    """Return m, the axes of each robot."""
     return about(reader).run.joints
-
-
-def expect_joints(reader: Reader) -> None:
-    """Raise `UnreadableError` where messages are not of as many joints as the run is said to have.
-
-    It reads the first message, before anything is made of that many.
-    """
-    m = joints(reader)
-    first = next(reader.columns([state_topic(1)]), None)
-    expected = Codec(STATE, Sizes(m)).size
-    if first is not None and (size := int(first.stop[0] - first.start[0])) != expected:
-        raise UnreadableError(
-            f"{reader.path}: {RUN}: joints: is {m}, but a state of robot 1 has {size} bytes"
-        )
 
 
 def robots(reader: Reader) -> int:
     """Return n."""
     return about(reader).run.robots
+
+
+def flat(values: NDArray[Any]) -> NDArray[Any]:
+    """Return values (rows, …) as (rows, numbers), in the order of their columns."""
+    return values.reshape(len(values), prod(values.shape[1:]))
+
+
+def layout(types: RecordedTypes, table: MessageTable) -> TableLayout:
+    """Return what the rows of a table are in a recording of some types."""
+    return TableLayout(table, types.codecs.get(table.kind))
+
+
+def recorded_tables(types: RecordedTypes) -> list[MessageTable]:
+    """Return the tables that a recording has: samples and states, and others that it may have."""
+    further = [table for table in (AGENT_STATES, LINK_EVENTS) if types.channels[table.kind]]
+    return [SAMPLES, STATES, *further]
 
 
 def rows(
@@ -110,11 +131,11 @@ def rows(
     """Yield rows of some tables, each with its own, in one pass over the file.
 
     They are those of all robots or some, with start_ns <= time_ns < end_ns, a chunk each, which
-    holds whole ticks. Raises `UnreadableError` when a message is not of the table's type, or has a
-    number that is not finite.
+    holds whole ticks. Raises `UnreadableError` when a schema is none of a run's, or a message is
+    not of its type, or has a number that is not finite.
     """
-    n, m = robots(reader), joints(reader)
-    codecs = {table.name: Codec(table.kind, Sizes(m)) for table in tables}
+    n, types = robots(reader), recorded_types(reader)
+    layouts = {table.name: layout(types, table) for table in tables}
     wanted = {
         table.name: {table.key(i) for i in range(table.first, n + 1) if of is None or i in of}
         for table in tables
@@ -123,29 +144,38 @@ def rows(
         name: [number for number, topic in reader.topics.items() if topic in topics]
         for name, topics in wanted.items()
     }
-    for columns in reader.columns(set().union(*wanted.values()), start_ns, end_ns):
+    for messages in reader.columns(set().union(*wanted.values()), start_ns, end_ns):
         for table in tables:
-            mine = columns.on(channels[table.name])
+            mine = messages.on(channels[table.name])
             if len(mine.time):
-                try:
-                    yield table, _rows(table, codecs[table.name], mine)
-                except (BusError, DamageError) as error:
-                    raise UnreadableError(f"{reader.path}: {error}") from error
+                yield table, _rows(reader, layouts[table.name], mine)
 
 
-def _rows(table: MessageTable, codec: Codec, columns: Columns) -> NDArray[np.void]:
-    messages = codec.parsed(columns.payloads(codec.size))
-    dtype = table.dtype(codec.sizes.m)
+def rows_of(
+    reader: Reader, types: RecordedTypes, table: MessageTable, messages: Columns
+) -> NDArray[np.void] | None:
+    """Return the rows of a table among messages, None if there are none; raises as `rows`."""
+    mine = messages.on(types.channels[table.kind])
+    return _rows(reader, layout(types, table), mine) if len(mine.time) else None
+
+
+def _rows(reader: Reader, of: TableLayout, mine: Columns) -> NDArray[np.void]:
+    codec, dtype = of.codec, of.dtype
+    assert codec is not None  # there are messages of it
+    try:
+        messages = codec.parsed(mine.payloads(codec.size))
+    except (BusError, DamageError) as error:
+        raise UnreadableError(f"{reader.path}: {of.table.name}: {error}") from error
     found = np.empty(len(messages), dtype)
     for name in dtype.names or ():
         found[name] = messages["time_ns"] / 1e9 if name == "t" else messages[name]
-    order = np.lexsort([found[name] for name in table.order])
+    order = np.lexsort([found[name] for name in of.order])
     whole = found.view(f"V{dtype.itemsize}")  # field by field it takes ten times as long
     return whole[order].view(dtype)
 
 
 def samples(reader: Reader, start_ns: int | None = None) -> Iterator[NDArray[np.void]]:
-    """Yield rows of k, time_ns, t, robot, and position and velocity (m,), from `start_ns` on."""
+    """Yield rows of k, time_ns, t, robot, and the fields of samples, from `start_ns` on."""
     return (found for _, found in rows(reader, [SAMPLES], start_ns=start_ns))
 
 

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.keys import checkpoint_topic, link_event_topic, sample_topic, state_topic
+from nrs_cosim.bus.keys import (
+    agent_state_topic,
+    checkpoint_topic,
+    link_event_topic,
+    sample_topic,
+    state_topic,
+)
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
 from nrs_cosim.recordings.mcap.container import DamageError
@@ -38,7 +44,8 @@ class Contents:
         numbers = {topic: number for number, topic in topics.items()}
         self._node = np.full(MANY, -1, np.int64)
         self._is_event = np.zeros(MANY, bool)
-        for key in (sample_topic, state_topic, link_event_topic, checkpoint_topic):
+        keys = sample_topic, state_topic, agent_state_topic, link_event_topic, checkpoint_topic
+        for key in keys:
             for node in range(n + 1):
                 if (number := numbers.get(key(node))) is not None:
                     self._node[number] = node

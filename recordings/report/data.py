@@ -1,7 +1,8 @@
 """What a report draws of a recording, read in one pass over its messages.
 
 What was not recorded is NaN, so a recording that is cut or damaged has gaps and no guesses. Of
-many robots some are drawn, spread evenly, and the envelopes are over all of them.
+many robots some are drawn, spread evenly, and the envelopes are over all of them. Estimates are
+those in the states at t_k, whether they were sent or not.
 """
 
 from collections import Counter
@@ -11,15 +12,20 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.bus.validation import Times
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.export.tables import about, joints, robots
+from nrs_cosim.recordings.export.tables import (
+    LINK_EVENTS,
+    STATES,
+    joints,
+    robots,
+    rows_of,
+)
 from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState, steady_state
+from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, steady_state
 from nrs_cosim.recordings.report.subject import Subject
+from nrs_cosim.recordings.schemas import about, recorded_types
 
 Array = NDArray[np.float64]
 MOST_DRAWN = 24
@@ -114,26 +120,14 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     def note(name: str, at: NDArray[np.int64], errors: Array, order: float) -> None:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
-    kinds = {channel.topic: channel.schema_name for channel in reader.channels}
-    codecs = {kind.name: Codec(kind, Sizes(m)) for kind in (SAMPLE, STATE, LINK_EVENT)}
-    for batch in reader.batches():
-        payloads: dict[str, list[bytes]] = {}
-        for _, topic, _, data in batch:
-            payloads.setdefault(kinds[topic], []).append(data)
-        counts.update({kind: len(data) for kind, data in payloads.items()})
-        tables = {
-            kind: codec.decode(payloads[kind]) for kind, codec in codecs.items() if kind in payloads
-        }
-        if SAMPLE.name in tables:
-            table = tables[SAMPLE.name]
-            table = table[table["robot"] > 0]
-            position, velocity = subject.target_at(table["time_ns"] / 1e9)
-            at = _places(reader, sampled, table["time_ns"])
-            note("position_estimate", at, table["position"] - position, np.inf)
-            note("velocity_estimate", at, table["velocity"] - velocity, np.inf)
-        if STATE.name in tables:
-            table = tables[STATE.name]
-            position, velocity = subject.target_at(table["time_ns"] / 1e9)
+    types = recorded_types(reader)
+    schemas = {channel.topic: channel.schema_name for channel in reader.channels}
+    for messages in reader.columns():
+        numbers, found = np.unique(messages.channel, return_counts=True)
+        for number, count in zip(numbers.tolist(), found.tolist(), strict=True):
+            counts[schemas[reader.topics[number]]] += count
+        if (table := rows_of(reader, types, STATES, messages)) is not None:
+            position, velocity = subject.target_at(table["t"])
             at = _places(reader, output_times, table["time_ns"])
             note("position_tracking", at, table["position"] - position, 2)
             note("velocity_tracking", at, table["velocity"] - velocity, 2)
@@ -141,8 +135,13 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             shown = rows >= 0
             for name, array in vectors.items():
                 array[at[shown], rows[shown]] = table[name][shown]
-        if LINK_EVENT.name in tables:
-            met.append(_met(tables[LINK_EVENT.name]))
+            then = at_sampling_times(table)
+            at = _places(reader, sampled, table["time_ns"][then])
+            for name, off in (("position", position), ("velocity", velocity)):
+                errors = table[f"reference_{name}"][then] - off[then]
+                note(f"{name}_estimate", at, errors, np.inf)
+        if (table := rows_of(reader, types, LINK_EVENTS, messages)) is not None:
+            met.append(_met(table))
     position, velocity = subject.target_at(t)
     return Story(
         subject=subject,
@@ -184,7 +183,7 @@ def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return np.fromiter(sampled, np.int64), np.fromiter(output, np.int64)
 
 
-def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.uint64]) -> NDArray[np.intp]:
+def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
     """Return where times are in a grid; `UnreadableError` for one that is none of the run's."""
     at = np.searchsorted(grid, times)
     off = np.append(grid, -1)[at] != times

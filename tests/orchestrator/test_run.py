@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic
@@ -267,7 +268,9 @@ class Kept:
 
     def __init__(self):
         self.batches = []
-        self._topics = dict(enumerate((channel.topic for channel in channels(6, (), False)), 1))
+        self._topics = dict(
+            enumerate((channel.topic for channel in channels(Codecs.of(Sizes(2)), 6, (), False)), 1)
+        )
         self.numbers = {topic: number for number, topic in self._topics.items()}
 
     def put(self, tick):

@@ -7,13 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import link_event_topic, sample_topic, state_topic
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
+from nrs_cosim.bus.keys import (
+    agent_state_topic,
+    link_event_topic,
+    sample_topic,
+    state_topic,
+)
+from nrs_cosim.bus.messages import Codec
 from nrs_cosim.recordings.mcap.container import Channel, Message
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.schemas import fields_record
 
 H = 100_000_000  # ns
 
@@ -67,17 +74,20 @@ def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
     return {RUN: {key: str(value) for key, value in run.items()}, "nrs.versions": {"python": "3"}}
 
 
-def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
+def tick(
+    k: int, n: int, m: int, faulty: Sequence[int] = (), codecs: Codecs | None = None
+) -> list[Message]:
     """Tick k of n robots: samples at t_k, states at the two output times, some faults."""
     rng = np.random.default_rng(k)
-    samples, states, faults = (Codec(kind, Sizes(m)) for kind in (SAMPLE, STATE, LINK_EVENT))
+    codecs = codecs or Codecs.of(Sizes(m))
+    samples, states, faults = codecs.samples, codecs.states, codecs.link_events
     made: list[Message] = []
 
     def put(codec: Codec, robots: Sequence[int], time_ns: int, key: Any) -> None:
         records = codec.blank(np.array(robots, "u4"))
         records["k"], records["time_ns"] = k, time_ns
         for name in codec.kind.fields:
-            records[name] = rng.standard_normal((len(robots), m))
+            records[name] = rng.standard_normal(records[name].shape)
         if codec is faults:
             records["source"], records["lost"] = 1, 1
         payloads = zip(robots, codec.encode(records), strict=True)
@@ -87,16 +97,31 @@ def tick(k: int, n: int, m: int, faulty: Sequence[int] = ()) -> list[Message]:
         put(states, range(1, n + 1), time_ns, state_topic)
     if k:
         put(samples, range(n + 1), k * H, sample_topic)
+        if codecs.agent_states:
+            put(codecs.agent_states, range(1, n + 1), k * H, agent_state_topic)
         if faulty and k % 3 == 0:
             put(faults, faulty, k * H, link_event_topic)
     return made
 
 
-def create(path: Path, n: int, m: int, ticks: int, faulty: Sequence[int], **options: Any) -> Writer:
+def create(
+    path: Path,
+    n: int,
+    m: int,
+    ticks: int,
+    faulty: Sequence[int],
+    codecs: Codecs | None = None,
+    **options: Any,
+) -> Writer:
     """A writer of such a run."""
-    used: list[Channel] = channels(n, faulty, False)
+    codecs = codecs or Codecs.of(Sizes(m))
+    used: list[Channel] = channels(codecs, n, faulty, False)
     attachments = {"scenario.toml": ("application/toml", scenario(n, m, ticks).encode())}
-    head = {"channels": used, "schemas": schemas(used), "metadata": about(n, m, ticks)}
+    head = {
+        "channels": used,
+        "schemas": schemas(used, codecs),
+        "metadata": {**about(n, m, ticks), **fields_record(codecs)},
+    }
     return Writer(path, version="1.2", attachments=attachments, **head, **options)
 
 
@@ -107,11 +132,12 @@ def recorded(
     m: int = 2,
     ticks: int = 20,
     faulty: Sequence[int] = (),
+    codecs: Codecs | None = None,
     **options: Any,
 ) -> list[Message]:
     """Write a completed run; return its messages in total order."""
-    made = [sorted(tick(k, n, m, faulty)) for k in range(ticks + 1)]
-    with create(path, n, m, ticks, faulty, **options) as writer:
+    made = [sorted(tick(k, n, m, faulty, codecs)) for k in range(ticks + 1)]
+    with create(path, n, m, ticks, faulty, codecs, **options) as writer:
         for messages in made:
             writer.write(messages)
         writer.finish("completed")

@@ -153,7 +153,7 @@ def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, whi
         with Recording(path) as recording:
             for table, found in recording.chunks([SAMPLES, STATES]):
                 for row in found:
-                    vectors = np.concatenate([row[name] for name in table.kind.fields])
+                    vectors = np.concatenate([row[name] for name in found.dtype.names[4:]])
                     assert rows[table.name][row["t"], row["robot"]] == vectors.tolist()
             assert len(recording.states(start=0.2, end=0.3)) <= 2 * N
             recording.samples([0])

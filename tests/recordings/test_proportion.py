@@ -18,7 +18,9 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings.errors import UnreadableError
@@ -176,7 +178,7 @@ def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path
 
 def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
     """Write a run with right seals and checksums that says of itself what it is asked to."""
-    used = channels(N, (), False)
+    used = channels(Codecs.of(Sizes(M)), N, (), False)
     attachments = {"scenario.toml": ("application/toml", scenario(N, M, TICKS).encode())}
     metadata = about(N, M, TICKS)
     metadata[RUN]["joints"] = str(m)
@@ -191,7 +193,7 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
             path,
             version="1.2",
             channels=used,
-            schemas=schemas(used),
+            schemas=schemas(used, Codecs.of(Sizes(M))),
             metadata=metadata,
             attachments=attachments,
         ) as writer,

@@ -3,7 +3,9 @@ disk."""
 
 import pytest
 
+from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import EVERYONE, TARGET, sample_topic, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
@@ -150,7 +152,7 @@ def test_samples_of_open_ticks_are_by_worker(wire):
 
 
 def test_channels_are_those_of_each_robot_and_what_is_beside_the_digest_is_not_counted():
-    found = channels(2, (2,), checkpoints=True)
+    found = channels(Codecs.of(Sizes(2)), 2, (2,), checkpoints=True)
     assert [channel.topic for channel in found if channel.counted] == [
         *(sample_topic(node) for node in range(3)),
         *("/robot_1/state", "/robot_2/state"),
@@ -248,7 +250,10 @@ def test_channels_tell_each_robots_joints_units_fmu_and_drive():
         {"robots": [2], "joints": arm, "fmu": "arm.fmu", "drive": "one step an interval"},
         {"robots": [1], "joints": [{"name": "x", "unit": ""}] * 2, "fmu": "a.fmu", "drive": "held"},
     ]
-    found = {channel.topic: channel.metadata for channel in channels(2, (2,), True, plants)}
+    found = {
+        channel.topic: channel.metadata
+        for channel in channels(Codecs.of(Sizes(2)), 2, (2,), True, plants)
+    }
     assert found["/robot_2/state"] == {
         "joints": '["shoulder", "slide"]',
         "unit.position": '["rad", "m"]',
