@@ -7,6 +7,7 @@ import pytest
 
 from tests.cluster.local_runs import workers_of
 from tests.cluster.remote_runs import Worker, commands
+from tests.network.ports import free_port
 
 
 @pytest.fixture
@@ -24,6 +25,18 @@ def nothing_is_left(tmp_path_factory, monkeypatch):
 def _workers_end():
     yield
     Worker.end_all()
+
+
+@pytest.fixture
+def address():
+    """Return an address on loopback that nobody listens on."""
+    return f"127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def meet(address):
+    """Return that as an endpoint of plain TCP."""
+    return f"tcp/{address}"
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
     signer = Signer(b"s" * 32)
     hub = ZenohBus("run", Endpoints(listen=(meet,)))
     inbox = hub.listen_to_all(screen_of(signer))
-    for kind in ("join", "heard"):
+    for kind in ("join", "missed"):
         hub.serve(f"{kind}/*", inbox)
     with open_session(Endpoints(connect=(meet,))) as stranger:
         next(stranger.get("nrs/none", timeout=GUARD), None)  # by then it is declared
@@ -49,7 +49,7 @@ def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
         assert [list(each) for each in replies] == [[], []]
     hub.close()
     assert items[:-1] == [
-        *(Rejected("heard"), Rejected("join")),
+        *(Rejected("missed"), Rejected("join")),
         *[Rejected("signature")] * 9,
         *[Rejected("key")] * 3,
     ]

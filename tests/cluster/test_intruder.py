@@ -2,7 +2,6 @@
 
 import random
 from dataclasses import replace
-from threading import Event
 
 import numpy as np
 import pytest
@@ -16,15 +15,13 @@ from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.validation import Tick
 from nrs_cosim.orchestrator.cluster.protocol import Go, Hello, Ready, Refusal, Report, Welcome
 from nrs_cosim.orchestrator.engine.robots import wire_of
-from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import Run, Worker, alone, scenario
+from tests.cluster.intruder import ASSIGNMENT, fixture_of_a_run_alone, intruded
+from tests.cluster.remote_runs import Run, Worker
 from tests.guard import GUARD, VAIN
 from tests.network.authority import Authority
-from tests.network.ports import free_port
 
 PAUSE, TICKS = 50, 100
-ASSIGNMENT = {"left": (1, 2, 3), "right": (4, 5, 6)}
-QUESTIONS = {"start", "heard", "fmu", "question"}
+QUESTIONS = {"start", "missed", "fmu", "question"}
 """Reasons of refusals that are not of messages that were put."""
 GARBAGE = [
     b"",
@@ -37,61 +34,7 @@ GARBAGE = [
 ]
 
 
-@pytest.fixture(scope="module")
-def run_alone(tmp_path_factory):
-    """Return a scenario and its digest in one process."""
-    folder = tmp_path_factory.mktemp("alone")
-    file = read_scenario(scenario(folder, TICKS))
-    return file, alone(file, folder)
-
-
-@pytest.fixture
-def meet():
-    """Return a port of loopback's that nobody listens on, as an address."""
-    return f"127.0.0.1:{free_port()}"
-
-
-class Intruder:
-    """A Zenoh client of a stranger, beside another that tells when what it puts was passed on."""
-
-    def __init__(self, meet, run, **options):
-        endpoints = Endpoints(connect=(meet,), insecure_tcp=True, **options)
-        self.prefix = f"nrs/{run}/"
-        self.session, self._witness = open_session(endpoints), open_session(endpoints)
-        self._put, self.overheard, self._came = 0, {}, Event()
-        self._witness.declare_subscriber("nrs/**", self._hear)
-        next(self._witness.get("nrs/none", timeout=GUARD), None)  # by then it is declared
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.session.close()
-        self._witness.close()
-
-    def _hear(self, sample):
-        key = str(sample.key_expr)
-        if key == "nrs/last":
-            self._came.set()
-        self.overheard[key.removeprefix(self.prefix)] = sample.payload.to_bytes()
-
-    def put(self, key, payload):
-        """Put a message on a key of the run's, or from the root for one that begins with /."""
-        whole = f"nrs{key}" if key.startswith("/") else self.prefix + key
-        self.session.put(whole, payload, congestion_control=zenoh.CongestionControl.BLOCK)
-        self._put += 1
-
-    def count(self):
-        """Return how many messages were put, when the last has come to where the workers meet."""
-        self.put("/last", b"")
-        assert self._came.wait(GUARD)
-        next(self.session.get("nrs/none", timeout=GUARD), None)  # by then it is judged there
-        return self._put
-
-    def ask(self, key, payload, wait=GUARD):
-        """Ask, and return all answers; those that are not answered wait in vain."""
-        replies = self.session.get(self.prefix + key, payload=payload, timeout=wait)
-        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
+run_alone = fixture_of_a_run_alone(TICKS)
 
 
 def forged(file, overheard):
@@ -134,21 +77,18 @@ def forged(file, overheard):
 
 def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, meet, tmp_path):
     file, digest = run_alone
-    listen = (f"tcp/{meet}",)
-    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(10, PAUSE)) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(listen[0], id_) as intruder:
-            workers = [Worker(listen[0], name, robots) for name, robots in ASSIGNMENT.items()]
-            run.until("paused at tick 10")
-            run.go_on.set()
-            run.until(f"paused at tick {PAUSE}")
-            for key, payload in forged(file, intruder.overheard):
-                intruder.put(key, payload)
-            put = intruder.count()
-            run.go_on.set()
-            assert run.digest() == digest
-            for worker in workers:
-                worker.end()
+    with intruded(file, tmp_path, meet, pauses=(10, PAUSE)) as (run, intruder):
+        workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
+        run.until("paused at tick 10")
+        run.go_on.set()
+        run.until(f"paused at tick {PAUSE}")
+        for key, payload in forged(file, intruder.overheard):
+            intruder.put(key, payload)
+        put = intruder.count()
+        run.go_on.set()
+        assert run.digest() == digest
+        for worker in workers:
+            worker.end()
     assert put > 50
     rejected = run.outcome().rejected
     assert {why: n for why, n in rejected.items() if why in QUESTIONS} == {}
@@ -157,87 +97,81 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
 
 def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tmp_path):
     file, digest = run_alone
-    listen = (f"tcp/{meet}",)
-    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(listen[0], id_) as intruder:
-            seen = []
-            intruder.session.liveliness().declare_subscriber(
-                "nrs/*/alive/*/*", lambda sample: seen.append(str(sample.key_expr))
-            )
-            for name in ("a b/c", "target", "orchestrator", "x\n", " "):
-                for payload in GARBAGE:
-                    intruder.ask(f"join/{name}", payload, VAIN) if payload == b"{}" else None
+    with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
+        seen = []
+        intruder.session.liveliness().declare_subscriber(
+            "nrs/*/alive/*/*", lambda sample: seen.append(str(sample.key_expr))
+        )
+        for name in ("a b/c", "target", "orchestrator", "x\n", " "):
             for payload in GARBAGE:
-                (answer,) = intruder.ask("join/stranger", payload)
-                assert Refusal.read(answer).final
-            workers = [Worker(listen[0], name, robots) for name, robots in ASSIGNMENT.items()]
-            run.until(f"paused at tick {PAUSE}")
-            incarnation = seen[0].rpartition("/")[2]
-            tokens = [
-                intruder.session.liveliness().declare_token(intruder.prefix + key)
-                for key in (
-                    *(f"alive/{'/'.join(key.split('/')[3:])}" for key in seen),
-                    *("alive/orchestrator", "alive/x", "alive/left/x", "alive/a/b/c", "alive/*/*"),
-                    "**",
-                )
-            ]
-            ready = Ready(incarnation=incarnation, plants=()).written()
-            replies = [
-                intruder.session.get(intruder.prefix + key, payload=payload, timeout=GUARD)
-                for key in ("start/left", "missed/left", "missed/x", "fmu/x", "join/left", "**")
-                for payload in (*GARBAGE, ready, b"\xff\xff\xff\xff", b"\x01\x00\x00\x00")
-            ]
-            for token in tokens:
-                token.undeclare()
-            intruder.count()
-            run.go_on.set()
-            for reply in replies:
-                assert not [r for r in reply if r.ok and b"secret" in r.ok.payload.to_bytes()]
-            assert run.digest() == digest
-            for worker in workers:
-                worker.end()
+                intruder.ask(f"join/{name}", payload, VAIN) if payload == b"{}" else None
+        for payload in GARBAGE:
+            (answer,) = intruder.ask("join/stranger", payload)
+            assert Refusal.read(answer).final
+        workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
+        run.until(f"paused at tick {PAUSE}")
+        incarnation = seen[0].rpartition("/")[2]
+        tokens = [
+            intruder.session.liveliness().declare_token(intruder.prefix + key)
+            for key in (
+                *(f"alive/{'/'.join(key.split('/')[3:])}" for key in seen),
+                *("alive/orchestrator", "alive/x", "alive/left/x", "alive/a/b/c", "alive/*/*"),
+                "**",
+            )
+        ]
+        ready = Ready(incarnation=incarnation, plants=()).written()
+        replies = [
+            intruder.session.get(intruder.prefix + key, payload=payload, timeout=GUARD)
+            for key in ("start/left", "missed/left", "missed/x", "fmu/x", "join/left", "**")
+            for payload in (*GARBAGE, ready, b"\xff\xff\xff\xff", b"\x01\x00\x00\x00")
+        ]
+        for token in tokens:
+            token.undeclare()
+        intruder.count()
+        run.go_on.set()
+        for reply in replies:
+            assert not [r for r in reply if r.ok and b"secret" in r.ok.payload.to_bytes()]
+        assert run.digest() == digest
+        for worker in workers:
+            worker.end()
     assert run.outcome().rejected["start"] >= len(GARBAGE)
-    assert run.outcome().rejected["heard"] >= 2 * len(GARBAGE)
+    assert run.outcome().rejected["missed"] >= 2 * len(GARBAGE)
 
 
 def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
     file, digest = run_alone
-    listen = (f"tcp/{meet}",)
-    with Run(file, tmp_path / "run.mcap", listen=listen, pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(listen[0], id_) as intruder:
-            asked = []
+    with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
+        asked = []
 
-            def lie(query):
-                asked.append(str(query.key_expr).removeprefix(intruder.prefix))
-                query.reply_err(b"no")
-                go = Go(assignment=ASSIGNMENT, start=7, recorded=-1).with_checkpoints([])
-                for answer in (*GARBAGE[:-1], go):
-                    query.reply(query.key_expr, answer)
-                query.drop()
+        def lie(query):
+            asked.append(str(query.key_expr).removeprefix(intruder.prefix))
+            query.reply_err(b"no")
+            go = Go(assignment=ASSIGNMENT, start=7, recorded=-1).with_checkpoints([])
+            for answer in (*GARBAGE[:-1], go):
+                query.reply(query.key_expr, answer)
+            query.drop()
 
-            for kind in ("start", "heard", "fmu"):
-                intruder.session.declare_queryable(f"nrs/*/{kind}/*", lie)
-            stays = Worker(listen[0], "left", ASSIGNMENT["left"])
-            dies = nrs(
-                "worker",
-                "--insecure-tcp",
-                "--connect",
-                *listen,
-                "--name",
-                "right",
-                "--robots",
-                "4-6",
-            )
-            run.until("paused")
-            dies.kill()
-            run.go_on.set()
-            run.until("right (robots 4-6) is gone")
-            again = Worker(listen[0], "right")
-            assert run.digest() == digest
-            stays.end()
-            again.end()
+        for kind in ("start", "missed", "fmu"):
+            intruder.session.declare_queryable(f"nrs/*/{kind}/*", lie)
+        stays = Worker(meet, "left", ASSIGNMENT["left"])
+        dies = nrs(
+            "worker",
+            "--insecure-tcp",
+            "--connect",
+            meet,
+            "--name",
+            "right",
+            "--robots",
+            "4-6",
+        )
+        run.until("paused")
+        dies.kill()
+        run.go_on.set()
+        run.until("right (robots 4-6) is gone")
+        again = Worker(meet, "right")
+        assert run.digest() == digest
+        stays.end()
+        again.end()
     assert {"start/left", "start/right", "missed/right"} <= {*asked}
 
 
@@ -249,9 +183,11 @@ def tls(tmp_path):
     return {**{n: authority.issue(n) for n in names}, "foreign": foreign.issue("left")}
 
 
-def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(run_alone, meet, tls, tmp_path):
+def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(
+    run_alone, address, tls, tmp_path
+):
     file, digest = run_alone
-    listen = (f"tls/{meet}",)
+    listen = (f"tls/{address}",)
     with Run(
         file, tmp_path / "run.mcap", assignment=ASSIGNMENT, listen=listen, tls=tls["orchestrator"]
     ) as run:
@@ -270,7 +206,7 @@ def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(run_alone, me
         with pytest.raises(InputError, match="needs certificates"):
             Worker(listen[0], "left")
         with pytest.raises(BusError):
-            Worker(f"tcp/{meet}", "left", wait=VAIN).end()
+            Worker(f"tcp/{address}", "left", wait=VAIN).end()
         with pytest.raises(InputError, match="--robots: 'left' has robots 1-3 in this run, not ro"):
             Worker(listen[0], "left", (1, 2), tls=tls["left"]).end()
         workers = [Worker(listen[0], name, tls=tls[name]) for name in ASSIGNMENT]
@@ -280,9 +216,9 @@ def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(run_alone, me
     assert not run.outcome().rejected
 
 
-def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, tmp_path):
+def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, address, tls, tmp_path):
     file, digest = run_alone
-    listen = (f"tls/{meet}",)
+    listen = (f"tls/{address}",)
     ends = {"listen": listen, "tls": tls["orchestrator"]}
     with Run(file, tmp_path / "run.mcap", assignment=ASSIGNMENT, pauses=(PAUSE,), **ends) as run:
         id_ = run.until("waits for workers").split()[1]
@@ -312,7 +248,7 @@ def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, meet, tls, 
 
 
 def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
-    with open_session(Endpoints(listen=(f"tcp/{meet}",), insecure_tcp=True)) as session:
+    with open_session(Endpoints(listen=(meet,), insecure_tcp=True)) as session:
         run = "0" * 32
         token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")
         answers = iter([*GARBAGE, Refusal(reason="because", final=True).written()])
@@ -329,7 +265,7 @@ def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
 
         session.declare_queryable("nrs/*/join/*", lie)
         with pytest.raises(RunError, match="not let into the run: because"):
-            Worker(f"tcp/{meet}", "left").end()
+            Worker(meet, "left").end()
         welcome = Welcome(
             run=run,
             secret=b"x" * 32,
@@ -342,5 +278,5 @@ def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
         answers = iter([])
         encrypting.append(welcome)
         with pytest.raises(InputError, match="lure"):
-            Worker(f"tcp/{meet}", "left").end()
+            Worker(meet, "left").end()
         token.undeclare()

@@ -54,12 +54,6 @@ session.close()
 )
 
 
-@pytest.fixture
-def meet():
-    """Return an endpoint on loopback that nobody listens on."""
-    return f"tcp/127.0.0.1:{free_port()}"
-
-
 def test_early_and_late_workers_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
     file, digest = short
     early = nrs("worker", "--insecure-tcp", "--connect", meet, "--name", "early", "--robots", "1-2")

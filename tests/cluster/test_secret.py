@@ -3,7 +3,6 @@
 from importlib.metadata import version
 
 import numpy as np
-import pytest
 import zenoh
 
 from nrs_cosim.bus.encryption import KeyPair
@@ -13,26 +12,13 @@ from nrs_cosim.orchestrator.cluster.protocol import Hello, Refusal, Welcome
 from nrs_cosim.orchestrator.engine.lockstep import MOST_WINDOW
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import Run, Worker, alone, scenario
-from tests.cluster.test_intruder import ASSIGNMENT, Intruder
+from tests.cluster.intruder import ASSIGNMENT, Intruder, fixture_of_a_run_alone, intruded
+from tests.cluster.remote_runs import Worker, scenario
 from tests.guard import GUARD
-from tests.network.ports import free_port
 
 PAUSE, TICKS = 20, 40
 
-
-@pytest.fixture(scope="module")
-def run_alone(tmp_path_factory):
-    """Return a scenario and its digest in one process."""
-    folder = tmp_path_factory.mktemp("alone")
-    file = read_scenario(scenario(folder, TICKS))
-    return file, alone(file, folder)
-
-
-@pytest.fixture
-def meet():
-    """Return an endpoint on loopback that nobody listens on."""
-    return f"tcp/127.0.0.1:{free_port()}"
+run_alone = fixture_of_a_run_alone(TICKS)
 
 
 def hello(public, incarnation="its-session", robots=ASSIGNMENT["left"]):
@@ -60,74 +46,73 @@ def test_a_thief_that_repeats_a_workers_words_gets_nothing_and_is_counted(
     run_alone, meet, tmp_path
 ):
     file, digest = run_alone
-    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(meet, id_) as intruder:
-            said = {}
+    with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
+        said = {}
 
-            def overhear(query):
-                said[str(query.key_expr).rpartition("/")[2]] = query.payload.to_bytes()
-                query.drop()
+        def overhear(query):
+            said[str(query.key_expr).rpartition("/")[2]] = query.payload.to_bytes()
+            query.drop()
 
-            intruder.session.declare_queryable("nrs/*/join/*", overhear)
-            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
-            run.until("paused")
-            assert said.keys() == ASSIGNMENT.keys()
-            own, replies = KeyPair(), []
-            for name, words in said.items():
-                theirs = Hello.read(words)
-                altered = theirs.model_copy(update={"public": own.public}).written()
-                anew = theirs.model_copy(update={"robots": None}).written()
-                key = f"join/{name}"
-                replies += [ask(intruder, key, payload) for payload in (words, altered, anew)]
-            intruder.count()
-            run.go_on.set()
-            assert run.digest() == digest
-            assert [answers(each) for each in replies] == [[]] * len(replies)
-            for worker in workers:
-                worker.end()
+        intruder.session.declare_queryable("nrs/*/join/*", overhear)
+        workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
+        run.until("paused")
+        assert said.keys() == ASSIGNMENT.keys()
+        own, replies = KeyPair(), []
+        for name, words in said.items():
+            theirs = Hello.read(words)
+            altered = theirs.model_copy(update={"public": own.public}).written()
+            anew = theirs.model_copy(update={"robots": None}).written()
+            key = f"join/{name}"
+            replies += [ask(intruder, key, payload) for payload in (words, altered, anew)]
+        intruder.count()
+        run.go_on.set()
+        assert run.digest() == digest
+        assert [answers(each) for each in replies] == [[]] * len(replies)
+        for worker in workers:
+            worker.end()
     # The one that was counted by is refused too.
     assert run.outcome().rejected == {"join": 3 * len(ASSIGNMENT), "key": 1}
 
 
 def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, meet, tmp_path):
     file, digest = run_alone
-    with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(meet, id_) as one, Intruder(meet, id_) as thief:
-            own, other, where = KeyPair(), KeyPair(), f"{id_}/join/left"
-            words = hello(own.public)
-            (answer,) = asked(one, "join/left", words)
-            welcome = Welcome.read(own.decrypt(where, answer))
-            assert (welcome.run, welcome.robots) == (id_, ASSIGNMENT["left"])
-            assert asked(one, "join/left", words) == [answer]
-            assert asked(thief, "join/left", words) == [answer]
-            for hidden in (welcome.secret, welcome.secret.hex().encode(), b"paper", b"sampling"):
-                assert hidden not in answer
-            assert other.decrypt(where, answer) is None
-            stolen = ask(thief, "join/left", hello(other.public))
-            (refusal,) = asked(thief, "join/left", hello(other.public, "another-session"))
-            assert "there is a worker of the name" in Refusal.read(refusal).reason
-            known = words.replace(own.public.hex().encode(), b"0" * 64)
-            (refusal,) = asked(thief, "join/right", known)
-            assert "public key is none" in Refusal.read(refusal).reason
+    with (
+        intruded(file, tmp_path, meet, expected=2) as (run, one),
+        Intruder(meet, one.run) as thief,
+    ):
+        own, other, where = KeyPair(), KeyPair(), f"{one.run}/join/left"
+        words = hello(own.public)
+        (answer,) = asked(one, "join/left", words)
+        welcome = Welcome.read(own.decrypt(where, answer))
+        assert (welcome.run, welcome.robots) == (one.run, ASSIGNMENT["left"])
+        assert asked(one, "join/left", words) == [answer]
+        assert asked(thief, "join/left", words) == [answer]
+        for hidden in (welcome.secret, welcome.secret.hex().encode(), b"paper", b"sampling"):
+            assert hidden not in answer
+        assert other.decrypt(where, answer) is None
+        stolen = ask(thief, "join/left", hello(other.public))
+        (refusal,) = asked(thief, "join/left", hello(other.public, "another-session"))
+        assert "there is a worker of the name" in Refusal.read(refusal).reason
+        known = words.replace(own.public.hex().encode(), b"0" * 64)
+        (refusal,) = asked(thief, "join/right", known)
+        assert "public key is none" in Refusal.read(refusal).reason
 
-            def replay(query):
-                query.reply(query.key_expr, answer)
-                query.drop()
+        def replay(query):
+            query.reply(query.key_expr, answer)
+            query.drop()
 
-            thief.session.declare_queryable("nrs/*/join/*", replay)
-            alive = f"nrs/{id_}/alive/left/its-session"
-            seen = one.session.liveliness().declare_subscriber(alive, zenoh.handlers.FifoChannel(9))
-            token = one.session.liveliness().declare_token(alive)
-            assert seen.recv().kind == zenoh.SampleKind.PUT
-            token.undeclare()
-            run.until("left (robots 1-3) is gone")
-            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
-            assert run.digest() == digest
-            assert answers(stolen) == []
-            for worker in workers:
-                worker.end()
+        thief.session.declare_queryable("nrs/*/join/*", replay)
+        alive = f"nrs/{one.run}/alive/left/its-session"
+        seen = one.session.liveliness().declare_subscriber(alive, zenoh.handlers.FifoChannel(9))
+        token = one.session.liveliness().declare_token(alive)
+        assert seen.recv().kind == zenoh.SampleKind.PUT
+        token.undeclare()
+        run.until("left (robots 1-3) is gone")
+        workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
+        assert run.digest() == digest
+        assert answers(stolen) == []
+        for worker in workers:
+            worker.end()
     assert run.outcome().rejected == {"join": 1}
 
 
@@ -136,20 +121,18 @@ def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
 ):
     file = read_scenario(scenario(tmp_path, PAUSE + 2 * MOST_WINDOW))
     monkeypatch.setattr(launcher, "token_bytes", lambda size: b"s" * size)
-    with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(PAUSE,)) as run:
-        id_ = run.until("waits for workers").split()[1]
-        with Intruder(meet, id_) as forger:
-            workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
-            run.until("paused")
-            wire = wire_of(file, ASSIGNMENT, Signer(b"s" * 32))
-            samples, k = wire.samples.blank(np.array(ASSIGNMENT["left"])), PAUSE + MOST_WINDOW + 5
-            samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no worker has reached
-            forger.put("samples/left", wire.pack_samples("left", k, samples))
-            forger.count()
-            run.go_on.set()
-            outcome = run.outcome()
-            for worker in workers:
-                worker.end()
+    with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, forger):
+        workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
+        run.until("paused")
+        wire = wire_of(file, ASSIGNMENT, Signer(b"s" * 32))
+        samples, k = wire.samples.blank(np.array(ASSIGNMENT["left"])), PAUSE + MOST_WINDOW + 5
+        samples["k"], samples["time_ns"] = k, wire.times.t(k)  # which no worker has reached
+        forger.put("samples/left", wire.pack_samples("left", k, samples))
+        forger.count()
+        run.go_on.set()
+        outcome = run.outcome()
+        for worker in workers:
+            worker.end()
     assert outcome.status == "failed"
     assert f"tick {k}: worker left said it twice, and not the same" in outcome.reason
     assert "another party that has the run's secret put a message in its name" in outcome.reason
