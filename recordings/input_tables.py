@@ -2,7 +2,8 @@
 
 import csv
 import re
-from pathlib import Path
+from io import StringIO
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,45 +15,43 @@ from nrs_cosim.bus.text import quoted, shortened
 Columns = dict[str, NDArray[np.float64]]
 
 
-def read_columns(path: Path) -> Columns:
-    """Return the columns of a .csv or .parquet file by name, each (rows,); `InputError` if bad.
+def file_columns(data: bytes, name: str) -> Columns:
+    """Return the columns of a file that is named .csv or .parquet; see `csv_columns`.
 
     What is missing from a Parquet file's column is NaN there.
     """
-    if path.suffix.lower() not in {".csv", ".parquet"}:
-        raise InputError(f"{path}: expected a file named .csv or .parquet")
+    suffix = PurePath(name).suffix.lower()
+    if suffix not in {".csv", ".parquet"}:
+        raise InputError(f"{name}: expected a file named .csv or .parquet")
+    return _parquet(data, name) if suffix == ".parquet" else csv_columns(data, name)
+
+
+def csv_columns(data: bytes, name: str) -> Columns:
+    """Return the columns of CSV by name, each (rows,); an `InputError` begins with a name."""
     try:
-        return _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot be read: it is no text in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-
-
-def _csv(path: Path) -> Columns:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = csv.reader(file)
-        try:
-            names = [name.strip() for name in next(lines, [])]
-            cells = ((lines.line_num, row) for row in lines)
-            rows = [(line, row) for line, row in cells if row and (len(row) > 1 or row[0].strip())]
-        except csv.Error as error:
-            raise InputError(f"{path}, line {lines.line_num}: {error}") from None
+        raise InputError(f"{name}: cannot be read: it is no text in UTF-8") from None
+    lines = csv.reader(StringIO(text, newline=""))
+    try:
+        names = [column.strip() for column in next(lines, [])]
+        cells = ((lines.line_num, row) for row in lines)
+        rows = [(line, row) for line, row in cells if row and (len(row) > 1 or row[0].strip())]
+    except csv.Error as error:
+        raise InputError(f"{name}, line {lines.line_num}: {error}") from None
     if len(names) == 1 and re.search("[;\t]", names[0]):
         raise InputError(
-            f"{path}: expected columns separated by commas in its first line, and a point in "
+            f"{name}: expected columns separated by commas in its first line, and a point in "
             f"numbers, got {quoted(names[0])}"
         )
     if len(set(names)) < len(names):
         raise InputError(
-            f"{path}: expected columns of different names, got {shortened(', '.join(names))}"
+            f"{name}: expected columns of different names, got {shortened(', '.join(names))}"
         )
     for line, row in rows:
         if len(row) != len(names):
             raise InputError(
-                f"{path}, line {line}: expected {len(names)} values, as in the header, "
+                f"{name}, line {line}: expected {len(names)} values, as in the header, "
                 f"got {len(row)}"
             )
     found = np.empty((len(rows), len(names)))  # as large as the text is, now that all are there
@@ -62,24 +61,24 @@ def _csv(path: Path) -> Columns:
                 found[i, j] = decimal(value)
             except ValueError:
                 raise InputError(
-                    f"{path}, line {line}: {shortened(names[j])}: expected a number, got "
+                    f"{name}, line {line}: {shortened(names[j])}: expected a number, got "
                     f"{quoted(value)}"
                 ) from None
-    return {name: found[:, j] for j, name in enumerate(names)}
+    return {column: found[:, j] for j, column in enumerate(names)}
 
 
-def _parquet(path: Path) -> Columns:
+def _parquet(data: bytes, name: str) -> Columns:
     try:
         import pyarrow as pa  # noqa: PLC0415 (an extra)
         from pyarrow import parquet  # noqa: PLC0415
     except ImportError:
-        need = f"{path}: unlike a .csv file, a .parquet file needs pyarrow"
+        need = f"{name}: unlike a .csv file, a .parquet file needs pyarrow"
         raise MissingExtraError(need, "analysis") from None
     try:
-        table = parquet.read_table(path)
+        table = parquet.read_table(pa.BufferReader(data))
         return {
-            name: table.column(name).cast(pa.float64()).to_numpy().astype(float)
-            for name in table.column_names
+            column: table.column(column).cast(pa.float64()).to_numpy().astype(float)
+            for column in table.column_names
         }
     except (pa.ArrowException, ValueError) as error:
-        raise InputError(f"{path}: no table of numbers: {error}") from None
+        raise InputError(f"{name}: no table of numbers: {error}") from None

@@ -7,6 +7,7 @@ topics that there are, and its plants with its robots.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
@@ -16,6 +17,7 @@ from pydantic import (
     Field,
     FiniteFloat,
     Json,
+    RootModel,
     ValidationError,
 )
 
@@ -36,6 +38,8 @@ PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
 SCENARIO = "scenario.toml"
 """The attachment that holds the scenario's text."""
+ASSETS = "nrs.assets"
+"""The metadata record of what the scenario names and is attached beside it, by field."""
 
 MOST_JOINTS = 2**20
 """More than any robot has; a message of so many is 40 MiB."""
@@ -98,6 +102,23 @@ class Parent(_Record):
     change: str
 
 
+class AssetRecord(_Record):
+    """What a field of the scenario names, and which attachment has it."""
+
+    name: Words
+    """What the scenario calls it."""
+    attachment: str
+    """Its name."""
+    sha256: Sha256
+    """Of the attachment."""
+    source_sha256: Sha256
+    """Of the file that it was made from."""
+
+
+class AssetRecords(RootModel[dict[str, Json[AssetRecord]]]):
+    """`nrs.assets`."""
+
+
 class EndRecord(_Record):
     """`nrs.end`."""
 
@@ -123,6 +144,8 @@ class About:
     parent: Parent | None
     scenario: str
     """The text of the scenario."""
+    assets: Mapping[str, AssetRecord]
+    """By the field of the scenario that names each."""
 
     @property
     def plants(self) -> list[dict[str, Any]]:
@@ -168,7 +191,18 @@ def read_about(
     except UnicodeDecodeError as error:
         raise _wrong(path, SCENARIO, f"text in UTF-8, got none: {error}") from None
     parent = parse(path, PARENT, Parent, metadata[PARENT]) if PARENT in metadata else None
-    return About(run, metadata[VERSIONS], parent, scenario)
+    assets = parse(path, ASSETS, AssetRecords, metadata.get(ASSETS, {})).root
+    for field, asset in assets.items():
+        if asset.attachment not in attachments:
+            raise _wrong(path, asset.attachment, f"this attachment, which is {field}'s, got none")
+        got = sha256(attachments[asset.attachment][1]).hexdigest()
+        if got != asset.sha256:
+            raise _wrong(
+                path,
+                asset.attachment,
+                f"the content that {field} had, of SHA-256 {asset.sha256[:16]}…, got {got[:16]}…",
+            )
+    return About(run, metadata[VERSIONS], parent, scenario, assets)
 
 
 def parse(path: object, name: str, model: type[_Model], fields: Mapping[str, str]) -> _Model:

@@ -85,7 +85,7 @@ class Recording(Tables):
 
     def to_scenario(self) -> Scenario:
         """Return the scenario that was run, to be changed and run again."""
-        return Scenario._of(self._experiment.text, self._experiment)
+        return Scenario._of(self._experiment, is_recorded=True)
 
     def times(self, grid: Grid = "output") -> Array:
         """Return the times of a grid that are here, in s.

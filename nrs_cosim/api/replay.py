@@ -12,6 +12,7 @@ from nrs_cosim.api.scenario import change_of
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
+from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.replay import diff
 from nrs_cosim.orchestrator.replay import verify as verify_module
@@ -24,13 +25,16 @@ __all__ = ["Comparison", "Verification", "compare", "verify", "what_if"]
 Source = str | PathLike[str] | Recording
 
 
-def verify(recording: Source, *, agents_only: bool = False) -> Verification:
+def verify(
+    recording: Source, *, agents_only: bool = False, allow_fmus: bool = False
+) -> Verification:
     """Run a recording again, and hold every message against the recorded one, bit by bit.
 
     Args:
         recording: The recording, or its path.
         agents_only: Run no plant: what the robots did is taken as recorded. No native code of
             others is run then.
+        allow_fmus: Run the FMUs that the recording holds, which are native code.
 
     Returns:
         How many messages are the same, the first that is not, and how many could not be looked
@@ -47,7 +51,10 @@ def verify(recording: Source, *, agents_only: bool = False) -> Verification:
         'identical'
     """
     with _opened(recording) as opened:
-        return verify_module.verify(opened._reader, opened._experiment, plants=not agents_only)
+        experiment = opened._experiment
+        if allow_fmus:
+            experiment = with_allowed_fmus(experiment)
+        return verify_module.verify(opened._reader, experiment, plants=not agents_only)
 
 
 def what_if(
@@ -58,6 +65,7 @@ def what_if(
     robots: Collection[int] | None = None,
     progress: Progress | None = None,
     force: bool = False,
+    allow_fmus: bool = False,
 ) -> Recording:
     """Return what a run would have been with other plants, another controller or other gains.
 
@@ -70,6 +78,7 @@ def what_if(
         changes: Values by key, as in `Scenario.replace`.
         output: Where the new recording goes; see `run`, as for the rest.
         robots: Whose plants are changed; all unless given.
+        allow_fmus: Run the FMUs that the recording holds, which are native code.
 
     Raises:
         InputError: A key or value is wrong, or the recording is not complete.
@@ -100,6 +109,7 @@ def what_if(
             opened._reader,
             [change_of(plants, robots)] if plants else [],
             [change_of(algorithms)] if algorithms else [],
+            allow_fmus=allow_fmus,
         )
         return execute(
             experiment,

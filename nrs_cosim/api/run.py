@@ -19,6 +19,7 @@ from nrs_cosim.orchestrator.cli.output_paths import Place, place_for, unfinished
 from nrs_cosim.orchestrator.cli.terminal_run import resumable
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.engine.attachments import with_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
@@ -43,6 +44,7 @@ def run(
     progress: Progress | None = None,
     deadline: float | None = None,
     force: bool = False,
+    embed_fmus: bool = False,
 ) -> Recording:
     """Run a scenario into a recording, and return it, opened for reading.
 
@@ -63,6 +65,8 @@ def run(
         deadline: After so many s without a message the run fails, and says who is silent; by
             default the scenario's.
         force: Replace a recording that is there, once the new one is complete.
+        embed_fmus: Record the plants' FMUs too, so that the run can be repeated where their files
+            are not.
 
     Returns:
         The recording. Its `status` says how the run ended: one that failed, because its estimates
@@ -82,6 +86,8 @@ def run(
         ('completed', 10)
     """
     experiment = scenario._experiment
+    if embed_fmus:
+        experiment = with_fmus(experiment)
     return execute(
         experiment, output, _launcher(experiment, workers), progress, deadline, force, None
     )
@@ -96,6 +102,7 @@ def resume(
     progress: Progress | None = None,
     deadline: float | None = None,
     force: bool = False,
+    allow_fmus: bool = False,
 ) -> Recording:
     """Continue a run that did not come to its end, in a new recording that holds all of it.
 
@@ -106,6 +113,7 @@ def resume(
         changes: Values by key, as in `Scenario.replace`, of what decides nothing that is recorded:
             `run.duration`, which may continue a completed run, `run.divergence_limit`,
             `run.checkpoint_every`, `bus.deadline` and `plant.deadline`.
+        allow_fmus: Run the FMUs that the recording holds, which are native code.
 
     Returns:
         The recording of the whole run, the ticks of the earlier one being copied.
@@ -128,8 +136,10 @@ def resume(
             begun = recording
         else:
             begun = stack.enter_context(Recording(unfinished(Path(recording))))
-        new = None if output is None else Path(output)
-        experiment = resumable(begun._reader, new, [change_of(changes)] if changes else [])
+        new, asked = None if output is None else Path(output), change_of(changes or {})
+        experiment = resumable(
+            begun._reader, new, [asked] if changes else [], allow_fmus=allow_fmus
+        )
         past = past_of(begun._reader)
         launcher = _launcher(experiment, workers)
         return execute(experiment, output, launcher, progress, deadline, force, past)

@@ -4,7 +4,6 @@ A change gives another scenario. What a scenario names, such as a list of edges,
 relative to its folder, when it is made.
 """
 
-import tomllib
 from collections.abc import Collection, Mapping
 from os import PathLike
 from pathlib import Path
@@ -15,9 +14,11 @@ import tomlkit
 
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario
+from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario, tables_of
+from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
 
@@ -53,7 +54,7 @@ class Scenario:
         0.5
     """
 
-    __slots__ = ("_experiment", "_text")
+    __slots__ = ("_experiment", "_is_recorded")
 
     def __init__(
         self,
@@ -65,8 +66,8 @@ class Scenario:
         **more: Any,
     ) -> None:
         text = tomlkit.dumps(plain({**(tables or {}), **more}))
-        self._text = text
         self._experiment = resolve_scenario(text, name, Path(folder).absolute(), name)
+        self._is_recorded = False
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Scenario":
@@ -78,7 +79,7 @@ class Scenario:
         path = Path(path)
         text = read_text(path)
         return cls._of(
-            text, resolve_scenario(text, storable(path.stem), path.absolute().parent, str(path))
+            resolve_scenario(text, storable(path.stem), path.absolute().parent, str(path))
         )
 
     @classmethod
@@ -90,12 +91,12 @@ class Scenario:
         Raises:
             InputError: Something in it is wrong; all is named.
         """
-        return cls._of(text, resolve_scenario(text, name, Path(folder).absolute(), name))
+        return cls._of(resolve_scenario(text, name, Path(folder).absolute(), name))
 
     @classmethod
-    def _of(cls, text: str, experiment: Experiment) -> "Scenario":
+    def _of(cls, experiment: Experiment, *, is_recorded: bool = False) -> "Scenario":
         scenario = object.__new__(cls)
-        scenario._text, scenario._experiment = text, experiment
+        scenario._experiment, scenario._is_recorded = experiment, is_recorded
         return scenario
 
     def replace(
@@ -127,13 +128,30 @@ class Scenario:
             >>> stiff["robots"]
             [{'id': 2, 'controller': {'kp': 250.0}}, {'id': 3, 'controller': {'kp': 250.0}}]
         """
-        own = name or self.name
-        text = with_changes(self._text, [change_of(changes, robots)])
-        return self._of(text, resolve_scenario(text, own, self._experiment.folder, own))
+        change, own = change_of(changes, robots), name or self.name
+        text, kept = with_changes(self.to_toml(), [change]), self._kept(change)
+        experiment = resolve_scenario(text, own, self._experiment.folder, own, kept)
+        return self._of(experiment, is_recorded=self._is_recorded)
+
+    def _kept(self, change: Change) -> Assets:
+        """Return the assets that a change leaves as they are.
+
+        When a target's FMU is sampled depends on the run; one that a recording names is not run.
+        """
+        keys = [".".join(key) for key in change.values] if change.robots is None else []
+        again = not self._is_recorded and any(
+            key.partition(".")[0] in {"run", "target"} for key in keys
+        )
+        return {
+            field: asset
+            for field, asset in self._experiment.assets.items()
+            if not any(field == key or field.startswith((f"{key}.", f"{key}[")) for key in keys)
+            and not (again and field == TARGET_FMU)
+        }
 
     def to_toml(self) -> str:
-        """Return the scenario's text, comments and all; `parse` takes it back."""
-        return self._text
+        """Return the scenario's text, to the byte; `parse` takes it back, with its files there."""
+        return self._experiment.text
 
     @staticmethod
     def schema() -> dict[str, Any]:
@@ -157,7 +175,7 @@ class Scenario:
 
     def __getitem__(self, key: str) -> Any:
         """Return what the text has at a key such as `algorithm.alpha`; `KeyError` if nothing."""
-        value: Any = tomllib.loads(self._text)
+        value: Any = tables_of(self._experiment.text)
         for part in key.split("."):
             value = value[part]
         return value

@@ -36,7 +36,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget, TargetMotion
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
 
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.theory.design import Design
@@ -270,7 +270,7 @@ def designed(
 def _source(target: TargetMotion) -> str:
     if isinstance(target, SampledTarget):
         return f"of the spline through its {len(target.times)} samples"
-    if isinstance(target, FmuTarget):
+    if isinstance(target, FmuMotion):
         return f"of the cubics through {len(target.times)} samples of {target.fmu}"
     return ""
 

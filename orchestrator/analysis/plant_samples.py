@@ -1,10 +1,10 @@
 """P3 of FMUs that are not bundled is sampled, once for each, where their files are at hand."""
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.orchestrator.engine.plants import find_in
 from nrs_cosim.orchestrator.scenario.conversion import names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.drives.choice import Driving
 
@@ -34,7 +34,7 @@ class Sampling:
 
         (body,) = self._experiment.bodies([robot])
         try:
-            archive = find_archive(plant.fmu, self._experiment.folder)
+            archive = find_in(self._experiment)(plant.fmu)
             return p3_of(CheckTask(archive, body, names_of(plant.variables), Driving.of(plant)))
         except CosimError as error:
             return f"the bounds of P3 cannot be sampled: {error}"

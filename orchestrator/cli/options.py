@@ -99,6 +99,12 @@ NewRecording = Annotated[
 Force = Annotated[
     bool, typer.Option("--force", help="Replace a recording that is there, once this is complete.")
 ]
+AllowFmus = Annotated[
+    bool,
+    typer.Option(
+        "--allow-fmus", help="Run FMUs that the recording holds (--embed-fmus): native code."
+    ),
+]
 Set = Annotated[
     list[str] | None,
     typer.Option(

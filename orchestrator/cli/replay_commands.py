@@ -7,6 +7,7 @@ import typer
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.options import (
+    AllowFmus,
     Connect,
     Force,
     InsecureTcp,
@@ -87,6 +88,7 @@ def replay(
     ] = None,
     output: Output = None,
     force: Force = False,
+    allow_fmus: AllowFmus = False,
 ) -> None:
     """Run a recording again: to verify it, to hear it, or to ask what if."""
     from nrs_cosim.bus.network.endpoints import Endpoints
@@ -101,7 +103,7 @@ def replay(
     if speed is not None and speed < SLOWEST:
         raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
     if verifying:
-        terminal_replay.verify_again(recording, plants=not agents_only)
+        terminal_replay.verify_again(recording, plants=not agents_only, allow_fmus=allow_fmus)
         return
     with opened(err, recording) as reader:
         if publishing:
@@ -113,7 +115,7 @@ def replay(
             pace = None if unpaced else speed or 1.0
             terminal_replay.put_back(reader, endpoints, pace, (since, until), wait)
         else:
-            terminal_replay.what_if(reader, plant or [], algorithm or [], output, force)
+            terminal_replay.what_if(reader, plant or [], algorithm or [], output, force, allow_fmus)
 
 
 def diff(

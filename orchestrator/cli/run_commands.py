@@ -14,6 +14,7 @@ from nrs_cosim.orchestrator.cli.option_groups import (
     with_groups,
 )
 from nrs_cosim.orchestrator.cli.options import (
+    AllowFmus,
     Port,
     Realtime,
     RecordingPath,
@@ -38,10 +39,18 @@ def run(
     live: ShowLive = False,
     port: Port = None,
     stay: Stay = False,
+    embed_fmus: Annotated[
+        bool,
+        typer.Option(
+            "--embed-fmus",
+            help="Record FMUs that are not bundled too, for replays where their files are not.",
+        ),
+    ] = False,
 ) -> None:
     """Run a scenario and record every message."""
     from nrs_cosim.orchestrator.analysis.conditions import check
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
+    from nrs_cosim.orchestrator.engine.attachments import with_fmus
     from nrs_cosim.orchestrator.engine.plants import naming_field
     from nrs_cosim.orchestrator.engine.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
@@ -53,6 +62,8 @@ def run(
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
     with naming_field(scenario_name(scenario)):
+        if embed_fmus:
+            experiment = with_fmus(experiment)
         if mixed := mixed_units(experiment):
             say("yellow", "warning", mixed)
     start = partial(_performing(experiment, options, ends), pace=pace)
@@ -67,7 +78,13 @@ def run(
 
 
 @with_groups
-def resume(recording: RecordingPath, *, options: RunOptions, ends: WorkerOptions) -> None:
+def resume(
+    recording: RecordingPath,
+    *,
+    options: RunOptions,
+    ends: WorkerOptions,
+    allow_fmus: AllowFmus = False,
+) -> None:
     """Continue a run that did not come to its end, in a new recording that holds all of it."""
     from nrs_cosim.orchestrator.cli.output_paths import unfinished
     from nrs_cosim.orchestrator.cli.progress import opened
@@ -79,7 +96,8 @@ def resume(recording: RecordingPath, *, options: RunOptions, ends: WorkerOptions
         say("blue", "resume", f"{part}, which was to take the place of {recording}")
         recording = part
     with opened(err, recording) as reader:
-        experiment = resumable(reader, options.output, options.scenario_changes())
+        changes = options.scenario_changes()
+        experiment = resumable(reader, options.output, changes, allow_fmus=allow_fmus)
         _performing(experiment, options, ends)(past=past_of(reader))
 
 

@@ -13,6 +13,7 @@ from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
+from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.diff import QUANTITIES, Comparison
 from nrs_cosim.orchestrator.replay.publish import key_of, publish
@@ -37,14 +38,17 @@ def draw(found: Comparison, picture: Path) -> None:
         raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 
 
-def verify_again(recording: Path, *, plants: bool) -> None:
+def verify_again(recording: Path, *, plants: bool, allow_fmus: bool) -> None:
     with (
         reading(err) as follow,
         Reader(recording, verify=True, watch=follow(recording)) as reader,
     ):
         for damage in reader.damage:
             say("yellow", "damage", damage)
-        verification = verify(reader, experiment_of(reader), plants=plants)
+        experiment = experiment_of(reader)
+        if allow_fmus:
+            experiment = with_allowed_fmus(experiment)
+        verification = verify(reader, experiment, plants=plants)
     what = "agents and plants" if plants else "agents"
     if verification.difference:
         say("red", "differs", verification.difference.between("the recording", "the replay"))
@@ -104,10 +108,15 @@ def put_back(
 
 
 def what_if(
-    reader: Reader, plant: list[str], algorithm: list[str], output: Path | None, force: bool
+    reader: Reader,
+    plant: list[str],
+    algorithm: list[str],
+    output: Path | None,
+    force: bool,
+    allow_fmus: bool,
 ) -> None:
     expect_another(output, Path(reader.path))
     plants = [Change.of("--plant", text) for text in plant]
     algorithms = [Change.of("--algorithm", text) for text in algorithm]
-    file, launch, metadata = changed_run(reader, plants, algorithms)
+    file, launch, metadata = changed_run(reader, plants, algorithms, allow_fmus=allow_fmus)
     perform(file, output, launch, metadata=metadata, force=force)

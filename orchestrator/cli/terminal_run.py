@@ -18,6 +18,7 @@ from nrs_cosim.orchestrator.cli.output_paths import place_for
 from nrs_cosim.orchestrator.cli.tables import grid
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
@@ -188,12 +189,21 @@ CONTINUED = (
 """Keys that may change when a run is resumed: they decide nothing of what is recorded."""
 
 
-def resumable(reader: Reader, output: Path | None, changes: Sequence[Change] = ()) -> Experiment:
+def resumable(
+    reader: Reader,
+    output: Path | None,
+    changes: Sequence[Change] = (),
+    *,
+    allow_fmus: bool = False,
+) -> Experiment:
     """Return the experiment of a recording that can be continued; `InputError` where it cannot.
 
-    With changes it may be continued otherwise, and one that is completed for longer.
+    With changes it may be continued otherwise, and one that is completed for longer. FMUs that it
+    holds are run where they are allowed.
     """
     experiment = _continued(reader, changes)
+    if allow_fmus:
+        experiment = with_allowed_fmus(experiment)
     more = reader.status != "completed" or reader.damage
     if not more and experiment.clock.ticks <= reader.ticks:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")
@@ -201,7 +211,7 @@ def resumable(reader: Reader, output: Path | None, changes: Sequence[Change] = (
         raise InputError(f"{output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
-    find = find_recorded(about(reader).plants, experiment.folder)
+    find = find_recorded(about(reader).plants, experiment)
     group_by_archive(experiment, find=find)
     return experiment
 

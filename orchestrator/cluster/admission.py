@@ -12,8 +12,15 @@ from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import storable
 from nrs_cosim.bus.transport import Question
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, NotAdmittedError, WorkerSlot
-from nrs_cosim.orchestrator.cluster.protocol import Hello, NotExpectedError, Refusal, Welcome
+from nrs_cosim.orchestrator.cluster.protocol import (
+    AssetNote,
+    Hello,
+    NotExpectedError,
+    Refusal,
+    Welcome,
+)
 from nrs_cosim.orchestrator.cluster.worker_state import State
+from nrs_cosim.orchestrator.scenario.assets import TABLE
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 _OPENING = {State.ADMITTED, State.OPENING}
@@ -77,6 +84,11 @@ class Admission:
             secret=self.secret,
             name=file.name,
             scenario=file.text,
+            assets={
+                field: AssetNote.of(asset)
+                for field, asset in file.assets.items()
+                if asset.media_type == TABLE
+            },
             folder=storable(str(file.folder.absolute())) if slot.process else None,
             fmus={fmu: about.sha256 for fmu, about in self.fmus.items()},
             robots=tuple(slot.robots),

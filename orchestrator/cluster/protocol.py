@@ -14,8 +14,9 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from nrs_cosim.bus.errors import BusError, Cause
+from nrs_cosim.bus.errors import BusError, Cause, InputError
 from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.orchestrator.scenario.assets import TABLE, Asset
 
 END = b"end"
 """What ends a worker."""
@@ -62,6 +63,35 @@ class Hello(Note):
     """The key that its `Welcome` is encrypted to; nobody else has the private one."""
 
 
+class AssetNote(Note):
+    """A table that the scenario names; FMUs are asked for by themselves, where they are needed."""
+
+    name: str
+    sha256: str
+    source_sha256: str
+    content: str
+
+    @classmethod
+    def of(cls, asset: Asset) -> Self:
+        """Return an asset as it travels."""
+        return cls(
+            name=asset.name,
+            sha256=asset.sha256,
+            source_sha256=asset.source_sha256,
+            content=asset.content.decode(),
+        )
+
+    def asset(self, field: str) -> Asset:
+        """Return it as the orchestrator has it; `InputError` where it is another."""
+        asset = Asset.of(self.name, self.source_sha256, TABLE, self.content.encode())
+        if asset.sha256 != self.sha256:
+            raise InputError(
+                f"{field}: {self.name}: expected content of SHA-256 {self.sha256[:16]}… from the "
+                f"orchestrator, got {asset.sha256[:16]}…"
+            )
+        return asset
+
+
 class Welcome(Note):
     """A worker is let in."""
 
@@ -72,6 +102,8 @@ class Welcome(Note):
     """The scenario's."""
     scenario: str
     """Its text."""
+    assets: dict[str, AssetNote]
+    """What the text names, by field."""
     folder: str | None
     """What its paths are relative to, for a worker of the same machine."""
     fmus: dict[str, str]

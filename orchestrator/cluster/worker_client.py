@@ -183,7 +183,8 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     try:
         own = welcome.folder if options.is_own else None
         folder = Path(own) if own else Path("/nonexistent")
-        file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name)
+        assets = {field: note.asset(field) for field, note in welcome.assets.items()}
+        file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name, assets)
         finder = FmuFinder(bus, welcome, folder, signer, options.is_own, options.allow_fmus)
         robots = Robots.opened(stack, file, welcome.robots, finder.find)
     except InputError as error:

@@ -3,14 +3,14 @@
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from nrs_cosim.orchestrator.scenario.assets import FMU
 from nrs_cosim.orchestrator.scenario.conversion import names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
@@ -78,9 +78,9 @@ def group_by_archive(
     """Read each FMU once; `FmuError` names the field and what is wrong.
 
     Rows are positions within the robots that are asked for, ascending; without them, of all. An
-    FMU is looked for relative to the scenario's folder, or as `find` does.
+    FMU is looked for as `find` does, by default as `find_in`.
     """
-    find = find or partial(find_archive, folder=experiment.folder)
+    find = find or find_in(experiment)
     shared, uneven = experiment.scenario.plant, experiment.clock.period is None
     common, every = _alike(shared), range(1, experiment.n + 1)
     row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
@@ -105,8 +105,19 @@ def group_by_archive(
     return groups
 
 
+def find_in(experiment: Experiment) -> Find:
+    """Return what finds the FMUs of an experiment: relative to its folder, or where it has them."""
+
+    def find(fmu: str) -> Archive:
+        if fmu in experiment.fmus:
+            return replace(find_archive(str(experiment.fmus[fmu]), Path()), label=fmu)
+        return find_archive(fmu, experiment.folder)
+
+    return find
+
+
 def find_recorded(
-    plants: Sequence[Mapping[str, Any]], folder: Path, *, others: bool = False
+    plants: Sequence[Mapping[str, Any]], experiment: Experiment, *, others: bool = False
 ) -> Find:
     """Return what finds a recording's FMUs as it was made with them, given what it tells of them.
 
@@ -114,14 +125,21 @@ def find_recorded(
     at a path. `others` lets FMUs be found that it does not tell of.
     """
     recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
+    attached = {asset.name for asset in experiment.assets.values() if asset.media_type == FMU}
+    look_for = find_in(experiment)
 
     def find(fmu: str) -> Archive:
-        archive = find_archive(fmu, folder)
+        is_held = fmu in attached and fmu not in experiment.fmus
+        advice = "; the recording has it, and --allow-fmus lets it run: native code" * is_held
+        try:
+            archive = look_for(fmu)
+        except FmuError as error:
+            raise FmuError(f"{error}{advice}") from None
         sha256 = recorded.get(fmu, archive.sha256 if others else None)
         if sha256 != archive.sha256:
             raise FmuError(
                 f"{archive.label} is not the FMU that the recording was made with: its SHA-256 is "
-                f"{archive.sha256}, not {sha256}"
+                f"{archive.sha256}, not {sha256}{advice}"
             )
         return archive
 

@@ -18,6 +18,12 @@ from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.keys import ORCHESTRATOR
 from nrs_cosim.bus.topology import Topology
+from nrs_cosim.orchestrator.engine.attachments import (
+    asset_records,
+    attachments,
+    expect_attachable,
+    recorded_assets,
+)
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
@@ -29,7 +35,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.container import MOST_CHANNELS, Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.metadata import CAUSE, REJECTED, RUN, SCENARIO, SPENT, VERSIONS
+from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SPENT, VERSIONS
 from nrs_cosim.recordings.recorder import Recorder, channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
 
@@ -104,12 +110,14 @@ def run(
             f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
         )
+    expect_attachable(experiment.assets)
     # What is not finite is looked for and named, not warned of.
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, workers = (launch or in_process(experiment))(stack, watch)
         wire = workers.wire()
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.describe_plants()
+        assets = recorded_assets(experiment, plants)
         topics = channels(experiment.codecs, n, faulty, checkpoints, plants)
         writer = stack.enter_context(
             Writer(
@@ -121,9 +129,10 @@ def run(
                     RUN: _about_run(experiment, plants),
                     VERSIONS: _versions(),
                     **fields_record(experiment.codecs),
+                    **({ASSETS: asset_records(assets)} if assets else {}),
                     **(metadata or {}),
                 },
-                attachments={SCENARIO: ("application/toml", experiment.text.encode())},
+                attachments=attachments(experiment, assets),
                 compression=compression,
             )
         )

@@ -9,14 +9,15 @@ from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import storable
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
+from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, steady_state
-from nrs_cosim.recordings.metadata import RUN, SCENARIO
+from nrs_cosim.recordings.metadata import ASSETS, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
 
@@ -45,6 +46,10 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
         "algorithm": {"name": chosen.name, "parameters": chosen.parameters},
         "plants": about.plants,
         "target": _target(experiment),
+        "assets": {
+            field: asset.model_dump(include={"name", "sha256", "source_sha256"})
+            for field, asset in about.assets.items()
+        },
         "versions": dict(about.versions),
         "damage": reader.damage,
         "parent": about.parent.model_dump() if about.parent else None,
@@ -57,9 +62,9 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
 def _target(experiment: Experiment) -> dict[str, str] | None:
     """Return which FMU was the target, where one was."""
     target = experiment.scenario.target
-    if not isinstance(target, FmuTarget):
+    if not isinstance(target, FmuMotion):
         return None
-    return {"fmu": target.fmu, "sha256": target.sha256 or ""}
+    return {"fmu": target.fmu, "sha256": target.sha256}
 
 
 def _duration(reader: Reader, period_ns: int | None) -> float:
@@ -86,6 +91,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         "plants": "; ".join(plants),
         "driven": _driven(summary["plants"]),
         **led,
+        **({"assets": _assets(summary["assets"])} if summary["assets"] else {}),
         "ticks": f"{summary['ticks']} of {summary['ticks_planned']}, t = {summary['duration']:g} s",
         "messages": f"{summary['messages']}",
         "estimates": _suprema(
@@ -100,6 +106,13 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         "digest": summary["digest"] or _PARTIAL,
         "recording": summary["file"],
     }
+
+
+def _assets(assets: Mapping[str, Mapping[str, str]]) -> str:
+    """Say which files the scenario names, and what of them is in the recording."""
+    return "; ".join(
+        f"{field} {asset['name']}, SHA-256 {asset['sha256']}" for field, asset in assets.items()
+    )
 
 
 def _suprema(*found: tuple[str, float | None]) -> str:
@@ -123,7 +136,13 @@ def experiment_of(reader: Reader) -> Experiment:
     about = about_run(reader)
     run = about.run
     origin = f"{reader.path}: {SCENARIO}"
-    experiment = parse_scenario(about.scenario, run.name, Path(run.folder), origin)
+    assets = {
+        field: Asset.of(record.name, record.source_sha256, *reader.attachments[record.attachment])
+        for field, record in about.assets.items()
+    }
+    experiment = parse_scenario(about.scenario, run.name, Path(run.folder), origin, assets)
+    if unnamed := assets.keys() - experiment.assets.keys():
+        raise UnreadableError(f"{origin}: names no {min(unnamed)}, of which {ASSETS} has an asset")
     for key, number in told_of(experiment).items():
         if getattr(run, key) != number:
             raise UnreadableError(

@@ -5,7 +5,6 @@ that both have of a robot at a time, in the same tick: |a − b| over all joints
 that was, and its root mean square.
 """
 
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -22,6 +21,9 @@ from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, difference_in
+from nrs_cosim.orchestrator.scenario.assets import Asset
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import tables_of
 from nrs_cosim.recordings.export.tables import joints
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -90,8 +92,8 @@ def compare(a: Reader, b: Reader) -> Comparison:
     """Compare two recordings."""
     for reader in (a, b):
         reader.expect_ticks("compare")
-    was, now = (tomllib.loads(experiment_of(reader).text) for reader in (a, b))
-    fields = dict(_fields(was, now))
+    was, now = experiment_of(a), experiment_of(b)
+    fields = _fields_of(was, now)
     first: Difference | None = None
     measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
     of_a, of_b = recorded_types(a).codecs, recorded_types(b).codecs
@@ -157,6 +159,22 @@ def _apart(a: Records, b: Records) -> Iterator[tuple[int, Array, Array]]:
     for robot in np.unique(robots).tolist():
         mine = robots == robot
         yield robot, times[mine], apart[mine]
+
+
+def _fields_of(a: Experiment, b: Experiment) -> dict[str, tuple[Any, Any]]:
+    """Return what differs in two scenarios; a file is what it holds, wherever it was."""
+    fields = dict(_fields(tables_of(a.text), tables_of(b.text)))
+    for field in sorted(a.assets.keys() & b.assets.keys()):
+        one, other = a.assets[field], b.assets[field]
+        if one.sha256 == other.sha256 or one.source_sha256 == other.source_sha256:
+            fields.pop(field, None)
+        else:
+            fields[field] = (_file(one), _file(other))
+    return fields
+
+
+def _file(asset: Asset) -> str:
+    return f"{asset.name}, SHA-256 {asset.source_sha256}"
 
 
 def _fields(a: Any, b: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:

@@ -247,7 +247,7 @@ def _missing(reader: Reader) -> int | None:
 
 
 def _finder(reader: Reader, experiment: Experiment) -> Find:
-    return find_recorded(about(reader).plants, experiment.folder)
+    return find_recorded(about(reader).plants, experiment)
 
 
 def expect_same_types(reader: Reader, experiment: Experiment) -> Mapping[str, Codec]:

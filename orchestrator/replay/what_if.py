@@ -14,6 +14,7 @@ import numpy as np
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.transport import Bus
+from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import on_a_session
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.plants import Find, find_recorded, group_by_archive
@@ -31,18 +32,25 @@ from nrs_cosim.recordings.schemas import about
 
 
 def changed_run(
-    reader: Reader, plants: Sequence[Change], algorithms: Sequence[Change]
+    reader: Reader,
+    plants: Sequence[Change],
+    algorithms: Sequence[Change],
+    *,
+    allow_fmus: bool = False,
 ) -> tuple[Experiment, Launcher | None, dict[str, dict[str, str]]]:
     """Return the changed experiment, how its run gets its robots, and the metadata that say so.
 
-    With no algorithm changed the plants alone are run again; else all is. `InputError` names what
-    is wrong with a change, or says that the recording is not complete.
+    With no algorithm changed the plants alone are run again; else all is. FMUs that the recording
+    holds are run where they are allowed. `InputError` names what is wrong with a change, or says
+    that the recording is not complete.
     """
     if reader.status != "completed" or reader.damage:
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
     changes = [change.of_plants() for change in plants]
     changes += [change.within("algorithm") for change in algorithms]
     experiment = changed(experiment_of(reader), changes)
+    if allow_fmus:
+        experiment = with_allowed_fmus(experiment)
     if algorithms:
         group_by_archive(experiment, find=finder(reader, experiment))
     every = tuple(range(1, experiment.n + 1))
@@ -73,7 +81,7 @@ def run_again(reader: Reader, experiment: Experiment, robots: Sequence[int]) -> 
 
 def finder(reader: Reader, experiment: Experiment) -> Find:
     """Return what finds the FMUs of a changed scenario: the recorded ones, and those it brings."""
-    return find_recorded(about(reader).plants, experiment.folder, others=True)
+    return find_recorded(about(reader).plants, experiment, others=True)
 
 
 def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str]]:

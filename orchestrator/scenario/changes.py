@@ -97,7 +97,7 @@ def with_changes(text: str, changes: Sequence[Change]) -> str:
     if not changes:
         return text
     try:
-        document = tomlkit.parse(text)
+        document = tomlkit.parse(text.removeprefix("\ufeff"))
     except (TOMLKitError, ValueError, RecursionError):
         return text
     for change in changes:

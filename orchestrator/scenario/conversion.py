@@ -9,7 +9,8 @@ from nrs_cosim.estimator_agents.target import Harmonic, Sampled, Target
 from nrs_cosim.orchestrator.scenario.tables.fmus import Name, Pattern
 from nrs_cosim.orchestrator.scenario.tables.targets import (
     Axis,
-    FmuTarget,
+    FmuMotion,
+    HarmonicTarget,
     SampledTarget,
     TargetMotion,
 )
@@ -22,8 +23,9 @@ def motion_of(target: TargetMotion) -> Target:
     """Return a target's motion; `ValueError` where no curve leads through its samples."""
     if isinstance(target, SampledTarget):
         return Sampled.of(target.times, target.positions)
-    if isinstance(target, FmuTarget):
+    if isinstance(target, FmuMotion):
         return Sampled.through(target.times, target.positions, target.velocities)
+    assert isinstance(target, HarmonicTarget)  # a scenario's FMU was run when it was resolved
     return Harmonic(*terms(target.axes))
 
 

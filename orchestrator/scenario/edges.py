@@ -1,11 +1,13 @@
-"""Edges in files of others: who is heard, who hears, by what weight, and where that is written."""
+"""Edges in tables (CSV): who is heard, who hears, by what weight, and where that is written."""
 
-from collections.abc import Iterable
+import csv
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from nrs_cosim.bus.numerals import decimal, whole
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.tables.values import MOST_ROBOTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,8 @@ def node_number(text: str, where: str, least: int = 0) -> int:
     if number < least:
         target = "" if least else "0, the target, or "
         raise ScenarioError(f"{where}: expected {target}the number of a robot, got {quoted(text)}")
+    if number > MOST_ROBOTS:
+        raise ScenarioError(f"{where}: expected at most {MOST_ROBOTS} robots, got {quoted(text)}")
     return number
 
 
@@ -59,3 +63,41 @@ def expect_distinct(arrows: Iterable[Arrow], where: str) -> list[Arrow]:
         lines[source, sink] = arrow.line
         kept.append(arrow)
     return kept
+
+
+def read_edges(data: bytes, where: str) -> list[Arrow]:
+    """Return the edges of a table with columns source, sink and, perhaps, weight, in any order."""
+    try:
+        lines = csv.reader(data.decode("utf-8-sig").splitlines(), strict=True)
+        cells = ((lines.line_num, [cell.strip() for cell in row]) for row in lines)
+        table = [(line, row) for line, row in cells if row not in ([], [""])]
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{where}: cannot be read: it is no text in UTF-8") from None
+    except csv.Error as error:
+        raise ScenarioError(f"{where}: not valid CSV: {error}") from None
+    head = table[0][1] if table else []
+    if sorted(head) not in (["sink", "source"], ["sink", "source", "weight"]):
+        raise ScenarioError(
+            f"{where}: expected the columns source,sink or source,sink,weight in its first line, "
+            f"separated by commas, got {quoted(','.join(head))}"
+        )
+    return [_arrow(line, head, row, f"{where}: line {line}") for line, row in table[1:]]
+
+
+def _arrow(line: int, head: Sequence[str], row: Sequence[str], here: str) -> Arrow:
+    if len(row) != len(head):
+        raise ScenarioError(f"{here}: expected {len(head)} values, got {quoted(','.join(row))}")
+    cell = dict(zip(head, row, strict=True))
+    return Arrow(
+        node_number(cell["source"], f"{here}: source"),
+        node_number(cell["sink"], f"{here}: sink", 1),
+        positive(cell.get("weight", "1"), f"{here}: weight"),
+        line,
+    )
+
+
+def written(arrows: Iterable[Arrow]) -> bytes:
+    """Return edges as a table, by sink and source."""
+    rows = sorted((arrow.sink, arrow.source, arrow.weight) for arrow in arrows)
+    lines = (f"{source},{sink},{weight!r}" for sink, source, weight in rows)
+    return "\n".join(["source,sink,weight", *lines, ""]).encode()

@@ -7,11 +7,12 @@ changes, and its parts are shared by whoever asks: arrays among them are not to 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
 from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
@@ -48,12 +50,23 @@ class Experiment:
     """
 
     scenario: Scenario
-    """The tables, as they were written."""
+    """The tables, with the edges and samples that they name."""
     text: str
-    """Which they were read from, with the samples and edges of the files that it named."""
+    """What was written, to the byte."""
     name: str
     folder: Path
     """What paths in it are relative to."""
+    assets: Assets = field(default_factory=dict)
+    """What it names, by content."""
+    fmus: Mapping[str, Path] = field(default_factory=dict)
+    """Where FMUs are that are not where the scenario says, by what it calls them."""
+
+    def but(self, **fields: Any) -> "Experiment":
+        """Return it with other fields, from which nothing follows that was asked for before."""
+        other = replace(self, **fields)
+        derived = vars(self).keys() - vars(other).keys()
+        vars(other).update({name: vars(self)[name] for name in derived})
+        return other
 
     @property
     def n(self) -> int:

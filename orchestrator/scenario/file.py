@@ -11,14 +11,13 @@ from pydantic import BaseModel, ValidationError
 
 from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.graphs import with_edges
-from nrs_cosim.orchestrator.scenario.inlining import inline_target
-from nrs_cosim.orchestrator.scenario.moving import with_motion
+from nrs_cosim.orchestrator.scenario.resolution import Resolution
 from nrs_cosim.orchestrator.scenario.spelling import close, nearest
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
-from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS
+from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
 from nrs_cosim.orchestrator.scenario.wrong_tables import wrong_tables
@@ -56,8 +55,8 @@ def scenario_name(path: Path) -> str:
 
 def changed(experiment: Experiment, changes: "Sequence[Change]") -> Experiment:
     """Return an experiment with changes; `InputError` and `ScenarioError` name what is wrong."""
-    text = _changed(experiment.text, changes)
-    return parse_scenario(text, experiment.name, experiment.folder, "the changed scenario")
+    text, name = _changed(experiment.text, changes), experiment.name
+    return parse_scenario(text, name, experiment.folder, "the changed scenario", experiment.assets)
 
 
 def _changed(text: str, changes: "Sequence[Change]") -> str:
@@ -68,16 +67,21 @@ def _changed(text: str, changes: "Sequence[Change]") -> str:
     return with_changes(text, changes)
 
 
-def resolve_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:
+def resolve_scenario(
+    text: str, name: str, folder: Path, origin: str, assets: Assets = NO_ASSETS
+) -> Experiment:
     """Parse a scenario's text with what it names, relative to a folder; errors as of its origin.
 
-    What it names for its target's samples or its network's edges is read, and takes the name's
-    place in the text; an FMU that is its target is run, and its samples stand there too.
+    What is not among the assets is read, and an FMU that is the target is run.
     """
-    text = inline_target(text, folder, origin)
-    text = with_edges(text, folder, origin)
-    text = with_motion(text, folder, origin)
-    return parse_scenario(text, name, folder, origin)
+    return _resolved(text, name, folder, origin, Resolution(folder, assets))
+
+
+def parse_scenario(
+    text: str, name: str, folder: Path, origin: str, assets: Assets = NO_ASSETS
+) -> Experiment:
+    """Parse a scenario's text that names no more than there is among the assets; reads no file."""
+    return _resolved(text, name, folder, origin, Resolution(None, assets))
 
 
 def read_text(path: Path) -> str:
@@ -91,22 +95,47 @@ def read_text(path: Path) -> str:
 
 
 def _decoded(data: bytes, origin: str) -> str:
-    """Return the text that a file has; a byte order mark is passed over."""
+    """Return the text that a file has, to the byte."""
     if data.startswith(RECORDING):
         raise ScenarioError(f"{origin}: is a recording (MCAP), not a scenario; `nrs info` reads it")
     try:
-        return data.decode("utf-8-sig").replace("\r\n", "\n")
+        return data.decode()
     except UnicodeDecodeError:
         raise ScenarioError(f"{origin}: cannot be read: it is no text in UTF-8") from None
 
 
-def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experiment:
-    """Parse a scenario's text; errors begin with its origin."""
+def tables_of(text: str) -> dict[str, Any]:
+    """Return the tables of a text in TOML; a byte order mark is passed over."""
+    return tomllib.loads(text.removeprefix("\ufeff"))
+
+
+def _resolved(
+    text: str, name: str, folder: Path, origin: str, resolution: Resolution
+) -> Experiment:
+    """Return the experiment that a text is; `ScenarioError` names all that is wrong with it."""
+    scenario = resolution.tables(_parsed(text, origin))
+    _expect_none(resolution.faults, origin)
+    experiment = Experiment(scenario, text, name, folder, resolution.assets)
+    target = scenario.target
+    if isinstance(target, FmuTarget) and not isinstance(target, FmuMotion):
+        from nrs_cosim.orchestrator.scenario.target_motion import with_motion  # noqa: PLC0415, FMPy
+
+        experiment = with_motion(experiment, target, origin)
+    _expect_none(list(wrong_target(experiment)) or list(wrong_tables(experiment)), origin)
+    return experiment
+
+
+def _expect_none(faults: Sequence[str], origin: str) -> None:
+    if faults:
+        raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
+
+
+def _parsed(text: str, origin: str) -> Scenario:
     try:
-        tables = tomllib.loads(text)
+        tables = tables_of(text)
         if not tables:
             raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
-        scenario = Scenario.model_validate(tables)
+        return Scenario.model_validate(tables)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: {_no_toml(text, str(error))}") from None
     except RecursionError:
@@ -116,16 +145,6 @@ def parse_scenario(text: str, name: str, folder: Path, origin: str) -> Experimen
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
-    return resolve(scenario, text, name, folder, origin)
-
-
-def resolve(scenario: Scenario, text: str, name: str, folder: Path, origin: str) -> Experiment:
-    """Return the experiment that a scenario is; `ScenarioError` names all that is wrong with it."""
-    experiment = Experiment(scenario, text, name, folder)
-    faults = list(wrong_target(experiment)) or list(wrong_tables(experiment))
-    if faults:
-        raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
-    return experiment
 
 
 def _needed() -> list[str]:

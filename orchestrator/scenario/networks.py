@@ -1,7 +1,7 @@
 """A scenario's network, in whichever form it is given, is digraphs, each a list of edges.
 
 Forms of a digraph: `adjacency` with `pinning`, dense; `generator`, by rule; `edge_list`, edge by
-edge, which is also what `edges` and `graphml` become when a scenario's file is read. A network is
+edge, which is also what `edges` and `graphml` become when a scenario is resolved. A network is
 one digraph, or two, `position` and `velocity`, or `switching`, a list of these by turns.
 """
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.orchestrator.scenario.inlining import Array, VelocityMismatch, disagreement
+from nrs_cosim.orchestrator.scenario.samples import Array, VelocityMismatch, disagreement
 from nrs_cosim.plant_fmu.errors import FmuError
 
 FINER, ROUNDS = 4, 4

@@ -7,10 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from nrs_cosim.bus.clock import seconds
-from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.target import Sampled
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.tables.targets import FmuTarget, SampledTarget
+from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, FmuTarget, SampledTarget
 from nrs_cosim.orchestrator.scenario.times import wrong_times
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 
@@ -18,14 +17,14 @@ from nrs_cosim.plant_fmu.archives.quantities import MOTION
 def wrong_target(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with a target's samples; before, its axes are not counted."""
     target = experiment.scenario.target
-    if not isinstance(target, SampledTarget | FmuTarget):
+    if not isinstance(target, SampledTarget | FmuMotion):
         return
-    wrong = [*_not_there(target), *wrong_variables(target)] or _wrong_samples(target)
+    wrong = _wrong_samples(target)
     yield from wrong
     if wrong:
         return
     times, end = target.times, _end(experiment)
-    if times[0] > 0 or times[-1] < end:
+    if isinstance(target, SampledTarget) and (times[0] > 0 or times[-1] < end):
         yield (
             f"target.times: expected times that cover 0 to {end!r} s, the end of the run, got "
             f"{times[0]!r} to {times[-1]!r} s; give samples of the rest, or a shorter run"
@@ -42,9 +41,9 @@ def _end(experiment: Experiment) -> float:
     return seconds(clock.t(clock.ticks))
 
 
-def wrong_variables(target: SampledTarget | FmuTarget) -> Iterator[str]:
+def wrong_variables(target: FmuTarget) -> Iterator[str]:
     """Yield which names of quantities are none of a target's."""
-    for name in target.variables if isinstance(target, FmuTarget) else ():
+    for name in target.variables:
         if name not in MOTION:
             near = get_close_matches(name, MOTION, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {' and '.join(MOTION)}"
@@ -54,47 +53,28 @@ def wrong_variables(target: SampledTarget | FmuTarget) -> Iterator[str]:
 def unsampled_times(experiment: Experiment) -> Iterator[str]:
     """Yield the first sampling time at which an FMU that is the target was not looked at."""
     target, clock = experiment.scenario.target, experiment.clock
-    if not isinstance(target, FmuTarget):
+    if not isinstance(target, FmuMotion):
         return
     known = set(target.times)
     for k in range(clock.ticks + 1):
         t = seconds(clock.t(k))
         if t not in known:
             yield (
-                f"target.times: expected all sampling times, got none at {t!r} s; take times, "
-                f"positions and velocities out, so that the FMU is run again"
+                f"target.fmu: its samples lack the sampling time {t!r} s; run the scenario from "
+                f"its file, where the FMU is"
             )
             return
 
 
-def _not_there(target: SampledTarget | FmuTarget) -> Iterator[str]:
-    """Yield that there are no samples, and where they would come from."""
-    if isinstance(target, FmuTarget):
-        if not target.times and not target.positions:
-            yield (
-                f"target.fmu: {quoted(target.fmu)} was not run, which is done where a scenario "
-                "file "
-                f"is read"
-            )
-            return
-        advice = "take times, positions and velocities out, so that the FMU is run again"
-    else:
-        if target.file is not None:
-            yield (
-                f"target.file: {quoted(target.file)} was not read, which is done where a "
-                "scenario file "
-                f"is; give times and positions instead"
-            )
-            return
-        advice = "give times and positions, or file"
-    if len(target.times) < 2:
-        yield f"target.times: expected two times at least, got {len(target.times)}; {advice}"
-
-
-def _wrong_samples(target: SampledTarget | FmuTarget) -> list[str]:
-    """Return the first thing that is wrong with samples that are there."""
+def _wrong_samples(target: SampledTarget | FmuMotion) -> list[str]:
+    """Return the first thing that is wrong with samples."""
     times, tables = target.times, {"positions": target.positions}
-    if isinstance(target, FmuTarget):
+    if len(times) < 2:
+        return [
+            f"target.times: expected two times at least, got {len(times)}; give times and "
+            f"positions, or file"
+        ]
+    if isinstance(target, FmuMotion):
         tables["velocities"] = target.velocities
     for name, rows in tables.items():
         if len(rows) != len(times):

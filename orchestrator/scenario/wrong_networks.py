@@ -9,7 +9,6 @@ from math import isfinite
 import numpy as np
 
 from nrs_cosim.bus.plurals import count_of, numbered
-from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.networks import digraphs_of, phases_of
@@ -57,13 +56,6 @@ def _wrong_digraph_form(where: str, digraph: Digraph) -> Iterator[str]:
     for name, other in (("adjacency", "pinning"), ("pinning", "adjacency")):
         if getattr(digraph, name) is None and getattr(digraph, other) is not None:
             yield f"{where}.{name}: missing, it has no default beside {where}.{other}"
-    for form in ("edges", "graphml"):
-        if getattr(digraph, form) is not None:
-            yield (
-                f"{where}.{form}: a file is read when a scenario is read from a file of its own, "
-                f"and this text is from elsewhere, got {quoted(getattr(digraph, form))}; give "
-                f"{where}.edge_list"
-            )
 
 
 def wrong_network(experiment: Experiment) -> Iterator[str]:

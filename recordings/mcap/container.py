@@ -32,6 +32,8 @@ PART = "part_of"
 """Is said at the end of what was recovered of a run: the digest of all of it, empty if unknown."""
 LIMIT = 2**30
 """No chunk, decompressed or not, and no record of the head is longer: 1 GiB."""
+MOST_ATTACHED = LIMIT - 2**16
+"""Bytes of an attachment, beside which its record has a name."""
 FREE = 2**23
 """Whatever decompresses to so much is read: twice the largest chunk that mcap's tools write."""
 RATIO = 256

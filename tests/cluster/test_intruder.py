@@ -271,6 +271,7 @@ def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
             secret=b"x" * 32,
             name="lure",
             scenario="no = [",
+            assets={},
             folder=None,
             fmus={},
             robots=(1,),

@@ -71,6 +71,7 @@ def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
                 secret=b"x" * 32,
                 name="lure",
                 scenario=path.read_text("utf-8"),
+                assets={},
                 folder=str(tmp_path),
                 fmus={named: hashlib.sha256(fmu.read_bytes()).hexdigest()},
                 robots=tuple(range(1, 7)),

@@ -88,4 +88,5 @@ def test_a_scenario_with_a_byte_order_mark_is_that_without(tmp_path):
     for name, mark in (("with", "\ufeff"), ("without", "")):
         (tmp_path / f"{name}.toml").write_text(mark + TEXT, "utf-8")
     marked, plain = (read_scenario(tmp_path / f"{name}.toml") for name in ("with", "without"))
-    assert (marked.text, marked.scenario) == (plain.text, plain.scenario)
+    assert marked.scenario == plain.scenario
+    assert marked.text == f"\ufeff{plain.text}"

@@ -41,6 +41,27 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return found
 
 
+@pytest.fixture
+def moving(tmp_path):
+    """Return the file of a scenario whose target is an FMU that was not run."""
+    text = LOSSY.read_text("utf-8")
+    start, end = text.index("[target]"), text.index("[plant]")
+    target = (
+        "[target]\nkind = 'fmu'\nfmu = 'two_link_arm'\nparameters = {q = [0.3, 0.0]}\n"
+        "variables = {position = 'q', velocity = 'qd'}\n\n"
+    )
+    path = tmp_path / "moving.toml"
+    path.write_text(text[:start] + target + text[end:], "utf-8")
+    return path
+
+
+@pytest.mark.parametrize("command", [["check"], ["run"], ["run", "--embed-fmus"]])
+def test_a_scenario_whose_target_is_an_fmu_makes_each_once(made, moving, tmp_path, command):
+    output = ("-o", tmp_path / "run.mcap") if "run" in command else ()
+    done = nrs(*command, moving, "--set", "run.duration=1.0", *output)
+    assert (done.returncode, dict(made)) == (0, MADE), done.stderr
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("lossy") / "lossy.mcap"

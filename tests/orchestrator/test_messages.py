@@ -60,6 +60,7 @@ def described(*plants):
     """Return the summary's line on how plants are driven, and that on robots."""
     about = {
         "algorithm": {"name": "dcea1", "parameters": {}},
+        "assets": {},
         "plants": [
             {"fmu": fmu, "fmi_version": "3.0", "drive": "d", "robots": [i], "why": why}
             for i, (fmu, why) in enumerate(plants, 1)

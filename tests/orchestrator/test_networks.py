@@ -7,7 +7,6 @@ import pytest
 
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.scenario import graphs
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -160,7 +159,7 @@ def test_a_ring_of_a_hundred_runs_to_its_end(tmp_path):
     assert (outcome.status, outcome.ticks) == ("completed", 50)
 
 
-def test_a_file_of_edges_travels_in_the_text(tmp_path):
+def test_the_edges_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path):
     lines = [f"{j},{i}" for j, i in PAPERS]
     (tmp_path / "a.csv").write_text(
         "\ufeffsource,sink\r\n" + "\r\n\r\n \t \r\n".join(lines), "utf-8"
@@ -168,13 +167,14 @@ def test_a_file_of_edges_travels_in_the_text(tmp_path):
     path = tmp_path / "net.toml"
     for network in ("[network]\nedges = 'a.csv'  # who\n", "network = { edges = 'a.csv' }\n"):
         head = "" if network.startswith("[") else network
-        path.write_text(head + BEFORE + (network if not head else "") + AFTER, "utf-8")
+        text = head + BEFORE + (network if not head else "") + AFTER
+        path.write_text(text, "utf-8")
         file = read_scenario(path)
-        again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
+        again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again", file.assets)
         assert again.scenario == file.scenario
         assert edges_of(again) == dict.fromkeys(sorted(PAPERS), 1.0)
         assert again.scenario.n == 6
-    assert file.text.replace("\n", "").count("a.csv") == 0
+        assert file.text == text
 
 
 def test_what_a_comment_says_does_not_matter_to_a_file_of_edges(tmp_path):
@@ -231,6 +231,10 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         ("source;sink\n0;1", "in its first line, separated by commas, got 'source;sink'"),
         ("source,sink\n0,1\n1,1", "line 3: expected another source, robot 1 cannot hear itself"),
         ("source,sink\n0,1\n,", "line 3: source: expected 0, the target, or the number of a rob"),
+        (
+            "source,sink\n0,1\n1,100001",
+            "line 3: sink: expected at most 100000 robots, got '100001'",
+        ),
         ("source,sink\n0,1_0", "line 2: sink: expected the number of a robot, got '1_0'"),
         ("source,sink\n0,١", "line 2: sink: expected the number of a robot, got '١'"),
         ("source,sink,weight\n0,1,1_0", "line 2: weight: expected a number above 0, got '1_0'"),
@@ -261,7 +265,7 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         ("edge_list = [[0, 1]]\npinning = [1]", "got pinning and edge_list; keep one of them"),
         ("adjacency = [[0]]", "network.pinning: missing, it has no default beside"),
         ("pinning = [1]", "network.adjacency: missing, it has no default beside"),
-        ("edges = 'a.csv'", "this text is from elsewhere, got 'a.csv'; give network.edge_list"),
+        ("edges = 'a.csv'", "network.edges: 'a.csv' is read where a scenario file is, and did not"),
         ("edge_list = []", "network.edge_list: expected at least one, got []"),
         ("edge_list = [[0, 1], [1]]", "edge_list[1]: expected [source, sink] or [source, sink, w"),
         ("edge_list = [[0, 1], [1, 0]]", "network.edge_list[1][1]: expected greater than or equal"),
@@ -308,6 +312,36 @@ def test_the_schema_knows_the_forms_of_a_network():
         assert f'"{key}"' in schema
 
 
-def test_what_is_no_toml_is_left_to_the_parser(tmp_path):
-    for text in ("edges = [", "network = 3 # edges", "[network]\nedges = 3"):
-        assert graphs.with_edges(text, tmp_path, "a") == text
+@pytest.mark.parametrize(
+    ("network", "result"),
+    [
+        ("edges = [", "not valid TOML"),
+        ("edges = 3", "network.edges: expected a valid string, got 3"),
+        ("edges = 'a.csv'\nedge_list = [[0, 1]]", "got edge_list and edges; keep one of them"),
+        ("edges = 'a.csv'\npinning = [1]", "got pinning and edges; keep one of them"),
+    ],
+)
+def test_no_file_is_read_for_a_network_that_is_wrong_by_itself(tmp_path, network, result):
+    path = tmp_path / "net.toml"
+    path.write_text(text_of(network), "utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_scenario(path)
+    assert result in str(error.value)
+    assert "no such file" not in str(error.value)
+
+
+def test_all_files_that_are_missing_are_named_at_once(tmp_path):
+    path = tmp_path / "net.toml"
+    network = "[network]\nposition = { edges = 'p.csv' }\nvelocity = { graphml = 'v.graphml' }\n"
+    target = "[target]\nkind = 'sampled'\nfile = 't.csv'\n"
+    path.write_text(BEFORE + network + target + TEXT[TEXT.index("[plant]") :], "utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_scenario(path)
+    assert str(error.value).splitlines() == [
+        f"{path}: {field}: {name}: no such file; it is relative to the scenario's"
+        for field, name in (
+            ("network.position.edges", "p.csv"),
+            ("network.velocity.graphml", "v.graphml"),
+            ("target.file", "t.csv"),
+        )
+    ]

@@ -76,7 +76,7 @@ def test_what_a_turn_draws_depends_on_its_place():
     assert edges(again.exchanges[1].position) == edges(two.position)
 
 
-def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
+def test_files_of_edges_of_each_turn_go_with_the_text(tmp_path):
     for name, rows in (("a", PAPERS), ("b", [(i, i + 1) for i in range(6)])):
         lines = ["source,sink", *(f"{j},{i}" for j, i in rows)]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines), "utf-8")
@@ -88,9 +88,9 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text(BEFORE + "[network]\n" + network + AFTER, "utf-8")
     file = read_scenario(path)
-    again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again")
+    again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again", file.assets)
     assert again.scenario == file.scenario
-    assert ".csv" not in file.text
+    assert len(file.assets) == 4
     first, second, third = file.topologies.exchanges
     assert edges(first.position) == edges(second.velocity) == set(PAPERS)
     assert edges(second.position) == edges(third.position) == {(i, i + 1) for i in range(6)}
@@ -126,7 +126,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
         (
             phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]")),
             "network.switching[1]: expected a spanning tree rooted at the target (assumption A2), "
-            "but no path leads from the target to robot 5, 6; let one of them hear the target (an ",
+            "but no path leads from the target to robots 5-6; let one of them hear the target (an ",
         ),
         (phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 1]]")), "switching[1].edge_list[1]: exp"),
         (phases((1, PAPER), (5, "edge_lst = [[0, 1]]")), "network.switching[1].edge_lst: unknown "),
@@ -141,7 +141,7 @@ def test_files_of_edges_travel_in_the_text_of_each_turn(tmp_path):
             "network.velocity: expected a spanning tree rooted at the target (assumption A2), but "
             "no path leads from the target to robot 1; let one of them hear the target (network.ve",
         ),
-        (apart(PAPER, "edges = 'a.csv'"), "network.velocity.edges: a file is read when a scenario"),
+        (apart(PAPER, "edges = 'a.csv'"), "network.velocity.edges: 'a.csv' is read where a scena"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, result):

@@ -1,8 +1,7 @@
-"""A target may be sampled: its file is read once, and its scenario's text then says it all."""
+"""A target may be sampled: its file is read once, and its samples then go with the text."""
 
 import json
 import sys
-import tomllib
 from itertools import islice
 
 import numpy as np
@@ -22,7 +21,7 @@ from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
-from nrs_cosim.recordings.input_tables import read_columns
+from nrs_cosim.recordings.input_tables import file_columns
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.arms import target
 from tests.orchestrator.conftest import SCENARIOS
@@ -76,17 +75,16 @@ def read(folder, text=None, name="track.csv", columns=None):
         "target.kind = 'sampled'\ntarget.file = 'track.csv'",
     ],
 )
-def test_the_text_says_what_the_file_said(tmp_path, form):
+def test_the_samples_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path, form):
     text = scenario(form) if form[0] == "[" else f"{form}\n" + TEXT[:START] + TEXT[END:]
     file = read(tmp_path, text, columns=table())
     (tmp_path / "track.csv").unlink()
-    again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again")
+    again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again", file.assets)
     assert again.scenario == file.scenario
     assert again.scenario.target.times == tuple(TIMES)
     np.testing.assert_array_equal(again.scenario.target.positions, SAMPLES[:, :2])
-    ours, theirs = tomllib.loads(file.text), tomllib.loads(text)
-    assert {**ours, "target": 0} == {**theirs, "target": 0}
-    assert ours["target"].keys() == {"kind", "times", "positions"}
+    assert file.text == again.text == text
+    assert file.assets.keys() == {"target.file"}
 
 
 def test_parquet_is_read_as_csv_is(tmp_path):
@@ -104,6 +102,7 @@ def test_lines_of_blanks_are_no_samples(tmp_path):
 
 def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
+    (tmp_path / "track.parquet").write_bytes(b"PAR1")
     with pytest.raises(
         ScenarioError, match=r"target.file: .*\.parquet file needs pyarrow, which is not"
     ):
@@ -161,12 +160,11 @@ def test_errors_of_files_name_the_field_and_what_is_wrong(tmp_path, case):
     assert message in str(error.value)
 
 
-def test_a_file_of_another_kind_or_of_no_table(tmp_path):
-    with pytest.raises(InputError, match=r"expected a file named .csv or .parquet"):
-        read_columns(tmp_path / "track.mat")
-    (tmp_path / "track.parquet").write_bytes(b"PAR1")
-    with pytest.raises(InputError, match="no table of numbers"):
-        read_columns(tmp_path / "track.parquet")
+def test_a_file_of_another_kind_or_of_no_table():
+    with pytest.raises(InputError, match=r"track.mat: expected a file named .csv or .parquet"):
+        file_columns(b"", "track.mat")
+    with pytest.raises(InputError, match=r"track\.parquet: no table of numbers"):
+        file_columns(b"PAR1", "track.parquet")
 
 
 def test_velocities_decide_nothing_and_a_target_at_rest_has_some(tmp_path):
@@ -193,7 +191,7 @@ BAD_TABLES = {
     ),
     "misspelt": ("kind = 'sampled'\ntime = []", "target.time: unknown key; did you mean 'times'?"),
     "nothing": ("kind = 'sampled'", "target.times: expected two times at least, got 0; give"),
-    "unread file": ("kind = 'sampled'\nfile = 'a.csv'", "target.file: 'a.csv' was not read"),
+    "unread file": ("kind = 'sampled'\nfile = 'a.csv'", "target.file: 'a.csv' is read where"),
     "rows": (INLINE.format("[0, 40]", "[[1]]"), "target.positions: expected 2 rows"),
     "row": (
         INLINE.format("[0, 40]", "[[1, 2], [1]]"),
@@ -268,13 +266,13 @@ def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
 
 def test_the_recording_alone_repeats_the_run(ran, tmp_path):
     file = experiment_of(ran[1])
-    assert "track.csv" not in experiment_of(ran[1]).text
+    assert "track.csv" in file.text
     run(file, tmp_path / "again.mcap")
     with Reader(tmp_path / "again.mcap") as again:
         assert again.digest == ran[1].digest
 
 
-def test_replays_and_resumed_runs_have_the_text_alone(ran, tmp_path):
+def test_replays_and_resumed_runs_need_no_file(ran, tmp_path):
     file = experiment_of(ran[1])
     verification = verify(ran[1], file, plants=False)
     assert verification.difference is None

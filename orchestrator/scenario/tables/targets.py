@@ -12,7 +12,6 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
     Number,
     Positive,
     Table,
-    Text,
     Vector,
 )
 
@@ -62,7 +61,7 @@ class HarmonicTarget(Table):
 class SampledTarget(Table):
     """The target moves along the cubic spline through what was sampled: in `file`, or given here.
 
-    A file is read once, and `times` and `positions` of the scenario's text take its place.
+    A file is read once, and its samples are recorded beside the scenario's text.
     """
 
     kind: Literal["sampled"] = Field(description="a spline through samples")
@@ -85,7 +84,7 @@ class SampledTarget(Table):
 class FmuTarget(Fmu):
     """The target moves as an FMU does that nothing drives, by its outputs position and velocity.
 
-    It is run once, when a scenario file is read, and what it did is then in the scenario's text.
+    It is run once, when a scenario is read, and what it did is recorded beside the scenario's text.
     """
 
     kind: Literal["fmu"] = Field(description="what an FMU does")
@@ -94,16 +93,27 @@ class FmuTarget(Fmu):
         description="s; the longest between two samples of the FMU, which is sampled at all output "
         "times too; a quarter of each sampling period by default",
     )
-    sha256: Text | None = Field(None, description="of the FMU that was run")
-    times: Vector = Field(
-        (), description="s; when it was sampled. Without the samples the FMU is run again"
-    )
-    positions: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
-    velocities: tuple[Vector, ...] = Field((), description="one row of m numbers for each time")
 
     @property
     def m(self) -> int:
-        """The number of axes; 0 before the FMU was run."""
+        """The number of axes, of which nothing is known before the FMU was run."""
+        return 0
+
+
+class FmuMotion(FmuTarget):
+    """What the FMU did that is the target: no table of a file, but what becomes of one."""
+
+    sha256: str
+    """Of the FMU."""
+    times: Vector
+    """s, when it was sampled."""
+    positions: tuple[Vector, ...]
+    """One row of m numbers for each time, as of velocities."""
+    velocities: tuple[Vector, ...]
+
+    @property
+    def m(self) -> int:
+        """The number of axes."""
         return len(self.positions[0]) if self.positions else 0
 
 

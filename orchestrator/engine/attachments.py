@@ -1,0 +1,84 @@
+"""A recording has its scenario's text to the byte, and beside it what the text names, by content.
+
+That are edges and samples of files, and the user's own FMUs where the user wants it. An FMU is
+native code: of a recording it is run only where the user allows it, and from the store of FMUs.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from nrs_cosim.orchestrator.engine.plants import group_by_archive
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.assets import FMU, Asset, Assets, sha256_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.plant_fmu.archives.store import keep_fmu
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.recordings.mcap.container import MOST_ATTACHED
+from nrs_cosim.recordings.metadata import SCENARIO, AssetRecord
+
+
+def expect_attachable(assets: Assets) -> None:
+    """Raise `ScenarioError` for an asset that is too large for a recording."""
+    for field, asset in assets.items():
+        if len(asset.content) > MOST_ATTACHED:
+            raise ScenarioError(
+                f"{field}: {asset.name}: expected up to {MOST_ATTACHED} bytes in a recording, got "
+                f"{len(asset.content)}"
+            )
+
+
+def recorded_assets(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> Assets:
+    """Return what is recorded of a run with these plants: of FMUs those that it really has."""
+    used = {plant["sha256"] for plant in plants}
+    return {
+        field: asset
+        for field, asset in experiment.assets.items()
+        if asset.media_type != FMU or asset.sha256 in used
+    }
+
+
+def attachments(experiment: Experiment, assets: Assets) -> dict[str, tuple[str, bytes]]:
+    """Return what is attached to a recording, by name: media type and content."""
+    text = {SCENARIO: ("application/toml", experiment.text.encode())}
+    beside = {asset.attachment: (asset.media_type, asset.content) for asset in assets.values()}
+    return text | beside
+
+
+def asset_records(assets: Assets) -> dict[str, str]:
+    """Return the metadata record that says which attachment has what a field names."""
+    records = {
+        field: AssetRecord(
+            name=asset.name,
+            attachment=asset.attachment,
+            sha256=asset.sha256,
+            source_sha256=asset.source_sha256,
+        )
+        for field, asset in assets.items()
+    }
+    return {field: json.dumps(record.model_dump()) for field, record in records.items()}
+
+
+def with_fmus(experiment: Experiment) -> Experiment:
+    """Return an experiment whose assets include the FMUs of its plants that are not bundled."""
+    fmus = {}
+    for group in group_by_archive(experiment):
+        archive, name = group.archive, group.plant.fmu
+        if name in bundled_models():
+            continue
+        content = archive.path.read_bytes()
+        if sha256_of(content) != archive.sha256:
+            raise FmuError(f"{archive.label}: has changed since it was read")
+        fmus[f"{group.field}.fmu"] = Asset.of(name, archive.sha256, FMU, content)
+    return experiment.but(assets={**experiment.assets, **fmus})
+
+
+def with_allowed_fmus(experiment: Experiment) -> Experiment:
+    """Return an experiment whose plants may be the FMUs among its assets: the user allows it."""
+    fmus = {
+        asset.name: keep_fmu(asset.content, asset.sha256)
+        for asset in experiment.assets.values()
+        if asset.media_type == FMU
+    }
+    return experiment.but(fmus=fmus)
