@@ -255,10 +255,12 @@ def expect_same_types(reader: Reader, experiment: Experiment) -> Mapping[str, Co
 
     `InputError` where an algorithm of the name is installed that declares other fields.
     """
-    recorded, now = recorded_types(reader).codecs, declared_types(experiment.codecs)
+    types, now = recorded_types(reader), declared_types(experiment.codecs)
+    recorded = types.codecs
     for kind, codec in now.items():
         was, is_now = contents_of(recorded.get(kind)), contents_of(codec)
-        if was != is_now:
+        without = kind == "link_event" and not types.channels[kind]  # as no link has impairments
+        if was != is_now and not without:
             raise InputError(
                 f"{reader.path}: a {kind} has {shortened(was)}, but of the algorithm "
                 f"{experiment.scenario.algorithm.name} as it is installed here it has "

@@ -8,6 +8,7 @@ from tests.orchestrator.conftest import SCENARIOS
 
 ALGORITHMS = {
     "pi_consensus": "{name='pi_consensus',alpha=0.7,beta=1.0,kappa=0.3}",
+    "kalman_consensus": "{name='kalman_consensus',q=1.0,r=1e-4,epsilon=0.5}",
 }
 
 
@@ -21,6 +22,8 @@ def digest(path):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_three_workers_have_the_digest_of_one_and_a_replay_is_identical(tmp_path, name, file):
     change = f"run.duration=2,algorithm={ALGORITHMS[name]}"
+    if name == "kalman_consensus":
+        change += ",algorithm.missing=drop"
     for workers in ("1", "3"):
         output = tmp_path / f"{workers}.mcap"
         done = nrs("run", SCENARIOS / file, "--set", change, "-o", output, "--workers", workers)
