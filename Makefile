@@ -50,6 +50,7 @@ reference: .venv/.installed  ## write docs/scenario.md and docs/cli.md from the 
 paper: .venv/.installed  ## run the paper's cases; its figures and numbers beside ours in docs/paper
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
 	$(BIN)/python -m docs.paper_tables $(DATA) docs/paper
+	$(BIN)/python -m docs.comparison $(DATA) docs/paper
 
 lint: .venv/.tested  ## format and lint
 	$(BIN)/ruff format .
