@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.framing import joined, parted
-from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import HEADER, Codec
 from nrs_cosim.bus.signature import Signer
 
@@ -73,16 +73,19 @@ class Wire:
         assignment: Mapping[str, Nodes],
         signer: Signer,
         silent: Callable[[int], Nodes] = _none_silent,
+        *,
+        triggered: bool = False,
     ) -> None:
-        """Know the run: which nodes each worker has, ascending, and who does not send at a tick.
+        """Know the run: which nodes each worker has, ascending, and who cannot send at a tick.
 
-        Nodes are (n,) each, 0 for the target.
+        Nodes are (n,) each, 0 for the target. Where it is `triggered`, each robot that can send
+        decides itself whether it does.
         """
         self.samples, self.states = codecs.samples, codecs.states
         self.link_events = codecs.link_events
         self.assignment = dict(assignment)
         self.times = times
-        self._signer, self._silent = signer, silent
+        self._signer, self._silent, self._triggered = signer, silent, triggered
         self.none = self.link_events.blank(np.empty(0, np.int64))
         """No link events."""
         self._accepted_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
@@ -114,8 +117,11 @@ class Wire:
         expected = self._expected_samples[worker]
         if silent.size:
             expected = expected[~np.isin(nodes, silent)]
+        messages = data[_K.size :]
+        if self._triggered and worker != TARGET:
+            expected = self._of_senders(messages, expected)
         expected["k"], expected["time_ns"] = k, self.times.t(k)
-        accepted = k, self._accepted(self.samples, data[_K.size :], expected)
+        accepted = k, self._accepted(self.samples, messages, expected)
         self._accepted_last[worker] = payload, accepted
         return accepted
 
@@ -148,6 +154,24 @@ class Wire:
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
             raise RejectedError("tick")
         return k, Tick(states, events, checkpoints)
+
+    def _of_senders(self, messages: bytes, expected: Records) -> Records:
+        """Return what is expected of the robots that a batch says have sent: ascending, each once.
+
+        That the others have not is said too, by the signature of a batch that is without them.
+        """
+        if len(messages) % self.samples.size:
+            raise RejectedError("size")
+        senders = np.frombuffer(messages, self.samples.dtype)["robot"]
+        rows = np.searchsorted(expected["robot"], senders)
+        known = rows < len(expected)
+        if (
+            not known.all()
+            or (expected["robot"][rows] != senders).any()
+            or (np.diff(rows) < 1).any()
+        ):
+            raise RejectedError("robot")
+        return expected[rows]
 
     def _open(self, kind: str, worker: str, payload: bytes) -> tuple[bytes, Nodes]:
         nodes = self.assignment.get(worker)

@@ -30,7 +30,7 @@ from nrs_cosim.estimator_agents.algorithm import (
     name_of,
     overrides,
 )
-from nrs_cosim.estimator_agents.edges import Edges, sizes_of
+from nrs_cosim.estimator_agents.edges import Edges, field_sizes
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import ReceiveBuffer
@@ -76,7 +76,7 @@ class Agents:
         """Of positions and of velocities, by exchange."""
         self.in_neighbours = np.unique(np.concatenate([edges.source for edges in into.values()]))
         """From whom samples are received at some time, ascending."""
-        self._sizes = sizes_of(topologies, initial.position.shape[1])
+        self._sizes = field_sizes(topologies, initial.position.shape[1])
         sent = algorithm.SENT
         self._samples = initial_values(sent, topologies.n + 1, self._sizes)
         """The last that came of each node."""

@@ -32,6 +32,9 @@ def _wrong_fields(kind: type[Algorithm]) -> Iterator[str]:
         if field not in kind.STATE or kind.STATE[field].shape != standing.shape:
             shape = standing.shape
             yield f"STATE: {field}: expected a field of shape {shape}, which the robot follows"
+    for name, sent in kind.SENT.items():
+        if sent.truth and sent.shape != ("m",):
+            yield f"SENT: {name}: expected the shape ('m',) of the target's {sent.truth}"
     if not kind.SENT:
         yield "SENT: expected one field at least"
 

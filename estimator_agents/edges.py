@@ -61,7 +61,7 @@ class Edges:
         return cls(source, row, start, weight, place, buffered, link, pinned, out_degree)
 
 
-def sizes_of(topologies: TopologySchedule, m: int) -> Sizes:
+def field_sizes(topologies: TopologySchedule, m: int) -> Sizes:
     """Return what the symbols of shapes stand for; the in-degree is the largest at any t_k."""
     in_degree = max(int(np.bincount(topology.sink).max()) for topology in topologies.digraphs)
     return Sizes(m, topologies.n, in_degree)

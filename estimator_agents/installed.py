@@ -17,6 +17,21 @@ from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
 from nrs_cosim.estimator_agents.plugins import ThirdParty, loaded
 
 GROUP = "nrs.algorithms"
+BUNDLED = {
+    "dcea1": "dcea1:FirstOrder",
+    "dcea2": "dcea2:SecondOrder",
+    "dcea3": "dcea3:ThirdOrder",
+    "event_triggered": "event_triggered:EventTriggered",
+    "impulsive": "impulsive:Impulsive",
+    "kalman_consensus": "kalman_consensus:KalmanConsensus",
+    "max_consensus": "max_consensus:MaxConsensus",
+    "pd_like": "pd_like:PdLike",
+    "pi_consensus": "pi_consensus:PIConsensus",
+    "push_sum": "push_sum:PushSum",
+    "sliding": "sliding:Sliding",
+    "wmsr": "wmsr:Wmsr",
+}
+"""Those that are here, by name: module and class. No other package may take their names."""
 
 
 def algorithm_names() -> tuple[str, ...]:
@@ -26,7 +41,7 @@ def algorithm_names() -> tuple[str, ...]:
 
 def bundled_algorithms() -> tuple[str, ...]:
     """Return the names of those that are modules here."""
-    return tuple(sorted({entry.name for entry in _entries() if _is_ours(entry)}))
+    return tuple(sorted(BUNDLED))
 
 
 def load_algorithm(name: str, parameters: Mapping[str, Any]) -> Algorithm:
@@ -85,8 +100,12 @@ def _entry(name: str) -> EntryPoint:
 
 
 def _entries() -> tuple[EntryPoint, ...]:
-    """Return what is installed; looked for again where a folder of packages has changed."""
-    return _entries_of(tuple((path, _changed(path)) for path in sys.path))
+    """Return what is here, and what is installed: looked for again where a folder has changed."""
+    ours = tuple(
+        EntryPoint(name, f"{__package__}.{place}", GROUP) for name, place in BUNDLED.items()
+    )
+    others = _entries_of(tuple((path, _changed(path)) for path in sys.path))
+    return ours + tuple(entry for entry in others if entry.name not in BUNDLED)
 
 
 @lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nrs_cosim.bus.fields import Fields
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.waves import supremum
 
@@ -21,8 +22,23 @@ class Target(Protocol):
     def at(self, seconds: ArrayLike) -> Estimate:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m)."""
 
+    def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
+        """Return a_0 at times of any shape (…): (…, m)."""
+
     def bounds(self) -> tuple[float, float]:
         """Return γ1 ≥ sup ‖υ_0‖∞ and γ2 ≥ sup ‖a_0‖∞ (A1)."""
+
+
+def sample_of(target: Target, fields: Fields, seconds: float) -> dict[str, ArrayLike]:
+    """Return what a target sends at a time: of each field its truth, or else its initial value."""
+    at = target.at(seconds)
+    truths = {"position": at.position, "velocity": at.velocity}
+    if any(field.truth == "acceleration" for field in fields.values()):
+        truths["acceleration"] = target.acceleration(seconds)
+    return {
+        name: truths[field.truth] if field.truth else field.initial
+        for name, field in fields.items()
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +66,14 @@ class Harmonic:
             self.offset + self.rate * t + swing.sum(axis=-1),
             self.rate + speed.sum(axis=-1),
         )
+
+    def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
+        """Return a_0 at times of any shape (…): (…, m)."""
+        t = np.asarray(seconds, float)[..., None]
+        angle = self.frequency * t[..., None] + self.phase
+        pull = self.amplitude * self.frequency * self.frequency * np.sin(angle)
+        acceleration: NDArray[np.float64] = -pull.sum(axis=-1)
+        return acceleration
 
     def bounds(self) -> tuple[float, float]:
         """Return γ1 and γ2 (A1), the suprema over all times, of any axis (`waves`)."""
@@ -110,6 +134,11 @@ class Sampled:
     def at(self, seconds: ArrayLike) -> Estimate:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m); NaN beyond the samples."""
         return Estimate(self.spline(seconds), self.spline(seconds, 1))
+
+    def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
+        """Return a_0 at times of any shape (…): (…, m); NaN beyond the samples."""
+        acceleration: NDArray[np.float64] = self.spline(seconds, 2)
+        return acceleration
 
     def bounds(self) -> tuple[float, float]:
         """Return the suprema of |υ_0| and |a_0| of any axis over all that was sampled (A1).

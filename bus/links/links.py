@@ -76,8 +76,9 @@ class Links:
     """The links into some robots that have faults, sorted by (robot, in-neighbour).
 
     There are F of them, and `robots` is (r,). `faults` is by link, (j, i), and `silences` by robot;
-    what is not named there has none. `codecs` are those of the run: what its samples have, and what
-    is said of links.
+    what is not named there has none. With `every`, links without faults are here too: over these
+    each sample arrives when it is sent. `codecs` are those of the run: what its samples have, and
+    what is said of links.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class Links:
         ticks: Ticks,
         seed: int,
         codecs: Codecs,
+        every: bool = False,
     ) -> None:
         self.ticks = ticks
         self.codec = codecs.link_events
@@ -103,7 +105,7 @@ class Links:
         faulty = [
             edge
             for edge, link in enumerate(links)
-            if faults.get(link, sound) != sound or any(silences.get(end) for end in link)
+            if every or faults.get(link, sound) != sound or any(silences.get(end) for end in link)
         ]
         links = [links[edge] for edge in faulty]
         self.source, self.sink = np.array(links, np.intp).reshape(-1, 2).T

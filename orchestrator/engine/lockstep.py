@@ -20,7 +20,7 @@ from nrs_cosim.bus.errors import BusError, Cause
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
 from nrs_cosim.bus.validation import Wire
-from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.estimator_agents.target import Target, sample_of
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
 from nrs_cosim.orchestrator.engine.worker import Spent, Watch
 from nrs_cosim.orchestrator.scenario.robot_ids import named
@@ -39,11 +39,12 @@ def window(tick_bytes: int) -> int:
 
 
 class TargetNode:
-    """Node 0: it publishes the target's position and velocity at the sampling times."""
+    """Node 0: it publishes the fields of a sample that the target has, at the sampling times."""
 
     def __init__(self, bus: Bus, clock: Clock, wire: Wire, target: Target) -> None:
         self._clock, self._wire, self._target = clock, wire, target
         self._record = wire.samples.blank(np.array([0]))
+        self._fields = wire.samples.kind.fields
         self._put = bus.publisher(wire_key(SAMPLES, TARGET))
         self._said = 0
 
@@ -52,13 +53,13 @@ class TargetNode:
         self._said = max(k, 0)
 
     def publish_until(self, k: int) -> None:
-        """Publish ε_0, υ_0 of all sampling times up to t_k that are not published yet."""
+        """Publish the target's samples up to that of t_k which are not published yet."""
         for now in range(self._said + 1, min(k, self._clock.ticks) + 1):
             t = self._clock.t(now)
-            at = self._target.at(seconds(t))
             record = self._record
             record["k"], record["time_ns"] = now, t
-            record["position"], record["velocity"] = at.position, at.velocity
+            for name, value in sample_of(self._target, self._fields, seconds(t)).items():
+                record[name] = value
             self._put(self._wire.pack_samples(TARGET, now, record))
             self._said = now
 

@@ -111,4 +111,11 @@ def wire_of(
     """Return the wire of a run whose robots are assigned to workers."""
     nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
-    return Wire(experiment.codecs, experiment.clock, nodes, signer, experiment.outages.at)
+    return Wire(
+        experiment.codecs,
+        experiment.clock,
+        nodes,
+        signer,
+        experiment.outages.at,
+        triggered=experiment.algorithm.TRIGGERED,
+    )

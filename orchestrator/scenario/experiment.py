@@ -24,7 +24,7 @@ from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing, class_of
-from nrs_cosim.estimator_agents.edges import sizes_of
+from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
 from nrs_cosim.estimator_agents.target import Target
@@ -118,7 +118,7 @@ class Experiment:
     @cached_property
     def sizes(self) -> Sizes:
         """What the symbols of declared shapes stand for."""
-        return sizes_of(self.topologies, self.m)
+        return field_sizes(self.topologies, self.m)
 
     @cached_property
     def codecs(self) -> Codecs:
@@ -132,7 +132,12 @@ class Experiment:
         return self._links_into(range(1, self.n + 1))
 
     def links_into(self, robots: Sequence[int]) -> Links | None:
-        """Return the links into some robots that have faults; None as for `links`."""
+        """Return the links into some robots over which a receive buffer keeps the last sample.
+
+        They are those that have faults, and all where robots decide when they send; else None.
+        """
+        if self.algorithm.TRIGGERED:
+            return self._links_into(robots, every=True)
         return self.links if len(robots) == self.n else self._links_into(robots)
 
     @cached_property
@@ -207,15 +212,22 @@ class Experiment:
     def _those(self, robots: Sequence[int] | None) -> Sequence[int]:
         return range(1, self.n + 1) if robots is None else robots
 
-    def _links_into(self, robots: Sequence[int]) -> Links | None:
+    def _links_into(self, robots: Sequence[int], *, every: bool = False) -> Links | None:
         topologies = self.topologies
         sent = self.codecs.samples.shapes
         faults, quiet = link_faults(self.scenario, topologies.links, sent), silences(self.scenario)
-        if not quiet and all(fault == LinkFault() for fault in faults.values()):
+        if not every and not quiet and all(fault == LinkFault() for fault in faults.values()):
             return None
         into: NDArray[np.integer] = np.array(robots)
         return Links(
-            topologies, into, faults, quiet, ticks=self.clock, seed=self.seed, codecs=self.codecs
+            topologies,
+            into,
+            faults,
+            quiet,
+            ticks=self.clock,
+            seed=self.seed,
+            codecs=self.codecs,
+            every=every,
         )
 
 

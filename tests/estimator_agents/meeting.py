@@ -6,7 +6,7 @@ import numpy as np
 
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.estimator_agents.agents import Agents
-from nrs_cosim.estimator_agents.edges import sizes_of
+from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.values import Values, initial_values
 
@@ -24,7 +24,7 @@ def agents_at(
     """Return the agents of some robots; `start` is an estimate, or some of the fields by name."""
     if isinstance(start, Estimate):
         start = values(start)
-    sizes = sizes_of(topologies, np.shape(start["position"])[1])
+    sizes = field_sizes(topologies, np.shape(start["position"])[1])
     state = initial_values(algorithm.STATE, len(robots), sizes)
     state = state.replace(**{name: np.array(value, float) for name, value in start.items()})
     return Agents(np.asarray(robots), topologies, algorithm, state, ticks, links, missing, seed)
