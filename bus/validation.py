@@ -2,10 +2,11 @@
 
 A worker puts two batches a tick: `samples/<worker>`, the samples of its robots at t_k, for the
 other workers and the recorder; and `records/<worker>`, all else that is recorded of the tick: its
-states of (t_{k−1}, t_k], its link events, its checkpoints. Each batch is k and then whole messages
-as they will stand in the recording, signed. A batch is accepted when it is signed for its
-key, comes from a worker that the run has, and holds exactly what is expected of it: its robots, its
-times, finite numbers. Any other is rejected with the reason, and never mixed in.
+states of (t_{k−1}, t_k], its link events, what its agents keep right after t_k, its checkpoints.
+Each batch is k and then whole messages as they will stand in the recording, signed. A batch is
+accepted when it is signed for its key, comes from a worker that the run has, and holds exactly what
+is expected of it: its robots, its times, finite numbers. Any other is rejected with the reason, and
+never mixed in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -57,6 +58,8 @@ class Tick:
     link_events: Records
     checkpoints: Sequence[bytes]
     """Messages, one a robot; none at most ticks."""
+    agent_states: Records | None = None
+    """What agents keep beside their estimates right after t_k; None where that is nothing."""
 
 
 def _none_silent(_k: int) -> Nodes:
@@ -82,7 +85,7 @@ class Wire:
         decides itself whether it does.
         """
         self.samples, self.states = codecs.samples, codecs.states
-        self.link_events = codecs.link_events
+        self.link_events, self.agent_states = codecs.link_events, codecs.agent_states
         self.assignment = dict(assignment)
         self.times = times
         self._signer, self._silent, self._triggered = signer, silent, triggered
@@ -94,6 +97,10 @@ class Wire:
         most = max(len(times.outputs(0)), len(times.outputs(1)))
         self._expected_samples = {
             worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
+        }
+        self._expected_agent_states = {
+            worker: self.agent_states.blank(nodes) if self.agent_states else None
+            for worker, nodes in assignment.items()
         }
         self._expected_states = {
             worker: self.states.blank(np.tile(nodes, most)) for worker, nodes in assignment.items()
@@ -127,7 +134,10 @@ class Wire:
 
     def pack_tick(self, worker: str, k: int, tick: Tick) -> bytes:
         """Return the batch of all else that is recorded of a worker's tick."""
-        parts = [tick.states.tobytes(), tick.link_events.tobytes(), *tick.checkpoints]
+        parts = [tick.states.tobytes(), tick.link_events.tobytes()]
+        if self.agent_states:
+            parts.append(b"" if tick.agent_states is None else tick.agent_states.tobytes())
+        parts += tick.checkpoints
         return self._signer.sign(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
 
     def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
@@ -135,9 +145,10 @@ class Wire:
         data, robots = self._open(RECORDS, worker, payload)
         k = self._tick(data, 0)
         parts = parted(data[_K.size :])
-        if parts is None or len(parts) < 2:
+        if parts is None or len(parts) < (3 if self.agent_states else 2):
             raise RejectedError("size")
         state_bytes, met, *checkpoints = parts
+        kept = self._agent_states(worker, k, checkpoints.pop(0)) if self.agent_states else None
         expected, outputs = self._expected_states[worker], self.times.outputs(k)
         expected = expected[: len(robots) * len(outputs)]
         expected["k"] = k
@@ -153,7 +164,17 @@ class Wire:
             raise RejectedError("robot")
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
             raise RejectedError("tick")
-        return k, Tick(states, events, checkpoints)
+        return k, Tick(states, events, checkpoints, kept)
+
+    def _agent_states(self, worker: str, k: int, data: bytes) -> Records | None:
+        """Return what agents keep right after t_k; there is nothing of t_0."""
+        expected = self._expected_agent_states[worker]
+        if not k or expected is None or self.agent_states is None:
+            if data:
+                raise RejectedError("size")
+            return None
+        expected["k"], expected["time_ns"] = k, self.times.t(k)
+        return self._accepted(self.agent_states, data, expected)
 
     def _of_senders(self, messages: bytes, expected: Records) -> Records:
         """Return what is expected of the robots that a batch says have sent: ascending, each once.

@@ -8,7 +8,7 @@ what is said twice is kept once.
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, Protocol
@@ -145,11 +145,15 @@ class Recorder:
         self._read_until = -1
         self._workers = frozenset(wire.assignment) - {TARGET}
         self._sample_topics = [sample_topic(node) for node in range(n + 1)]
-        self._samples_on, self._states_on, self._link_events_on, self._checkpoints_on = (
-            np.array([writer.numbers.get(key(node), _NONE) for node in range(n + 1)], np.uint16)
-            for key in (sample_topic, state_topic, link_event_topic, checkpoint_topic)
-        )
-        """Channels, by node."""
+
+        def on(key: Callable[[int], str]) -> NDArray[np.uint16]:
+            """Return the channels of topics, by node."""
+            of_nodes = [writer.numbers.get(key(node), _NONE) for node in range(n + 1)]
+            return np.array(of_nodes, np.uint16)
+
+        self._samples_on, self._states_on = on(sample_topic), on(state_topic)
+        self._agent_states_on = on(agent_state_topic)
+        self._link_events_on, self._checkpoints_on = on(link_event_topic), on(checkpoint_topic)
 
     def take(self, message: Message) -> None:
         """Take what was put on a key; what is no batch of the run is refused and counted.
@@ -180,7 +184,7 @@ class Recorder:
         else:
             new = worker not in self._open[k].ticks
             known = self._open[k].ticks.setdefault(worker, tick)
-            same = known is tick or known.states.tobytes() == tick.states.tobytes()
+            same = known is tick or _same(known, tick)
             self._expect_same(k, worker, same)
         self.taken += new
         self.repeated += not new
@@ -212,6 +216,8 @@ class Recorder:
         checkpoints: list[bytes] = []
         for of_worker in tick.ticks.values():
             parts.append(_columns(self._states_on, of_worker.states))
+            if of_worker.agent_states is not None:
+                parts.append(_columns(self._agent_states_on, of_worker.agent_states))
             if len(of_worker.link_events):
                 parts.append(_columns(self._link_events_on, of_worker.link_events))
             checkpoints += of_worker.checkpoints
@@ -291,6 +297,12 @@ class Recorder:
                 "the same way again from the same state, or another party that has the run's "
                 "secret put a message in its name"
             )
+
+
+def _same(one: Tick, other: Tick) -> bool:
+    """Return whether two say the same of what enters the digest beside samples."""
+    kept = [b"" if t.agent_states is None else t.agent_states.tobytes() for t in (one, other)]
+    return one.states.tobytes() == other.states.tobytes() and kept[0] == kept[1]
 
 
 def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:

@@ -137,7 +137,8 @@ def run(
             )
         )
         recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
-        ahead = window(n * (wire.samples.size + wire.states.size * len(clock.outputs(1))))
+        of_tick = wire.samples.size + wire.states.size * len(clock.outputs(1))
+        ahead = window(n * (of_tick + (wire.agent_states.size if wire.agent_states else 0)))
         lockstep = Lockstep(
             clock,
             target,

@@ -95,6 +95,8 @@ class Worker:
         self._sample = wire.samples.blank(agents.robots)
         self._fields = tuple(wire.samples.kind.fields)
         self._state = wire.states.blank(agents.robots)
+        if wire.agent_states:
+            self._agent_state = wire.agent_states.blank(agents.robots)
         self._put_samples = bus.publisher(wire_key(SAMPLES, name))
         self._put_records = bus.publisher(wire_key(RECORDS, name))
         self._inbox = inbox
@@ -262,10 +264,26 @@ class Worker:
             self._wire.pack_tick(
                 self.name,
                 k,
-                Tick(states, self._wire.none if events is None else events, checkpoints),
+                Tick(
+                    states,
+                    self._wire.none if events is None else events,
+                    checkpoints,
+                    self._agent_states(k),
+                ),
             )
         )
         self.spent.bus += perf_counter() - began
+
+    def _agent_states(self, k: int) -> Records | None:
+        """Return what the agents keep beside their estimates right after t_k, k ≥ 1."""
+        codec = self._wire.agent_states
+        if not codec or not k:
+            return None
+        records = self._agent_state.copy()
+        records["k"], records["time_ns"] = k, self._clock.t(k)
+        for name in codec.shapes:
+            records[name] = self.agents.state[name]
+        return records
 
     def _checkpoints(self, k: int) -> Sequence[bytes]:
         """Return what each robot can be restored from at t_k, where that is due and exact."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.codecs import Codecs
-from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.framing import joined
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.messages import CHECKPOINT, LINK_EVENT, STATE, Blob, Codec
@@ -267,3 +267,61 @@ def test_without_a_secret_there_is_no_seal():
 
 def test_the_codec_of_faults_is_the_wires():
     assert WIRE.none.dtype == Codec(LINK_EVENT, Sizes(M)).dtype
+
+
+KEPT = Codecs.of(Sizes(M), "Mine", kept={**ESTIMATE, "P": Field((2, "m")), "next": Field(())})
+
+
+def kept_wire():
+    assignment = {WORKER: np.array(ROBOTS), TARGET: np.array([0])}
+    return Wire(KEPT, TwoOutputs(), assignment, SIGNER)
+
+
+def kept_of(k=K, robots=ROBOTS):
+    records = KEPT.agent_states.blank(np.array(robots))
+    records["k"], records["time_ns"] = k, 100 * k
+    records["P"], records["next"] = RNG.normal(size=(len(robots), 2, M)), 7.5
+    return records
+
+
+@pytest.mark.parametrize("k", [1, K, TICKS])
+def test_what_agents_keep_is_what_was_put(k):
+    wire = kept_wire()
+    checkpoints = checkpoints_of(k=k, time_ns=100 * k)
+    result = Tick(states_of(wire, k), wire.none, checkpoints, kept_of(k))
+    _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))
+    assert got.agent_states.tobytes() == result.agent_states.tobytes()
+    assert got.states.tobytes() == result.states.tobytes()
+    assert list(got.checkpoints) == checkpoints
+
+
+def test_nothing_is_kept_of_the_beginning():
+    wire = kept_wire()
+    result = Tick(states_of(wire, 0), wire.none, ())
+    assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, 0, result))[1].agent_states is None
+
+
+WRONGLY_KEPT = {
+    "none": ("size", K, None),
+    "of one robot alone": ("size", K, kept_of()[:1]),
+    "of another robot": ("robot", K, changed(kept_of(), "robot", 3)),
+    "of another tick": ("tick", K, changed(kept_of(), "k", 2, 1)),
+    "of another time": ("time", K, changed(kept_of(), "time_ns", 301)),
+    "a number that is none": ("value", K, changed(kept_of(), "next", np.nan)),
+    "of another form": ("form", K, changed(kept_of(), "P.tag", 9)),
+    "of the beginning": ("size", 0, kept_of(0)),
+}
+
+
+@pytest.mark.parametrize(("why", "k", "kept"), WRONGLY_KEPT.values(), ids=WRONGLY_KEPT)
+def test_what_agents_cannot_keep_is_rejected(why, k, kept):
+    wire = kept_wire()
+    payload = wire.pack_tick(WORKER, k, Tick(states_of(wire, k), wire.none, (), kept))
+    with pytest.raises(RejectedError, match=f"^{why}$"):
+        wire.unpack_tick(WORKER, payload)
+
+
+def test_a_tick_without_the_part_of_agent_states_is_rejected():
+    payload = signed(RECORDS, joined([states_of(kept_wire()).tobytes(), b""]))
+    with pytest.raises(RejectedError, match=r"^size$"):
+        kept_wire().unpack_tick(WORKER, payload)

@@ -1,0 +1,128 @@
+"""What agents keep beside their estimates is recorded, verified, resumed and compared."""
+
+import numpy as np
+import pytest
+
+from nrs_cosim.bus.messages import Codec
+from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.replay.diff import compare
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.recordings import Recording
+from nrs_cosim.recordings.mcap.copy import copy_of, ending
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import recorded_types
+from tests.command import nrs
+from tests.orchestrator.conftest import SCENARIOS
+
+SHORT = ("duration = 30.0", "duration = 1.0")
+WITH_INTEGRAL = ('name = "dcea1"', 'name = "pi_consensus"\nkappa = 0.3')
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    for old, new in (SHORT, WITH_INTEGRAL):
+        text = text.replace(old, new, 1)
+    folder = tmp_path_factory.mktemp("kept")
+    (folder / "pi.toml").write_text(text, "utf-8")
+    done = nrs("run", folder / "pi.toml", "-o", folder / "run.mcap")
+    assert done.returncode == 0, done.stderr
+    return folder / "run.mcap"
+
+
+def test_every_robots_state_is_there_at_every_tick_and_counted(recorded):
+    with Recording(recorded) as recording:
+        kept, digest = recording.agent_states(), recording.digest
+        assert recording.agent_states([2], 0.5, 0.6)["robot"].tolist() == [2]
+    assert kept.dtype.names == ("k", "time_ns", "t", "robot", "integral")
+    keys = list(zip(kept["k"].tolist(), kept["robot"].tolist(), strict=True))
+    assert keys == [(k, robot) for k in range(1, 11) for robot in range(1, 7)]
+    assert (kept["time_ns"] == kept["k"].astype(np.int64) * 100_000_000).all()
+    assert np.abs(kept["integral"]).max() > 0
+    assert digest
+    with Reader(recorded, verify=True) as reader:
+        assert not reader.damage
+        topics = [channel.topic for channel in reader.channels if channel.counted]
+        assert topics.count("/robot_3/agent_state") == 1
+
+
+def test_what_is_recorded_is_the_state_right_after_each_sampling_time(recorded):
+    """This integral grows by the disagreement with what was received: by the samples alone."""
+    with Recording(recorded) as recording, Reader(recorded) as reader:
+        experiment = experiment_of(reader)
+        kept, samples = recording.agent_states(), recording.samples()
+    topology = experiment.topologies.links
+    at = {(row["k"], row["robot"]): row["position"] for row in samples}
+    integral = {(row["k"], row["robot"]): row["integral"] for row in kept}
+    integral |= {(0, robot): np.zeros(2) for robot in range(1, 7)}
+    for k in range(1, 11):
+        for robot in range(1, 7):
+            mine = topology.sink == robot
+            pairs = zip(topology.source[mine], topology.normalised[mine], strict=True)
+            apart = sum(weight * (at[k, j] - at[k, robot]) for j, weight in pairs)
+            before, after = integral[k - 1, robot], integral[k, robot]
+            np.testing.assert_allclose(after - before, apart, rtol=1e-9, atol=1e-9)
+
+
+def altered(recorded, path, topic, tick, field):
+    """Write a copy of a recording in which one message's field is another."""
+    with Reader(recorded) as reader, copy_of(reader, path, {}) as writer:
+        kind = topic.rpartition("/")[2]
+        codec: Codec = recorded_types(reader).codecs[kind]
+        for messages in past_of(reader):
+            changed = []
+            for time_ns, of, k, data in messages:
+                if (of, k) == (topic, tick):
+                    records = codec.decode([data]).copy()
+                    records[field] += 1.0
+                    (data,) = codec.encode(records)  # noqa: PLW2901
+                changed.append((time_ns, of, k, data))
+            writer.write(changed)
+        writer.finish(*ending(reader))
+    return path
+
+
+def test_a_replay_finds_the_first_state_that_does_not_come_out_again(recorded, tmp_path):
+    with Reader(recorded) as reader:
+        assert verify(reader, experiment_of(reader), plants=False).status == "identical"
+    path = altered(recorded, tmp_path / "a.mcap", "/robot_4/agent_state", 6, "integral")
+    with Reader(path) as reader:
+        found = verify(reader, experiment_of(reader), plants=False).difference
+    assert found
+    assert (found.k, found.topic, found.robot, found.field) == (
+        *(6, "/robot_4/agent_state", 4, "integral"),
+    )
+    with Reader(recorded) as one, Reader(path) as other:
+        apart = compare(one, other)
+    assert apart.first
+    assert apart.first.recorded == found.replayed
+    assert apart.first.replayed == found.recorded
+    assert not apart.is_same
+
+
+def test_two_algorithms_are_compared_by_their_states_and_the_schemas_that_differ(
+    paper, recorded, tmp_path
+):
+    other = run(paper(SHORT), tmp_path / "dcea1.mcap").path
+    with Reader(recorded) as one, Reader(other) as two:
+        found = compare(one, two)
+    assert found.schemas == {"agent_state": ("integral (m)", "none")}
+    assert not found.is_same
+    assert {distance.quantity for distance in found.distances} >= {"position", "effort"}
+    assert len(found.times) == 6
+    done = nrs("diff", recorded, other)
+    assert done.returncode == 1
+    assert "agent_states: integral (m) -> none" in done.stdout
+
+
+def test_a_run_is_resumed_with_the_states_that_it_had(recorded, tmp_path):
+    with Reader(recorded) as reader, copy_of(reader, tmp_path / "half.mcap", {}) as writer:
+        for k, messages in enumerate(past_of(reader)):
+            if k <= 5:
+                writer.write(messages)
+        writer.finish("interrupted", "half way")
+    done = nrs("resume", tmp_path / "half.mcap", "-o", tmp_path / "whole.mcap")
+    assert done.returncode == 0, done.stderr
+    with Reader(recorded) as one, Reader(tmp_path / "whole.mcap") as two:
+        assert one.digest == two.digest
