@@ -23,7 +23,7 @@ from typing import Any
 from fmpy.sundials import libraries as sundials
 
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
-from nrs_cosim.plant_fmu.fmi.calls import DISCARD, WARNING, bind
+from nrs_cosim.plant_fmu.fmi.calls import DISCARD, bind, is_fine
 from nrs_cosim.plant_fmu.plants import Array
 
 MAX_STEPS = 100_000
@@ -153,7 +153,7 @@ class Cvode:
         def evaluation(time: float, states: int, values: Any, _user: Any) -> int:
             try:
                 status = evaluate(time, _address(states), address(values))
-                if status <= WARNING:
+                if is_fine(status):
                     return 0
                 if status == DISCARD:
                     return _TRY_SMALLER

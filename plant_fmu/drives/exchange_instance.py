@@ -13,7 +13,7 @@ import numpy as np
 from nrs_cosim.plant_fmu.archives.quantities import View
 from nrs_cosim.plant_fmu.drives.pd_law import Law
 from nrs_cosim.plant_fmu.errors import StepError
-from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.fmi.calls import is_fine, unless_fine
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.model_calls import ModelCalls
 from nrs_cosim.plant_fmu.plants import Array
@@ -26,7 +26,8 @@ class Exchanged:
     """A robot's instance at `time` and `states`; `next_event` is planned by the FMU, s.
 
     States, derivatives and indicators are passed by the address of an array of doubles, and the
-    calls that a solver makes most answer with an FMI status.
+    calls that a solver makes most answer with an FMI status. After one that is not fine no other is
+    made (FMI 2.0, section 2.1.3; FMI 3.0, section 2.3).
     """
 
     def __init__(
@@ -78,24 +79,23 @@ class Exchanged:
     def move(self, time: float, states: int) -> int:
         """Bring the FMU to a time and states, and give it the law's torque there."""
         handle, calls = self._handle, self._calls
-        # An FMI status is the higher, the worse: the worst of all calls is the answer.
-        return max(
-            calls.set_time(handle, time),
-            calls.set_states(handle, states, self.states.size),
-            self._apply_law(time),
+        return (
+            unless_fine(calls.set_time(handle, time))
+            or unless_fine(calls.set_states(handle, states, self.states.size))
+            or self._apply_law(time)
         )
 
     def derivatives(self, time: float, states: int, derivatives: int) -> int:
         """Evaluate dx/dt at a time and states."""
-        status = self.move(time, states)
         get = self._calls.get_derivatives
-        return max(status, get(self._handle, derivatives, self.states.size))
+        moved = unless_fine(self.move(time, states))
+        return moved or get(self._handle, derivatives, self.states.size)
 
     def signs(self, time: float, states: int, indicators: int) -> int:
         """Evaluate the event indicators at a time and states."""
-        status = self.move(time, states)
         get = self._calls.get_indicators
-        return max(status, get(self._handle, indicators, self.indicators.size))
+        moved = unless_fine(self.move(time, states))
+        return moved or get(self._handle, indicators, self.indicators.size)
 
     def nominals(self) -> Array:
         """Return the sizes that the FMU expects its states to have, 1 where that is none.
@@ -154,26 +154,28 @@ class Exchanged:
         else:
             raise self.failure(f"an event did not come to rest in {ITERATIONS} iterations")
         self.next_event = update.next_event
-        status = max(
-            calls.enter_continuous_time_mode(handle),
-            calls.get_states(handle, self.states_at, self.states.size),
-            self._apply_law(self.time),
+        status = (
+            unless_fine(calls.enter_continuous_time_mode(handle))
+            or unless_fine(calls.get_states(handle, self.states_at, self.states.size))
+            or self._apply_law(self.time)
         )
         self._expect(status, "an event")
 
     def _apply_law(self, time: float) -> int:
         """Read the outputs, and give the FMU the torque that the law has for them."""
         calls = self._instances.library.calls
-        read = calls.get(*self._read)
+        read = unless_fine(calls.get(*self._read))
+        if read:
+            return read
         self._outputs.take()
         if not self._law:
-            return read
+            return 0
         self._effort[:] = self._law.effort(time, self.state)
         self._input.give()
-        return max(read, calls.set(*self._write))
+        return calls.set(*self._write)
 
     def _expect(self, status: int, act: str) -> None:
-        if status > WARNING:
+        if not is_fine(status):
             raise self.refusal(act, status)
 
     def _expect_to_go_on(self, terminate: bool) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.grid import parts
-from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.fmi.calls import is_fine
 from nrs_cosim.plant_fmu.plants import Array
 
 WEIGHTS = np.array([1, 2, 2, 1]) / 6
@@ -79,7 +79,7 @@ class RungeKutta:
     def _slope(self, stage: int, time: float, states: Array) -> None:
         self._stage[:] = states
         status = self._robot.derivatives(time, self._stage_at, self._slopes_at[stage])
-        if status > WARNING:
+        if not is_fine(status):
             raise self._robot.refusal("evaluating the derivatives", status)
 
     def _crosses(self, time: float) -> bool:
@@ -90,6 +90,6 @@ class RungeKutta:
         robot = self._robot
         if robot.indicators.size:
             status = robot.signs(time, robot.states_at, robot.indicators_at)
-            if status > WARNING:
+            if not is_fine(status):
                 raise robot.refusal("evaluating the event indicators", status)
         return robot.indicators > 0

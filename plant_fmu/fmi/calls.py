@@ -28,6 +28,11 @@ def is_fine(status: int) -> bool:
     return 0 <= status <= WARNING
 
 
+def unless_fine(status: int) -> int:
+    """Return 0 for a status that is fine, else it: `a or b` calls b only where a was fine."""
+    return 0 if 0 <= status <= WARNING else status
+
+
 def answer(status: int) -> str:
     """Return what a call ended with."""
     return _ANSWERS[status] if 0 <= status < len(_ANSWERS) else f"status {status}, which is none"
@@ -131,7 +136,7 @@ def _common_fmi2(dll: Any) -> Calls:
         instance.instantiate(loggingOn=True, callbacks=callbacks)
 
     def initialize(handle: int, start: float) -> int:
-        return max(setup(handle, 0, 0.0, start, 0, 0.0), enter(handle))
+        return unless_fine(setup(handle, 0, 0.0, start, 0, 0.0)) or enter(handle)
 
     return Calls(
         set=bind(dll, "fmi2SetReal", *values),

@@ -5,7 +5,7 @@ from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.batch_calls import place
-from nrs_cosim.plant_fmu.fmi.calls import WARNING
+from nrs_cosim.plant_fmu.fmi.calls import is_fine, unless_fine
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
@@ -41,7 +41,7 @@ class States:
             # Deserialising makes a new state there; of a null pointer, freeing does nothing.
             self._calls.free(handle, state)
             status = self._calls.deserialize(handle, saved, len(saved), state)
-            if status > WARNING:
+            if not is_fine(status):
                 failure = self._instances.refusal(row, seconds, "reading a saved state", status)
                 raise FmuError(str(failure))
         self.put_back(seconds)
@@ -50,8 +50,8 @@ class States:
         handle, state, size = self._instances.handles[row], self._states[row], c_size_t()
         status = self._calls.size(handle, state, byref(size))
         buffer = create_string_buffer(size.value)
-        status = max(status, self._calls.serialize(handle, state, buffer, size))
-        if status > WARNING:
+        status = unless_fine(status) or self._calls.serialize(handle, state, buffer, size)
+        if not is_fine(status):
             raise self._instances.refusal(row, seconds, "saving its state", status)
         return buffer.raw
 
