@@ -58,6 +58,7 @@ class Codecs:
 
 
 def _is_estimate(fields: Fields) -> bool:
+    # In this order too, which is that of the numbers in a message.
     shapes, standing = (
         [(name, field.shape) for name, field in of.items()] for of in (fields, ESTIMATE)
     )

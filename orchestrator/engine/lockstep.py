@@ -27,7 +27,9 @@ from nrs_cosim.orchestrator.scenario.robot_ids import named
 from nrs_cosim.recordings.recorder import Recorder
 
 WINDOW_BYTES = 16 * 2**20
+"""Of messages that the recorder may have to keep until a tick before them is closed."""
 MOST_WINDOW, LEAST_WINDOW = 64, 4
+"""Ticks, however few bytes they have, or many."""
 _BATCHES = (wire_key(SAMPLES, ""), wire_key(RECORDS, ""))
 _PATIENCE = 0.25
 """s: how long nothing may come before it is looked whether the workers are well."""

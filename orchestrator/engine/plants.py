@@ -82,26 +82,25 @@ def group_by_archive(
     """
     find = find or find_in(experiment)
     shared, uneven = experiment.scenario.plant, experiment.clock.period is None
-    common, every = _alike(shared), range(1, experiment.n + 1)
+    common, every = _group_key(shared), range(1, experiment.n + 1)
     row_of = {robot: row for row, robot in enumerate(every if robots is None else robots)}
     members: defaultdict[str, list[int]] = defaultdict(list)
     first: defaultdict[str, list[int]] = defaultdict(list)
     given: dict[str, tuple[str, Plant]] = {}
+    # All robots, also where some are asked for: every worker has the same representatives.
     for robot in every:
         own = experiment.of_robot(robot)
-        representatives = common if own.plant is shared else _alike(own.plant)
-        if len(first[representatives]) < ROBOTS:
-            first[representatives].append(robot)
+        key = common if own.plant is shared else _group_key(own.plant)
+        if len(first[key]) < ROBOTS:
+            first[key].append(robot)
         if robot in row_of:
-            given.setdefault(representatives, (own.field, own.plant))
-            members[representatives].append(row_of[robot])
+            given.setdefault(key, (own.field, own.plant))
+            members[key].append(row_of[robot])
     groups = []
-    for representatives, (field, plant) in given.items():
+    for key, (field, plant) in given.items():
         with naming_field(field):
             archive = find(plant.fmu)
-        groups.append(
-            Group(field, plant, archive, members[representatives], first[representatives], uneven)
-        )
+        groups.append(Group(field, plant, archive, members[key], first[key], uneven))
     return groups
 
 
@@ -154,7 +153,7 @@ def open_fleet(
 ) -> Fleet:
     """Load, instantiate and initialise all plants at t_0; the stack ends them.
 
-    `alike` are, for each group, bodies as `open_plants` has them.
+    `representatives` are, for each group, bodies as `open_plants` has them.
     """
     _expect_once(groups)
     opened = []
@@ -165,7 +164,7 @@ def open_fleet(
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
 
 
-def _alike(plant: Plant) -> str:
+def _group_key(plant: Plant) -> str:
     """Return what plants of one group have in common."""
     return plant.model_dump_json(exclude={"parameters"})
 

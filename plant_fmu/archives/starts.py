@@ -52,11 +52,11 @@ def _fitting(archive: Archive, part: Part, was: float) -> ModelVariable | None:
     pool = known or [v for v in archive.description.modelVariables if _may_be(v)]
     units = {None, *map(unit_of, aliases)}
     pool = [v for v in pool if unit_of(v) in units]
-    representatives = [v for v in pool if any(_names(v, alias) for alias in aliases)]
+    namesakes = [v for v in pool if any(_names(v, alias) for alias in aliases)]
     equal = [v for v in pool if was and isclose(float(v.start), was)]
-    both = [v for v in representatives if v in equal]
+    both = [v for v in namesakes if v in equal]
     return next(
-        (few[0] for few in (both, representatives, equal, pool if known else []) if len(few) == 1),
+        (few[0] for few in (both, namesakes, equal, pool if known else []) if len(few) == 1),
         None,
     )
 

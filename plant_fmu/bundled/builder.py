@@ -207,6 +207,7 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
 def _zipped(files: dict[str, bytes]) -> bytes:
     written = BytesIO()
     with ZipFile(written, "w") as archive:
+        # Neither a date, nor a system, nor an order of this machine's is in the bytes.
         for name in sorted(files):
             entry = ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
             entry.compress_type = ZIP_DEFLATED

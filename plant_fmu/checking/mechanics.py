@@ -174,6 +174,7 @@ class MechanicsProbe:
             for aside in AHEAD * np.eye(len(q))
         ]
         squared = np.linalg.eigvals(np.array(slopes).T / (2 * AHEAD)).astype(complex)
+        # Of q̈ = A q from rest, a deviation along an eigenvector grows as cosh(√λ t).
         growth = float(np.cosh(np.sqrt(squared).real.max() * HOLDING))
         self._start(q, none, tau)
         drift = 0.0

@@ -69,7 +69,7 @@ class _Worst:
         for q in postures:
             try:
                 seen.append((*self._still(q), self._moving(q), q))
-            except OverBudgetError:
+            except OverBudgetError:  # of all of it, and no posture's
                 raise
             except CosimError as error:
                 refusal = str(error)
@@ -190,7 +190,7 @@ def _climb(measure: Measure, q: Array, best: float, looks: int) -> None:
                 value = measure(q + step * side)
             except OverBudgetError:
                 raise
-            except CosimError:
+            except CosimError:  # there the plant cannot be looked at; elsewhere it may be
                 continue
             if value > best:
                 q, best, moved = q + step * side, value, True

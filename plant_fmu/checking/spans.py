@@ -68,11 +68,13 @@ def staircase(archive: Archive, kind: Kind, velocities: Velocities) -> Staircase
         changed = np.flatnonzero((np.diff(moving, axis=0) != 0).any(axis=1))
         if len(changed) and declared:
             return Staircase(declared)
+        # q̇ changes in each of the steps: if it has steps of its own, they are shorter still.
         if len(changed) > 1 and np.diff(changed).max() == 1:
             return SMOOTH
         if len(changed) >= FEWEST:
             first, last = (_jump(velocities, step * at, step * (at + 1)) for at in changed[[0, -1]])
             internal = (last - first) / (len(changed) - 1)
+            # Midway between two jumps: whatever the times are rounded to, none is moved over.
             return Staircase(internal, (first + internal / 2) % internal)
         step *= 2
     raise FmuError(

@@ -42,8 +42,8 @@ def open_plants(
 ) -> DrivenPlants:
     """Return the bodies' plants at t_0, in the bodies' order; the stack ends them.
 
-    What is told of an error is measured at the bodies that are `alike`, wherever they are; at these
-    ones without any.
+    What is told of an error is measured at the `representatives` of all robots that have such a
+    plant, wherever they are; at these bodies without any.
     `names` gives what a quantity of ours is in the FMU where it is not found by our name.
     `FmuError` says what is wrong with the FMU or with what it was told.
     """

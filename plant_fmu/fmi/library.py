@@ -91,6 +91,7 @@ class Library:
 
     def instantiate(self, name: str) -> int:
         """Return the handle of a new instance; `FmuError` with the FMU's words if it refuses."""
+        # A copy shares the loaded library with FMPy's object, which would load it anew.
         instance = copy.copy(self._prototype)
         instance.instanceName, instance.component = name, None
         self._instances.append(instance)
