@@ -12,6 +12,7 @@ from typer.core import TyperArgument, TyperGroup
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import bounded
+from nrs_cosim.orchestrator.cli.option_rules import given_on_command_line, rules_of
 from nrs_cosim.orchestrator.terminal import say
 
 INTERRUPTED = 130
@@ -34,6 +35,16 @@ def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]
     return parameters
 
 
+def _with_rules(invoke: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what calls a command, once its options are known to go together."""
+
+    def ruled(ctx: Any) -> Any:
+        rules_of(ctx.command).expect(given_on_command_line(ctx))
+        return invoke(ctx)
+
+    return ruled
+
+
 def _nothing(ctx: Any) -> None:
     """Return no type."""
 
@@ -46,6 +57,7 @@ class Commands(TyperGroup):
         waiting: list[Any] = [self]
         for command in waiting:
             command.get_params = _without_types(command.get_params)
+            command.invoke = _with_rules(command.invoke)
             waiting += getattr(command, "commands", {}).values()
 
     def invoke(self, ctx: Any) -> Any:

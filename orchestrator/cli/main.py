@@ -23,6 +23,7 @@ from nrs_cosim.orchestrator.cli import replay_commands, run_commands
 from nrs_cosim.orchestrator.cli.fmu_commands import fmu
 from nrs_cosim.orchestrator.cli.group import Commands
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
+from nrs_cosim.orchestrator.cli.option_rules import OptionRules
 from nrs_cosim.orchestrator.cli.options import (
     Listen,
     NewRecording,
@@ -195,6 +196,7 @@ def scene(
 
 
 @app.command()
+@OptionRules({"--share": ("--accuracy",)})
 def check(
     scenario: ScenarioPath,
     as_json: AsJson = False,

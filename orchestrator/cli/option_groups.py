@@ -10,6 +10,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from nrs_cosim.orchestrator.cli.option_rules import required_by
 from nrs_cosim.orchestrator.cli.options import (
     WAIT,
     Compressed,
@@ -29,7 +30,6 @@ from nrs_cosim.orchestrator.cli.options import (
     Wait,
     Workers,
     changes_of,
-    expect_of,
 )
 from nrs_cosim.orchestrator.terminal import AsJson
 
@@ -39,6 +39,18 @@ if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.changes import Change
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
     from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
+
+
+OF_OUTPUT = (("--profile", "--json"),)
+"""What a run prints: one or the other."""
+BEYOND = ("--listen", "--connect")
+"""Options of a run whose workers are elsewhere."""
+OF_WORKERS = {
+    **required_by(("--workers", *BEYOND), "--wait", "--no-restart"),
+    **required_by(BEYOND, "--expect", "--insecure-tcp"),
+    **required_by(BEYOND, "--tls-ca", "--tls-certificate", "--tls-key"),
+}
+"""What options about workers, or about links to them, require of those of a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,18 +107,6 @@ class WorkerOptions(LinkOptions):
     listen: Listen = None
     connect: Connect = None
     expect: Expect = 1
-
-    def expect_used(self) -> None:
-        """Refuse what is about workers, or about links, where the run has none."""
-        beyond = {"--listen": self.listen or None, "--connect": self.connect or None}
-        workers = {"--wait": self.wait, "--no-restart": self.no_restart or None}
-        expect_of({"--workers": self.workers, **beyond}, workers)
-        tls = {
-            "--tls-ca": self.tls_ca,
-            "--tls-certificate": self.tls_certificate,
-            "--tls-key": self.tls_key,
-        }
-        expect_of(beyond, {**tls, "--insecure-tcp": self.insecure_tcp or None})
 
     def launcher(self, experiment: "Experiment") -> "Launcher":
         """Return how a run of an experiment gets its workers."""

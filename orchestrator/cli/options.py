@@ -1,6 +1,6 @@
 """Arguments and options that several commands share."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -242,13 +242,3 @@ Port = Annotated[
 Stay = Annotated[
     bool, typer.Option("--stay", help="With --live: serve the page until Ctrl-C after the run.")
 ]
-
-
-def expect_of(owners: Mapping[str, object | None], options: Mapping[str, object | None]) -> None:
-    """Refuse the first option that was given without any that it requires; None: not given."""
-    if all(value is None for value in owners.values()):
-        for option, value in options.items():
-            if value is not None:
-                *most, last = owners
-                others = f"{', '.join(most)} or {last}" if most else last
-                raise InputError(f"{option} requires {others}")

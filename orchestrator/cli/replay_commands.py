@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
 from nrs_cosim.orchestrator.cli.options import (
     AllowFmus,
     Connect,
@@ -24,6 +25,15 @@ SLOWEST = 1e-6
 LISTENER = "tcp/127.0.0.1:7447"
 
 
+@OptionRules(
+    {
+        **required_by(["--verify"], "--agents-only"),
+        **required_by(["--publish"], "--speed", "--as-fast-as-possible", "--from", "--to"),
+        **required_by(["--publish"], "--listen", "--connect", "--insecure-tcp", "--wait"),
+        **required_by(["--plant", "--algorithm"], "-o", "--force"),
+    },
+    [("--speed", "--as-fast-as-possible")],
+)
 def replay(
     recording: RecordingPath,
     verifying: Annotated[

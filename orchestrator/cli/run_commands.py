@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nrs_cosim.orchestrator.cli.option_groups import (
+    OF_OUTPUT,
+    OF_WORKERS,
     LinkOptions,
     RunOptions,
     WorkerOptions,
     with_groups,
 )
+from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
 from nrs_cosim.orchestrator.cli.options import (
     AllowFmus,
     Port,
@@ -21,7 +24,6 @@ from nrs_cosim.orchestrator.cli.options import (
     ScenarioPath,
     ShowLive,
     Stay,
-    expect_of,
 )
 from nrs_cosim.orchestrator.terminal import err, say
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
+@OptionRules({**OF_WORKERS, **required_by(["--live"], "--stay", "--port")}, OF_OUTPUT)
 @with_groups
 def run(
     scenario: ScenarioPath,
@@ -56,8 +59,6 @@ def run(
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     pace = pace_of(realtime)
-    expect_of({"--live": live or None}, {"--stay": stay or None, "--port": port})
-    ends.expect_used()
     experiment = read_scenario(scenario, options.scenario_changes())
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
@@ -77,6 +78,7 @@ def run(
                 start(begin=page.begin)
 
 
+@OptionRules(OF_WORKERS, OF_OUTPUT)
 @with_groups
 def resume(
     recording: RecordingPath,
@@ -91,7 +93,6 @@ def resume(
     from nrs_cosim.orchestrator.cli.terminal_run import resumable
     from nrs_cosim.orchestrator.engine.run import past_of
 
-    ends.expect_used()
     if (part := unfinished(recording)) != recording:
         say("blue", "resume", f"{part}, which was to take the place of {recording}")
         recording = part

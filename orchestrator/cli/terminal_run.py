@@ -62,8 +62,6 @@ def launcher_of(
     n = experiment.n
     if not 1 <= policy.expected <= n:
         raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
-    if policy.expected > 1 and not (listen or connect):
-        raise InputError(f"--expect {policy.expected}: needs --listen or --connect")
     if listen or connect:
         if workers is not None:
             option = "--listen" if listen else "--connect"

@@ -1,0 +1,75 @@
+"""An option that means nothing beside the others is an error, of each command alike."""
+
+import pytest
+
+from nrs_cosim.orchestrator.cli.main import command
+from nrs_cosim.orchestrator.cli.option_rules import rules_of
+from tests.command import nrs
+
+REPLAY = ("replay", "no.mcap")
+
+
+def commands(group=None, path=()):
+    for name, found in (group or command()).commands.items():
+        if hasattr(found, "commands"):
+            yield from commands(found, (*path, name))
+        else:
+            yield (*path, name), found
+
+
+ALL = dict(commands())
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_rules_are_about_options_that_the_command_has(path):
+    known = {name for parameter in ALL[path].params for name in parameter.opts}
+    rules = rules_of(ALL[path])
+    named = {*rules.requires, *(owner for owners in rules.requires.values() for owner in owners)}
+    assert named | {name for pair in rules.excludes for name in pair} <= known
+
+
+VALUES = {"--from": "1", "--to": "2", "--speed": "2", "--wait": "3", "-o": "x.mcap"}
+PUBLISHING = ("--speed", "--as-fast-as-possible", "--from", "--to", "--wait", "--insecure-tcp")
+
+
+def with_value(option):
+    return (option, VALUES[option]) if option in VALUES else (option,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        *(
+            ((*REPLAY, "--verify", *with_value(option)), f"{option} requires --publish")
+            for option in PUBLISHING
+        ),
+        *(
+            ((*REPLAY, mode, *with_value(option)), f"{option} requires --plant or --algorithm")
+            for mode in ("--verify", "--publish")
+            for option in ("-o", "--force")
+        ),
+        ((*REPLAY, "--verify", "--output", "x.mcap"), "-o requires --plant or --algorithm"),
+        ((*REPLAY, "--algorithm", "beta=1.0", "--agents-only"), "--agents-only requires --verify"),
+        ((*REPLAY, "--agents-only"), "--agents-only requires --verify"),
+        (
+            (*REPLAY, "--publish", "--as-fast-as-possible", "--speed", "2"),
+            "--speed and --as-fast-as-possible exclude one another; leave one of them out",
+        ),
+        (("check", "no.toml", "--share", "0.5"), "--share requires --accuracy"),
+        (("run", "no.toml", "--stay"), "--stay requires --live"),
+        (("run", "no.toml", "--port", "0"), "--port requires --live"),
+        (("run", "no.toml", "--expect", "1"), "--expect requires --listen or --connect"),
+        (
+            ("resume", "no.mcap", "--no-restart"),
+            "--no-restart requires --workers, --listen or --connect",
+        ),
+        (
+            ("run", "no.toml", "--json", "--profile"),
+            "--profile and --json exclude one another; leave one of them out",
+        ),
+    ],
+    ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
+)
+def test_an_option_without_what_it_requires_exits_2_before_anything_is_read(arguments, message):
+    done = nrs(*arguments)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"error: {message}\n")
