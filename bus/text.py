@@ -18,6 +18,19 @@ _STEERS = {"Cc", "Cf"}
 """Categories of what is not seen: control characters, and those that change the direction."""
 
 
+def not_utf8(error: UnicodeDecodeError) -> str:
+    """Say where bytes are no text in UTF-8, what stands there, and what to do."""
+    lines, end, rest = error.object[: error.start].rpartition(b"\n")
+    number = (lines + end).count(b"\n") + 1
+    column = len(rest.decode("utf-8", "replace")) + 1
+    byte = error.object[error.start]
+    latin = f", {chr(byte)} in Latin-1" if byte >= 0xA0 else ""
+    return (
+        f"it is no text in UTF-8: line {number}, column {column} is the byte 0x{byte:02x}{latin}; "
+        "save the file as UTF-8"
+    )
+
+
 def storable(text: str) -> str:
     """Return a text with what cannot be encoded as an escape."""
     return text.encode(errors="backslashreplace").decode()

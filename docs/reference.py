@@ -80,7 +80,7 @@ def _keys(table: Mapping[str, Any]) -> str:
         unit = _UNIT.match(meaning)
         cells = [
             f"`{name}`",
-            " or ".join(dict.fromkeys(_forms(key))),
+            " or ".join(dict.fromkeys(_forms(key, name))),
             unit[1] if unit else key.get("unit", ""),
             _default(key) if name not in table.get("required", ()) else "",
             meaning[unit.end() :] if unit else meaning,
@@ -89,27 +89,37 @@ def _keys(table: Mapping[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def _forms(key: Mapping[str, Any]) -> Iterator[str]:
-    """Yield in which forms a value can be written."""
+def _forms(key: Mapping[str, Any], name: str = "") -> Iterator[str]:
+    """Yield in which forms the value of a key of a name can be written."""
     if "$ref" in key:
         heading = _TABLES[key["$ref"].rpartition("/")[2]]
-        table = heading.partition(" ")[0].rstrip(",")
+        tables = [table.partition(" ")[0] for table in heading.split(", ")]
+        table = next((table for table in tables if table.endswith(f".{name}]")), tables[0])
         yield f"`{table}`" if table.startswith("[") else heading[0].lower() + heading[1:]
     for form in (*key.get("anyOf", ()), *key.get("oneOf", ())):
-        yield from _forms(form)
+        yield from _forms(form, name)
     if "enum" in key or "const" in key:
         yield " or ".join(f'`"{word}"`' for word in key.get("enum", [key.get("const")]))
     elif key.get("type") == "array":
-        inner = {"items": key.get("items"), "prefixItems": key.get("prefixItems")}
-        items = inner["items"] or (inner["prefixItems"] or [{}])[0]
-        many = " or ".join(dict.fromkeys(_forms(items))) or "value"
+        if "prefixItems" in key:
+            yield f"[{', '.join(' or '.join(_forms(item)) for item in key['prefixItems'])}]"
+            return
+        many = " or ".join(dict.fromkeys(_forms(key.get("items", {})))) or "value"
         yield many if many.startswith("`[[") else f"list of {_plural(many)}"
     elif key.get("type") in _WORDS:
-        bounds = (f" {sign} {key[name]:g}" for name, sign in _BOUNDS.items() if name in key)
-        yield _WORDS[key["type"]] + ",".join(bounds)
+        yield _WORDS[key["type"]] + _range(key)
+
+
+def _range(key: Mapping[str, Any]) -> str:
+    if "minimum" in key and "maximum" in key:
+        least, most = key["minimum"], key["maximum"]
+        return f" {least:g} to {most:g}" if least < most else f" {least:g}"
+    return ",".join(f" {sign} {key[name]:g}" for name, sign in _BOUNDS.items() if name in key)
 
 
 def _plural(form: str) -> str:
+    if form.startswith("["):
+        return form
     return (
         re.sub(r"\b(number|text|list|axis|wave)\b", _more, form)
         .replace("an axes", "axes")
@@ -170,12 +180,14 @@ def _commands(path: str, command: Any) -> Iterator[tuple[str, Any]]:
 def _option(one: Any) -> str:
     meaning = " ".join((one.help or "").split())
     if isinstance(one, TyperArgument):
-        return f"| `{one.metavar or one.name.upper()}` | | | {meaning} |"
+        shown = "required" if one.required else ""
+        return f"| `{one.metavar or one.name.upper()}` | | {shown} | {meaning} |"
     names = ", ".join(f"`{name}`" for name in sorted((*one.opts, *one.secondary_opts), key=len))
     choices = [f"`{choice}`" for choice in get_args(one.type_descriptor.annotation)]
     value = "" if one.is_flag else one.metavar or " or ".join(choices)
     default = one.show_default if isinstance(one.show_default, str) else one.default
-    shown = "" if one.is_flag or one.required or not default else f"`{default}`"
+    shown = "" if one.is_flag or not default else f"`{default}`"
+    shown = "required" if one.required else shown
     return f"| {names} | {value.replace('|', chr(92) + '|')} | {shown} | {meaning} |"
 
 

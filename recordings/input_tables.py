@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.numerals import decimal
-from nrs_cosim.bus.text import quoted, shortened
+from nrs_cosim.bus.text import not_utf8, quoted, shortened
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -30,8 +30,8 @@ def csv_columns(data: bytes, name: str) -> Columns:
     """Return the columns of CSV by name, each (rows,); an `InputError` begins with a name."""
     try:
         text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{name}: cannot be read: it is no text in UTF-8") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: cannot be read: {not_utf8(error)}") from None
     lines = csv.reader(StringIO(text, newline=""))
     try:
         names = [column.strip() for column in next(lines, [])]

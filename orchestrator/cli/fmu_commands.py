@@ -9,6 +9,7 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cli.options import whole_number
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
 
 _STIFF_TOO = {"alone", "resumed"}
 """What a robot fails as well that is only costly to step: with links of grams, and damping."""
+
+Fmi = Annotated[
+    int,
+    typer.Option(metavar="N", parser=whole_number("--fmi", 2, 3), help="The FMI version, 2 or 3."),
+]
 
 fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
 
@@ -81,7 +87,7 @@ def fmu_build(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
     ],
-    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+    fmi: Fmi = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
@@ -98,7 +104,7 @@ def fmu_from_urdf(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
     ],
-    fmi: Annotated[int, typer.Option(help="The FMI version, 2 or 3.")] = 3,
+    fmi: Fmi = 3,
     gravity: Annotated[
         str | None,
         typer.Option(

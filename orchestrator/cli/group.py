@@ -3,6 +3,7 @@
 An interrupt is told in a line and is exit status 130; wrong options are told in bounded sentences.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,13 +12,20 @@ import typer
 from typer.core import TyperArgument, TyperGroup
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.text import bounded
+from nrs_cosim.bus.text import bounded, quoted
 from nrs_cosim.orchestrator.cli.option_rules import given_on_command_line, rules_of
 from nrs_cosim.orchestrator.terminal import say
 
 INTERRUPTED = 130
 UsageError: Any = typer.BadParameter.__base__
 """Of click, or of Typer's own copy of it; only its subclass has a public name."""
+
+_WORD = r"'([^']*)'"
+_CHOICE = re.compile(
+    rf"(?:Value error, )?(['\"])(?P<given>.*)\1 is not one of (?P<known>{_WORD}(?:, {_WORD})*)\.$",
+    re.DOTALL,
+)
+"""How Typer refuses a word that is none of those that an option takes."""
 
 
 def _without_types(of: Callable[[Any], list[Any]]) -> Callable[[Any], list[Any]]:
@@ -86,5 +94,10 @@ def _in_sentences() -> Iterator[None]:
         say("red", "interrupted", str(interrupt) or "by the user")
         raise typer.Exit(INTERRUPTED) from None
     except UsageError as error:
+        if choice := _CHOICE.match(error.message):
+            *most, last = re.findall(_WORD, choice["known"])
+            others = f"{', '.join(most)} or {last}" if most else last
+            option, given = error.param.opts[0], quoted(choice["given"])
+            raise InputError(f"{option}: expected {others}, got {given}") from None
         error.message = bounded(error.message)
         raise

@@ -12,7 +12,6 @@ import logging
 from contextlib import ExitStack
 from errno import ENAMETOOLONG
 from functools import cache
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -123,7 +122,7 @@ def export(
         typer.Option("--format", help="Parquet needs the extra `analysis`."),
     ] = "csv",
 ) -> None:
-    """Write a recording's samples, states and faults as tables."""
+    """Write a recording's samples, states and link events as tables."""
     from nrs_cosim.orchestrator.cli.formats import expect_folder_name
     from nrs_cosim.orchestrator.cli.output_paths import expect_folder
     from nrs_cosim.orchestrator.cli.progress import reading
@@ -193,6 +192,8 @@ def scene(
         write_scene(reader, output, shapes)
         for damage in reader.damage:
             say("yellow", "damage", damage)
+    out.print(str(output), markup=False)
+    say("blue", "scene", "open it in Foxglove: a 3D panel shows /scene and /tf in the frame world")
 
 
 @app.command()
@@ -202,7 +203,7 @@ def check(
     as_json: AsJson = False,
     changes: Set = None,
     accuracy: Annotated[
-        tuple[float, float] | None,
+        tuple[str, str] | None,
         typer.Option(
             metavar="POSITION VELOCITY",
             help="Find gains and a period proven to give tracking errors of so many rad and rad/s.",
@@ -225,8 +226,9 @@ def check(
     ] = False,
 ) -> None:
     """Say what theory proves of a scenario, and whether its plants can be opened."""
-    if accuracy and not (min(accuracy) > 0 and all(map(isfinite, accuracy))):
-        raise InputError(f"--accuracy: expected two numbers above 0, got {accuracy}")
+    errors = tuple(map(number("--accuracy"), accuracy or ()))
+    if min(errors, default=1) <= 0:
+        raise InputError(f"--accuracy: expected two numbers above 0, got {min(errors):g}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
@@ -241,7 +243,7 @@ def check(
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     experiment = read_scenario(scenario, changes_of(changes))
-    wanted = EstimateBounds(*accuracy) if accuracy else None
+    wanted = EstimateBounds(*errors) if errors else None
     with stages(err) as begin:
         begin("opening the plants")
         with naming_field(scenario_name(scenario)), ExitStack() as stack:

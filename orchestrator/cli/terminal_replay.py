@@ -17,10 +17,10 @@ from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.diff import QUANTITIES, Comparison
 from nrs_cosim.orchestrator.replay.publish import key_of, publish
-from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
 from nrs_cosim.orchestrator.scenario.changes import Change
-from nrs_cosim.orchestrator.terminal import err, out, say
+from nrs_cosim.orchestrator.terminal import err, out, prose, say
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
 
@@ -49,16 +49,12 @@ def verify_again(recording: Path, *, plants: bool, allow_fmus: bool) -> None:
         if allow_fmus:
             experiment = with_allowed_fmus(experiment)
         verification = verify(reader, experiment, plants=plants)
-    what = "agents and plants" if plants else "agents"
     if verification.difference:
         say("red", "differs", verification.difference.between("the recording", "the replay"))
         raise typer.Exit(FAILED)
-    same = (
-        f"{what} say the same {verification.messages} messages again, to the last bit, "
-        f"in ticks 0 to {verification.ticks}"
-    )
+    same = _compared(verification, plants)
     if verification.status == "identical":
-        out.print(f"identical: {same}")
+        prose(out, f"identical: {same}")
         return
     lacks = {
         None: "how many the run had beside these is not known",
@@ -70,6 +66,21 @@ def verify_again(recording: Path, *, plants: bool, allow_fmus: bool) -> None:
     seen = same if verification.ticks >= 0 else "no message could be looked at: tick 0 is not here"
     say("red", "unverified", "; ".join(filter(None, (seen, unseen, lacks))))
     raise typer.Exit(FAILED)
+
+
+def _compared(verification: Verification, plants: bool) -> str:
+    """Say what was computed again and is the same, and what was taken from the recording."""
+    who, taken = "agents and plants", ""
+    if not plants:
+        who = "agents"
+        taken = (
+            " (positions, velocities and efforts in them are taken from the recording, for the "
+            "plants did not run)"
+        )
+    return (
+        f"{who}, run again, give the same {verification.messages} messages{taken}, to the last "
+        f"bit, in ticks 0 to {verification.ticks}"
+    )
 
 
 def put_back(
@@ -91,9 +102,9 @@ def put_back(
 
     def ready(bus: ZenohBus) -> None:
         where = ", ".join(endpoints.listen or endpoints.connect)
-        say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for somebody who listens")
+        say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for a subscriber")
         if not bus.wait_for_listener(key, wait):
-            raise InputError(f"--wait: nobody listened to nrs/{bus.run_id}/{key} in {wait:g} s")
+            raise InputError(f"--wait: no subscriber to nrs/{bus.run_id}/{key} in {wait:g} s")
 
     nothing: Queue[None] = Queue()
 
@@ -104,7 +115,7 @@ def put_back(
     count = publish(
         reader, endpoints, speed=speed, start_ns=start_ns, end_ns=end_ns, ready=ready, wait=pause
     )
-    out.print(f"{count} messages were put")
+    out.print(f"{count} messages were published")
 
 
 def what_if(

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from nrs_cosim.bus.numerals import decimal, whole
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import not_utf8, quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.tables.values import MOST_ROBOTS
 
@@ -71,8 +71,8 @@ def read_edges(data: bytes, where: str) -> list[Arrow]:
         lines = csv.reader(data.decode("utf-8-sig").splitlines(), strict=True)
         cells = ((lines.line_num, [cell.strip() for cell in row]) for row in lines)
         table = [(line, row) for line, row in cells if row not in ([], [""])]
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{where}: cannot be read: it is no text in UTF-8") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{where}: cannot be read: {not_utf8(error)}") from None
     except csv.Error as error:
         raise ScenarioError(f"{where}: not valid CSV: {error}") from None
     head = table[0][1] if table else []

@@ -1,6 +1,5 @@
 """A scenario file is read once; every error names the field, the value and what was expected."""
 
-import re
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from nrs_cosim.bus.text import quoted, shortened, storable
+from nrs_cosim.bus.text import not_utf8, quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -21,6 +20,7 @@ from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, F
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
 from nrs_cosim.orchestrator.scenario.wrong_tables import wrong_tables
+from nrs_cosim.orchestrator.scenario.wrong_text import wrong_toml
 
 if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.changes import Change
@@ -100,8 +100,8 @@ def _decoded(data: bytes, origin: str) -> str:
         raise ScenarioError(f"{origin}: is a recording (MCAP), not a scenario; `nrs info` reads it")
     try:
         return data.decode()
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{origin}: cannot be read: it is no text in UTF-8") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{origin}: cannot be read: {not_utf8(error)}") from None
 
 
 def tables_of(text: str) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def _parsed(text: str, origin: str) -> Scenario:
             raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
         return Scenario.model_validate(tables)
     except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{origin}: {_no_toml(text, str(error))}") from None
+        raise ScenarioError(f"{origin}: {wrong_toml(text, str(error))}") from None
     except RecursionError:
         raise ScenarioError(f"{origin}: not valid TOML: nested too deeply") from None
     except ValidationError as error:
@@ -150,22 +150,6 @@ def _parsed(text: str, origin: str) -> Scenario:
 def _needed() -> list[str]:
     """Return the tables without which there is no scenario."""
     return [f"[{name}]" for name, field in Scenario.model_fields.items() if field.is_required()]
-
-
-_TWICE = ("Cannot overwrite", "Cannot declare", "Duplicate inline", "Cannot mutate")
-"""How tomllib begins where a key or a table is given a second time."""
-
-
-def _no_toml(text: str, cause: str) -> str:
-    """Say what is wrong with a text, in tomllib's words but where a key is given twice."""
-    if not cause.startswith(_TWICE):
-        return f"not valid TOML: {cause}"
-    lines = text.splitlines()
-    at = re.search(r"at line (\d+)", cause)
-    number = min(int(at[1]) if at else len(lines), len(lines))
-    while number > 1 and not lines[number - 1].strip():
-        number -= 1
-    return f"line {number}: {quoted(lines[number - 1].strip())} gives a key a second time; keep one"
 
 
 def _each_once(faults: Sequence[Any], given: Tables) -> Iterator[Any]:
@@ -199,7 +183,7 @@ def _describe(fault: Any, given: Tables) -> str:
 def _expected(fault: Any) -> str:
     """Return in our words what one of pydantic's errors asks for."""
     match fault["type"]:
-        case "model_type":
+        case "model_type" | "dict_type":
             said = "a table"
         case "tuple_type":
             said = "a list"

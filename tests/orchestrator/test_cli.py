@@ -426,7 +426,9 @@ def test_export_writes_parquet_and_refuses_what_it_does_not_know(recording, tmp_
 def test_scene_keeps_the_digest(recording, tmp_path):
     new = tmp_path / "scene.mcap"
     done = nrs("scene", recording[0], "-o", new)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{new}\n"
+    assert "open it in Foxglove" in done.stderr
+    assert done.returncode == 0
     result = json.loads(nrs("info", new, "--json").stdout)
     assert (result["status"], result["ticks"]) == ("completed", 10)
     assert result["digest"] in recording[1]

@@ -73,3 +73,42 @@ def with_value(option):
 def test_an_option_without_what_it_requires_exits_2_before_anything_is_read(arguments, message):
     done = nrs(*arguments)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", f"error: {message}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("fmu", "build", "two_link_arm", "-o", "a.fmu", "--fmi", "1"),
+            "--fmi: expected a whole number, 2 to 3, got '1'",
+        ),
+        (
+            ("fmu", "from-urdf", "a.urdf", "-o", "a.fmu", "--fmi", "3.0"),
+            "--fmi: expected a whole number, 2 to 3, got '3.0'",
+        ),
+        (
+            ("check", "a.toml", "--accuracy", "0,5", "1"),
+            "--accuracy: expected a number, got '0,5'",
+        ),
+        (
+            ("check", "a.toml", "--accuracy", "1", "-2"),
+            "--accuracy: expected two numbers above 0, got -2",
+        ),
+        (
+            ("export", "a.mcap", "-o", "a", "--format", "json"),
+            "--format: expected csv or parquet, got 'json'",
+        ),
+        (
+            ("run", "a.toml", "--compression", "it's"),
+            '--compression: expected zstd, lz4 or none, got "it\'s"',
+        ),
+        (
+            ("--log-level", "loud", "info", "a.mcap"),
+            "--log-level: expected debug, info, warning or error, got 'loud'",
+        ),
+    ],
+    ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
+)
+def test_a_value_that_an_option_does_not_take_is_told_with_what_it_takes(arguments, message):
+    done = nrs(*arguments)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"error: {message}\n")

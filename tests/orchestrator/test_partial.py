@@ -68,6 +68,8 @@ class TestVerify:
         done = nrs("replay", whole, "--verify", *agents)
         assert done.returncode == 0
         assert f"the same {count(whole, lambda _: True)} messages" in done.stdout
+        assert ("efforts in them are taken from the recording" in done.stdout) == bool(agents)
+        assert ("agents and plants, run again" in done.stdout) != bool(agents)
 
     def test_a_damaged_first_tick_leaves_nothing_to_look_at(self, whole, agents, tmp_path):
         path = flipped_in(whole, tmp_path / "a.mcap", 0)
@@ -86,7 +88,8 @@ class TestVerify:
         before, later = count(whole, lambda k: k < 6), count(whole, lambda k: k > 6)
         assert done.returncode == 1
         said = " ".join(done.stderr.split())
-        assert f"the same {before} messages again, to the last bit, in ticks 0 to 5" in said
+        assert f"give the same {before} messages" in said
+        assert ", to the last bit, in ticks 0 to 5; " in said
         assert f"{later} that are here could not be looked at" in said
         assert "identical" not in done.stdout + done.stderr
 

@@ -297,7 +297,7 @@ def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(paper, tm
     assert done.returncode == 0, done.stderr
     thread.join(GUARD)
     assert [(f"/{key}", data) for key, data in heard] == wanted
-    assert f"{len(wanted)} messages were put" in done.stdout
+    assert f"{len(wanted)} messages were published" in done.stdout
 
 
 def test_a_recording_that_nobody_listens_to_names_the_key(paper, tmp_path):
@@ -306,5 +306,5 @@ def test_a_recording_that_nobody_listens_to_names_the_key(paper, tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     done = nrs("replay", file, "--publish", "--insecure-tcp", "--listen", endpoint, "--wait", 0.001)
     assert done.returncode == 2
-    assert "nobody listened to nrs/" in done.stderr
+    assert "no subscriber to nrs/" in done.stderr
     assert "//" not in done.stderr
