@@ -1,13 +1,13 @@
 """What happens to a sample on its way over a link j → i.
 
 The sample of t_s arrives at t_{s + delay(s)}, as Q(x + noise(s)), where Q rounds to multiples of
-the quantisation. It never arrives when it is lost, when the link is in an outage at t_s, when j or
-i is in one at t_s (a robot in an outage neither sends nor hears), or when i is in one at its
-arrival. None is sent at a t_s whose digraphs have no such link; what is under way then goes on. All
-of that is known at t_s. Loss, delay and noise are drawn apart from one another, each keyed by
-(seed, purpose, j, i, s): a draw depends neither on who asks, nor on the order, nor on the other
-links and faults. Noise and quantisation are given by field of the samples. Only the links that have
-faults are kept here.
+the quantisation; where it is duplicated, two of it arrive. It never arrives when it is lost, when
+the link is in an outage at t_s, when j or i is in one at t_s (a robot in an outage neither sends
+nor hears), or when i is in one at its arrival. None is sent at a t_s whose digraphs have no such
+link; what is under way then goes on. All of that is known at t_s. Loss, delay, duplication and
+noise are drawn apart from one another, each keyed by (seed, purpose, j, i, s): a draw depends
+neither on who asks, nor on the order, nor on the other links and faults. Noise and quantisation are
+given by field of the samples. Only the links that have faults are kept here.
 """
 
 from collections.abc import Mapping
@@ -41,6 +41,8 @@ class LinkFault:
     """Standard deviations > 0 of each number of a field, by the field's name."""
     quantisation: Mapping[str, float] = field(default_factory=dict)
     """What each number of a field is rounded to multiples of, > 0."""
+    duplicate: float = 0.0
+    """The probability that a sample arrives twice, both at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +55,8 @@ class LinkOutcome:
     """Of the link or an end of it, then or at the arrival."""
     delay: NDArray[np.int64]
     """Sampling periods."""
+    duplicates: NDArray[np.int64]
+    """How many more copies of a sample arrive with it; none of one that never arrives."""
     absent: Mask
     """Whether there is no sample, for the digraphs of the tick have no such link."""
 
@@ -133,6 +137,12 @@ class Links:
         self._late = np.flatnonzero(self._least < self.longest)
         self._loss = loss[self._lossy]
         self._losses = drawn(self._lossy, "link loss", lambda rng, _: rng.random(BLOCK))
+        duplicate = np.array([fault.duplicate for fault in theirs])
+        self._duplicating = np.flatnonzero(duplicate)
+        self._duplicate = duplicate[self._duplicating]
+        self._duplicates = drawn(
+            self._duplicating, "link duplicate", lambda rng, _: rng.random(BLOCK)
+        )
         self._delays = drawn(
             self._late,
             "link delay",
@@ -161,7 +171,11 @@ class Links:
         for periods in np.unique(delay[delay > 0]).tolist():
             then = self._silences.mask(k + periods, self._nodes)
             outage |= then[self.sink] & (delay == periods)
-        return LinkOutcome(lost, outage, delay, self._absent[self._exchange_at(k)])
+        absent = self._absent[self._exchange_at(k)]
+        duplicates = np.zeros(len(self.sink), np.int64)
+        duplicates[self._duplicating] = self._duplicates.at(k) < self._duplicate
+        duplicates[lost | outage | absent] = 0
+        return LinkOutcome(lost, outage, delay, duplicates, absent)
 
     def received(self, k: int, sent: Mapping[str, Array]) -> dict[str, Array]:
         """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`."""

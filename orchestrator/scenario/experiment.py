@@ -124,7 +124,13 @@ class Experiment:
     def codecs(self) -> Codecs:
         """What codes the run's messages: of what the algorithm sends and keeps."""
         kind = class_of(self.algorithm)
-        return Codecs.of(self.sizes, kind.__name__, kind.SENT, kind.STATE)
+        duplicates = any(fault.duplicate for fault in self._link_faults.values())
+        return Codecs.of(self.sizes, kind.__name__, kind.SENT, kind.STATE, duplicates=duplicates)
+
+    @cached_property
+    def _link_faults(self) -> Mapping[tuple[int, int], LinkFault]:
+        """What is wrong with each link that the scenario names."""
+        return link_faults(self.scenario, self.topologies.links, self.algorithm.SENT)
 
     @cached_property
     def links(self) -> Links | None:
@@ -214,8 +220,7 @@ class Experiment:
 
     def _links_into(self, robots: Sequence[int], *, every: bool = False) -> Links | None:
         topologies = self.topologies
-        sent = self.codecs.samples.shapes
-        faults, quiet = link_faults(self.scenario, topologies.links, sent), silences(self.scenario)
+        faults, quiet = self._link_faults, silences(self.scenario)
         if not every and not quiet and all(fault == LinkFault() for fault in faults.values()):
             return None
         into: NDArray[np.integer] = np.array(robots)

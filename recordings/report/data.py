@@ -30,7 +30,7 @@ from nrs_cosim.recordings.schemas import about, recorded_types
 Array = NDArray[np.float64]
 MOST_DRAWN = 24
 """Robots."""
-KINDS = ("lost", "outage", "late", "altered")
+KINDS = ("lost", "outage", "late", "duplicated", "altered")
 """What a link may do to a sample: the first that is true; an altered one is noisy or rounded."""
 
 
@@ -195,5 +195,7 @@ def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.int64]) -
 
 def _met(table: NDArray[np.void]) -> NDArray[np.int64]:
     """Return k, source, robot and kind of faults, (4, rows)."""
-    kind = np.select([table["lost"] > 0, table["outage"] > 0, table["delay"] > 0], [0, 1, 2], 3)
+    counts = ("lost", "outage", "delay", "duplicates")
+    there = [table[name] > 0 for name in counts if name in (table.dtype.names or ())]
+    kind = np.select(there, range(len(there)), KINDS.index("altered"))
     return np.stack([table["k"], table["source"], table["robot"], kind]).astype(np.int64)

@@ -232,8 +232,20 @@ def _slope(
     return [Curve(name, group, envelope.t[start:][rows], line[rows], ink, "dash")]
 
 
-_LABELS = {"lost": "lost", "outage": "in an outage", "late": "late", "altered": "noisy or rounded"}
-_LOOKS = {"lost": (5, 5.0), "outage": (1, 5.0), "late": (0, 5.0), "altered": (7, 1.0)}
+_LABELS = {
+    "lost": "lost",
+    "outage": "in an outage",
+    "late": "late",
+    "duplicated": "duplicated",
+    "altered": "noisy or rounded",
+}
+_LOOKS = {
+    "lost": (5, 5.0),
+    "outage": (1, 5.0),
+    "late": (0, 5.0),
+    "duplicated": (3, 5.0),
+    "altered": (7, 1.0),
+}
 """The colour and the width of each kind."""
 
 
@@ -247,7 +259,8 @@ def _link_events(stories: Sequence[Story]) -> Figure:
     return Figure(
         "link_events",
         "Link events",
-        "A line a link, at the sampling times at which the link lost, delayed or altered a sample.",
+        "A line a link, at the sampling times at which the link lost, delayed, duplicated or "
+        "altered a sample.",
         tuple(panels),
         columns=1,
     )

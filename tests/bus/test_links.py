@@ -241,3 +241,42 @@ def test_a_link_event_holds_what_arrived_of_every_field():
     fresh = made.sink == 6
     some = link_events(made, ALL, 1, outcome, sent, made.received(1, sent), fresh)
     assert some.tobytes() == events[1:].tobytes()
+
+
+def duplicates_of(made, ticks):
+    return np.array([made.outcome(k).duplicates for k in ticks])
+
+
+@pytest.mark.parametrize("p", [0.02, 0.3, 0.9])
+def test_as_many_arrive_twice_as_the_probability_says(p):
+    found = duplicates_of(links(everywhere(duplicate=p)), range(1, TICKS + 1))
+    assert set(np.unique(found)) <= {0, 1}
+    deviation = np.sqrt(p * (1 - p))
+    assert np.abs(found.mean(axis=0) - p).max() < 4 * deviation / np.sqrt(TICKS)
+    assert abs(found.mean() - p) < 4 * deviation / np.sqrt(found.size)
+
+
+def test_all_or_none_arrive_twice_and_of_those_that_never_arrive_none():
+    ticks = range(1, 200)
+    assert duplicates_of(links(everywhere(duplicate=1.0)), ticks).all()
+    assert not duplicates_of(links(everywhere(loss=0.5)), ticks).any()
+    made = links(everywhere(duplicate=1.0, loss=0.5), {3: ((50, 90),)})
+    for k in ticks:
+        outcome = made.outcome(k)
+        assert (outcome.duplicates == ~outcome.gone).all()
+        assert outcome.gone.any()
+
+
+def test_duplication_is_drawn_by_its_own_key():
+    both_of_them = links(everywhere(duplicate=0.4, loss=0.0, delay=(0, 5), noise=(1.0, 2.0)))
+    without = links(everywhere(delay=(0, 5), noise=(1.0, 2.0)))
+    for mine, theirs in zip(story(both_of_them), story(without), strict=True):
+        assert mine.tobytes() == theirs.tobytes()
+    alone = links({(3, 6): LinkFault(duplicate=0.4)})
+    ticks = range(1, 3 * BLOCK)
+    drawn = [
+        random_stream(3, "link duplicate", 3, 6, k // BLOCK).random(BLOCK)[k % BLOCK] for k in ticks
+    ]
+    assert duplicates_of(alone, ticks)[:, 0].tolist() == [int(x < 0.4) for x in drawn]
+    edge = [*zip(both_of_them.source, both_of_them.sink, strict=True)].index((3, 6))
+    assert (duplicates_of(both_of_them, ticks)[:, edge] == duplicates_of(alone, ticks)[:, 0]).all()

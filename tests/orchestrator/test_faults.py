@@ -15,12 +15,16 @@ from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.faults import link_faults
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.report.data import KINDS
 from tests.estimator_agents.faulty import Network, simulate
 from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
 
@@ -407,4 +411,59 @@ def test_the_scenario_with_lossy_links_is_the_papers_otherwise(paper):
 
 def test_the_schema_knows_every_key_of_faults():
     table = json_schema()["$defs"]["FaultyLink"]["properties"]
-    assert set(table) == {"from", "to", "loss", "delay", "outages", "noise", "quantisation"}
+    assert set(table) == {
+        *("from", "to", "loss", "duplicate", "delay", "outages", "noise", "quantisation")
+    }
+
+
+DUPLICATES = "[[faults.links]]\nduplicate = 0.4\n[[faults.links]]\nfrom = 3\nloss = 0.5\n"
+
+
+def test_duplicates_change_nothing_for_who_goes_by_the_newest_and_are_recorded(paper, tmp_path):
+    lossy = with_faults("[[faults.links]]\nfrom = 3\nloss = 0.5")
+    doubled = paper(LONGER, with_faults(DUPLICATES))
+    run(paper(LONGER, lossy), tmp_path / "once.mcap")
+    run(doubled, tmp_path / "twice.mcap")
+    with Recording(tmp_path / "once.mcap") as once, Recording(tmp_path / "twice.mcap") as twice:
+        assert once.digest == twice.digest
+        events = twice.link_events()
+        assert "duplicates" not in once.link_events().dtype.names
+        lost = events[events["lost"] == 1]
+        kept = [row[["k", "robot", "source"]].tolist() for row in lost]
+        assert kept == once.link_events()[["k", "robot", "source"]].tolist()
+        assert not lost["duplicates"].any()
+        samples_of = {(row["k"], row["robot"]): row["position"] for row in twice.samples()}
+    links = doubled.links
+    expected = {
+        (k, int(links.sink[f]), int(links.source[f]))
+        for k in range(1, 21)
+        for f in np.flatnonzero(links.outcome(k).duplicates)
+    }
+    doubles = events[events["duplicates"] > 0]
+    assert {tuple(row) for row in doubles[["k", "robot", "source"]].tolist()} == expected
+    assert len(expected) > 50
+    for row in doubles:
+        assert (row["lost"], row["outage"], row["delay"], row["duplicates"]) == (0, 0, 0, 1)
+        assert row["position"].tolist() == samples_of[row["k"], row["source"]].tolist()
+
+
+def test_duplicates_are_verified_exported_and_reported(paper, tmp_path):
+    file = paper(LONGER, with_faults(DUPLICATES))
+    with Reader(run(file, tmp_path / "run.mcap").path) as reader:
+        assert verify(reader, file, plants=False).status == "identical"
+        *_, table = export(reader, tmp_path)
+        header, *rows = table.read_text().splitlines()
+        assert header.split(",")[4:9] == ["source", "lost", "outage", "delay", "duplicates"]
+        doubled = sum(row.split(",")[8] == "1" for row in rows)
+        story = story_of(reader, file)
+        message = next(decoded(reader, "/robot_2/link_event"))
+        assert message.HasField("duplicates")
+    kinds = [KINDS[number] for number in story.link_events.kind]
+    assert kinds.count("duplicated") == doubled > 0
+    assert kinds.count("lost") + doubled == len(rows)
+
+
+@pytest.mark.parametrize("value", ["-0.1", "1.5", "true", "'often'"])
+def test_a_probability_of_duplication_that_is_none_is_refused(paper, value):
+    with pytest.raises(ScenarioError, match=r"faults\.links\[0\]\.duplicate: expected"):
+        paper(with_faults(f"[[faults.links]]\nduplicate = {value}"))

@@ -56,6 +56,9 @@ class FaultyLink(Table):
     loss: Annotated[Number, Field(ge=0, le=1)] = Field(
         0.0, description="the probability that a sample is lost"
     )
+    duplicate: Annotated[Number, Field(ge=0, le=1)] = Field(
+        0.0, description="the probability that a sample arrives twice, both at once"
+    )
     delay: Delay = Field(0, description="sampling periods: a whole number or {uniform = [a, b]}")
     outages: tuple[Span, ...] = Field(
         (), description="s; [from, to]: samples of from <= t_k < to are lost"
