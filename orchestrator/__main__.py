@@ -17,6 +17,8 @@ import sys
 from contextlib import suppress
 from io import TextIOWrapper
 
+from nrs_cosim.orchestrator.exit_status import INTERRUPTED
+
 
 def main() -> None:
     """Run `nrs`."""
@@ -30,7 +32,7 @@ def main() -> None:
         run()
     except KeyboardInterrupt:
         sys.stderr.write("interrupted: by the user\n")
-        raise SystemExit(130) from None
+        raise SystemExit(INTERRUPTED) from None
 
 
 def _take_signals() -> None:

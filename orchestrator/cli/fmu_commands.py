@@ -10,6 +10,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.options import whole_number
+from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def fmu_check(
         print_json(checked.as_json())
     else:
         summary_text.fmu_findings(out, checked)
-    raise typer.Exit(0 if checked.passes else 1)
+    raise typer.Exit(DONE if checked.passes else FAILED)
 
 
 @fmu.command("build")
@@ -144,7 +145,7 @@ def fmu_from_urdf(
             said = f"its FMU {held} {finding.name!r}: {finding.text}"
             say("yellow", "warning", f"{urdf}: {said}")
     if wrong:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
     copy_out(built, output)
     out.print(str(output), markup=False)
 

@@ -14,9 +14,9 @@ from typer.core import TyperArgument, TyperGroup
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import bounded, quoted
 from nrs_cosim.orchestrator.cli.option_rules import given_on_command_line, rules_of
+from nrs_cosim.orchestrator.exit_status import INTERRUPTED
 from nrs_cosim.orchestrator.terminal import say
 
-INTERRUPTED = 130
 UsageError: Any = typer.BadParameter.__base__
 """Of click, or of Typer's own copy of it; only its subclass has a public name."""
 

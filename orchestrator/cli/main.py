@@ -33,10 +33,10 @@ from nrs_cosim.orchestrator.cli.options import (
     number,
 )
 from nrs_cosim.orchestrator.cli.report_commands import report
+from nrs_cosim.orchestrator.exit_status import BAD_INPUT, DONE, FAILED
 from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
 
-FAILED, BAD_INPUT = 1, 2
 COLLECTED = 100_000
 """New objects between searches for garbage: what is loaded stays, and is not searched each time."""
 
@@ -269,7 +269,7 @@ def check(
     unmet = unmet_of(checked, ultimate) if strict else []
     for line in unmet:
         say("red", "strict", line)
-    raise typer.Exit(FAILED if unmet else 0)
+    raise typer.Exit(FAILED if unmet else DONE)
 
 
 @app.command()
@@ -284,7 +284,7 @@ def doctor(*, listen: Listen = None, tls: TlsOptions, as_json: AsJson = False) -
         print_json(made.as_json())
     else:
         summary_text.diagnosis(out, made)
-    raise typer.Exit(0 if made.fit else FAILED)
+    raise typer.Exit(DONE if made.fit else FAILED)
 
 
 @app.command()

@@ -18,9 +18,9 @@ from nrs_cosim.orchestrator.cli.options import (
     moment,
     number,
 )
+from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
-FAILED = 1
 SLOWEST = 1e-6
 LISTENER = "tcp/127.0.0.1:7447"
 
@@ -168,4 +168,4 @@ def diff(
         summary_text.comparison(out, found)
         if found.why_not:
             say("yellow", "apart", found.why_not)
-    raise typer.Exit(0 if found.is_same else FAILED)
+    raise typer.Exit(DONE if found.is_same else FAILED)

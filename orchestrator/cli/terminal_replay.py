@@ -15,6 +15,7 @@ from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.exit_status import FAILED
 from nrs_cosim.orchestrator.replay.diff import QUANTITIES, Comparison
 from nrs_cosim.orchestrator.replay.publish import key_of, publish
 from nrs_cosim.orchestrator.replay.verify import Verification, verify
@@ -23,8 +24,6 @@ from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.terminal import err, out, prose, say
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
-
-FAILED = 1
 
 
 def draw(found: Comparison, picture: Path) -> None:

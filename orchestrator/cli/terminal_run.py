@@ -28,6 +28,7 @@ from nrs_cosim.orchestrator.engine.run import Outcome
 from nrs_cosim.orchestrator.engine.run import run as run_scenario
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.errors import Interrupted
+from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
@@ -39,7 +40,7 @@ from nrs_cosim.recordings.schemas import about
 
 KEPT = 0.95
 """Of the pace that was asked for: what is slower did not keep it."""
-EXIT = {"completed": 0, "failed": 1, "interrupted": 130}
+EXIT = {"completed": DONE, "failed": FAILED, "interrupted": INTERRUPTED}
 
 
 def policy_of(no_restart: bool, wait: float, expect: int, deadline: float | None) -> WorkerPolicy:

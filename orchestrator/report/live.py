@@ -19,6 +19,7 @@ from typing import Self
 import typer
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.exit_status import INTERRUPTED
 from nrs_cosim.orchestrator.logs import are_logs_asked, log_as_asked
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.terminal import say
@@ -75,7 +76,7 @@ class Live:
     ) -> None:
         if self._server is None:
             return
-        ended_by_itself = isinstance(error, typer.Exit) and error.exit_code != 130
+        ended_by_itself = isinstance(error, typer.Exit) and error.exit_code != INTERRUPTED
         if self._stay and ended_by_itself:
             say("blue", "live", "the page stays until Ctrl-C")
             with suppress(KeyboardInterrupt):
