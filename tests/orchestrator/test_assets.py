@@ -383,6 +383,10 @@ class TestFromPython:
             InputError, match=r"target\.fmu: its samples lack the sampling time 0\.4 s"
         ):
             recorded.replace({"run.duration": 0.6})
+        longer = ("--set", "run.duration=0.6", "-o", tmp_path / "longer.mcap")
+        done = nrs("resume", tmp_path / "run.mcap", *longer)
+        assert done.returncode == 2
+        assert "target.fmu: its samples lack the sampling time 0.4 s; run the scen" in done.stderr
 
 
 def test_recordings_of_one_content_differ_in_nothing_wherever_it_was(ran, tmp_path):
