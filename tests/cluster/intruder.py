@@ -9,7 +9,7 @@ import zenoh
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import Run, alone, scenario
+from tests.cluster.remote_runs import Run, alone, paper_file
 from tests.guard import GUARD
 
 ASSIGNMENT = {"left": (1, 2, 3), "right": (4, 5, 6)}
@@ -21,7 +21,7 @@ def fixture_of_a_run_alone(ticks):
     @pytest.fixture(scope="module")
     def run_alone(tmp_path_factory):
         folder = tmp_path_factory.mktemp("alone")
-        file = read_scenario(scenario(folder, ticks))
+        file = read_scenario(paper_file(folder, ticks))
         return file, alone(file, folder)
 
     return run_alone

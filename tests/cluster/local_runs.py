@@ -1,7 +1,6 @@
 """Runs on workers of this machine, into which a test looks and reaches at a chosen tick."""
 
 import os
-import re
 import select
 import signal
 from collections import defaultdict
@@ -10,61 +9,42 @@ from pathlib import Path
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS, example, paper, tables
+
+CHECKPOINTS = {"run.checkpoint_every": 20}
 
 
-def scenario(name, *replacements, lasting=None, folder=SCENARIOS):
-    """Return a scenario of the repository with some of its text replaced, for some seconds."""
-    text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
-    for old, new in replacements:
-        assert old in text, f"{old!r} is not in {name}"
-        text = text.replace(old, new, 1)
-    if lasting:
-        text = re.sub("duration = .*", f"duration = {lasting:.1f}", text)
-    return parse_scenario(text, name, folder, name)
-
-
-CHECKPOINTS = ("seed = 1", "seed = 1\ncheckpoint_every = 20")
-
-
-def lossy(*replacements, folder=SCENARIOS):
+def lossy(*changes, folder=SCENARIOS):
     """Return thirty seconds in which agents' memories matter, with checkpoints."""
-    return scenario("paper_lossy_links", CHECKPOINTS, *replacements, folder=folder)
+    return example("paper_lossy_links", CHECKPOINTS, *changes, folder=folder)
 
 
-def switching(lasting=30):
-    """Return networks in turn, with the same faults and checkpoints, for some seconds."""
-    text = (SCENARIOS / "switching.toml").read_text("utf-8").replace(*CHECKPOINTS)
-    faulty = (SCENARIOS / "paper_lossy_links.toml").read_text("utf-8")
-    text += faulty[faulty.index("[[faults.links]]") :]
-    text = text.replace("duration = 30.0", f"duration = {lasting:.1f}")
-    return parse_scenario(text, "switching", SCENARIOS, "switching")
+def switching(duration=30.0):
+    """Return switching networks, with the same faults and checkpoints, for some seconds."""
+    faults = {"faults": tables(base="paper_lossy_links")["faults"]}
+    return example("switching", CHECKPOINTS, faults, {"run.duration": duration})
 
 
-MIXED = """
-[[robots]]
-id = 2
-plant = { fmu = "two_link_arm", solver = "rk4", step = 0.002 }
-[[robots]]
-id = 5
-plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
-[[robots]]
-id = 6
-plant = { fmu = "two_link_arm", control = "heun" }
-"""
-
-
-def mixed(duration="2.0"):
+def mixed(duration=2.0):
     """Return robots whose plants are driven in five ways, told five times a sampling period."""
-    return scenario(
-        "paper_first_order",
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nsolver = "cvode"\nrtol = 1e-10'),
-        ("duration = 30.0", f"duration = {duration}"),
-        ("seed = 1", "seed = 1\ncheckpoint_every = 5"),
-        ("# [[robots]]", f"{MIXED}\n# [[robots]]"),
+    own = {
+        2: {"solver": "rk4", "step": 0.002},
+        5: {"control": "hold", "control_step": 0.002},
+        6: {"control": "heun"},
+    }
+    return paper(
+        {
+            "run.duration": duration,
+            "run.checkpoint_every": 5,
+            "plant.solver": "cvode",
+            "plant.rtol": 1e-10,
+            "robots": [
+                {"id": robot, "plant": {"fmu": "two_link_arm", **plant}}
+                for robot, plant in own.items()
+            ],
+        }
     )
 
 

@@ -29,22 +29,17 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.file import Experiment, read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
+from tests.scenarios import Changes, write
 
 ROOT = Path(__file__).parents[2]
-SCENARIO = ROOT / "scenarios" / "paper_first_order.toml"
 
 
-def scenario(folder: Path, ticks: int, *replacements: tuple[str, str], more: str = "") -> Path:
-    """Return the file of the paper's example with so many ticks, changed in a few places."""
-    text = SCENARIO.read_text("utf-8")
-    every = "" if ticks <= 20 else "checkpoint_every = 16\n"
-    changes = (("duration = 30.0", f"{every}duration = {ticks / 10}"), *replacements)
-    for old, new in changes:
-        assert old in text, f"{old!r} is not in the scenario"
-        text = text.replace(old, new, 1)
-    path = folder / "paper.toml"
-    path.write_text(text + more, "utf-8")
-    return path
+def paper_file(folder: Path, ticks: int, *changes: Changes) -> Path:
+    """Write the paper's example with so many ticks, changed in a few places; return its path."""
+    run = {"run.duration": ticks / 10}
+    if ticks > 20:
+        run["run.checkpoint_every"] = 16
+    return write(folder / "paper.toml", run, *changes)
 
 
 def alone(file: Experiment, folder: Path) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from tests.cluster.remote_runs import Run, alone, scenario
+from tests.cluster.remote_runs import Run, alone, paper_file
 from tests.network.ports import free_port
 
 
@@ -24,7 +24,7 @@ def foreign_copy(path: Path) -> Path:
 
 def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
     fmu = foreign_copy(tmp_path / "own.fmu")
-    path = scenario(tmp_path, 20, ('fmu = "two_link_arm"', 'fmu = "own.fmu"'))
+    path = paper_file(tmp_path, 20, {"plant.fmu": "own.fmu"})
     file, meet = read_scenario(path), f"tcp/127.0.0.1:{free_port()}"
     digest = alone(file, tmp_path)
     elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
@@ -45,7 +45,7 @@ def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
 
 
 def test_a_bundled_model_is_built_there_to_the_same_bytes(nrs, tmp_path):
-    file, meet = read_scenario(scenario(tmp_path, 20)), f"tcp/127.0.0.1:{free_port()}"
+    file, meet = read_scenario(paper_file(tmp_path, 20)), f"tcp/127.0.0.1:{free_port()}"
     with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:
         elsewhere = {"NRS_CACHE": str(tmp_path / "elsewhere")}
         worker = nrs(

@@ -11,13 +11,12 @@ import pytest
 from nrs_cosim.orchestrator.cluster import launcher
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import Spread, digest, lossy, scenario, story, workers_of
+from tests.cluster.local_runs import Spread, digest, lossy, story, workers_of
 from tests.guard import LIMIT
 from tests.plant_fmu.archives import rewritten
-from tests.plant_fmu.conftest import FAULTS, built
-from tests.plant_fmu.test_isolation import scenario as crashing
+from tests.plant_fmu.faulty_fmu import built, fault_of, three_robots
+from tests.scenarios import example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
@@ -90,11 +89,13 @@ def without_states(folder):
     )
 
 
+FORGETFUL = {"robots": [{"id": 3, "plant": {"fmu": "forgetful.fmu", "isolate": False}}]}
+
+
 def test_a_plant_without_checkpoints_comes_back_from_the_beginning(tmp_path):
     """Further back than what the recorder has at hand, so that the recording is read again."""
     without_states(tmp_path)
-    own = '[[robots]]\nid = 3\nplant = { fmu = "forgetful.fmu", isolate = false }\n[[faults.links]]'
-    file = lossy(("[[faults.links]]", own), folder=tmp_path)
+    file = lossy(FORGETFUL, folder=tmp_path)
     run(file, tmp_path / "1.mcap")
     outcome = Spread(file, 3).kill(100, 3).kill(220, 2).run(tmp_path / "3.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 2)
@@ -164,8 +165,7 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     up to tick 5 or an earlier one, and it is lost four times after that.
     """
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    text = crashing("segfault", at=0.55, plant="isolate = false")
-    spread = Spread(parse_scenario(text, "crash", tmp_path, "crash"), 2)
+    spread = Spread(example(three_robots("segfault", isolate=False), folder=tmp_path), 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert outcome.status == "failed"
     k = outcome.ticks
@@ -181,9 +181,8 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
 
 def test_an_fmu_that_is_not_there_any_more_ends_the_run(tmp_path):
     """A worker that is started again opens its FMUs anew."""
-    own = '[[robots]]\nid = 3\nplant = { fmu = "forgetful.fmu", isolate = false }\n[[faults.links]]'
     path = without_states(tmp_path)
-    spread = Spread(lossy(("[[faults.links]]", own), folder=tmp_path), 2)
+    spread = Spread(lossy(FORGETFUL, folder=tmp_path), 2)
     outcome = spread.at(100, path.unlink).kill(100, 1).run(tmp_path / "n.mcap")
     assert outcome.status == "failed"
     assert outcome.reason == (
@@ -194,8 +193,7 @@ def test_an_fmu_that_is_not_there_any_more_ends_the_run(tmp_path):
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    text = crashing("error", at=0.55, plant="isolate = false")
-    file = parse_scenario(text, "error", tmp_path, "error")
+    file = example(three_robots("error", isolate=False), folder=tmp_path)
     one, n = run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
     assert (one.status, one.ticks) == ("failed", 5)
@@ -205,12 +203,11 @@ def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 def test_a_failure_is_told_also_when_another_worker_hangs_at_the_same_tick(tmp_path):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    text = crashing("error", at=0.55, plant="isolate = false")
-    one = run(parse_scenario(text, "error", tmp_path, "error"), tmp_path / "1.mcap")
-    fault = f"{{ fault = {FAULTS.index('hang')}, fault_time = 0.55 }}"
-    plant = f'fmu = "faulty.fmu", isolate = false, parameters = {fault}'
-    text += f"[[robots]]\nid = 3\nplant = {{ {plant} }}\n"
-    spread = Spread(parse_scenario(text, "error", tmp_path, "error"), 3)
+    robots = three_robots("error", isolate=False)
+    one = run(example(robots, folder=tmp_path), tmp_path / "1.mcap")
+    hangs = {"fmu": "faulty.fmu", "isolate": False, "parameters": fault_of("hang")}
+    robots["robots"].append({"id": 3, "plant": hangs})
+    spread = Spread(example(robots, folder=tmp_path), 3)
     outcome = spread.run(tmp_path / "3.mcap", deadline=LIMIT)
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
@@ -236,26 +233,18 @@ def test_workers_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
 def test_of_many_failures_the_first_of_one_process_is_told(tmp_path, worst):
     """At t = 0 robots on all workers are beyond the limit, each in another quantity."""
     beyond = {"position": 5, "velocity": 3, "q": 2, "qd": 1} if worst == "position" else {"qd": 4}
-    initial = [
-        (
-            f"\n{name} = {{ uniform = [-25.0, 25.0] }}",
-            f"\n{name} = {[[2e3 * (i == robot)] * 2 for i in range(1, 7)]}",
-        )
+    initial = {
+        f"initial.{name}": [[2e3 * (i == robot)] * 2 for i in range(1, 7)]
         for name, robot in beyond.items()
-    ]
-    file = scenario("paper_first_order", ("seed = 1", "seed = 1\ndivergence_limit = 1e3"), *initial)
+    }
+    file = paper(initial, {"run.divergence_limit": 1000.0})
     one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
     assert f"t = 0 s: robot {beyond[worst]}'s" in one.reason
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
 
 
 def test_a_run_that_diverges_says_what_it_says_in_one_process(tmp_path):
-    file = scenario(
-        "paper_first_order",
-        ("alpha = 0.9", "alpha = 1.18"),
-        ("beta = 1.1", "beta = 1.18"),
-        ("seed = 1", "seed = 1\ndivergence_limit = 1000"),
-    )
+    file = paper({"algorithm.alpha": 1.18, "algorithm.beta": 1.18, "run.divergence_limit": 1000})
     one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
     assert one.ticks > 10

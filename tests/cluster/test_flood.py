@@ -17,7 +17,7 @@ from nrs_cosim.bus.transport import Message, Rejected
 from nrs_cosim.orchestrator.cluster.screen import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.remote_runs import PROCESS, Worker, alone, scenario
+from tests.cluster.remote_runs import PROCESS, Worker, alone, paper_file
 from tests.guard import GUARD
 from tests.network.ports import free_port
 
@@ -77,7 +77,7 @@ with open_session(Endpoints(connect=(meet,), insecure_tcp=True)) as session:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak is told by Linux only")
 def test_600_megabytes_of_a_stranger_are_never_held_together(nrs, tmp_path):
-    path, meet = scenario(tmp_path, 20), f"tcp/127.0.0.1:{free_port()}"
+    path, meet = paper_file(tmp_path, 20), f"tcp/127.0.0.1:{free_port()}"
     result = {"file": str(path), "output": str(tmp_path / "x.mcap"), "listen": [meet]}
     run = nrs(dumps(result | {"pauses": [10]}), program=PROCESS)
     id_ = run.until("waits for workers").split()[1]

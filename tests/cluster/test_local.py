@@ -7,17 +7,17 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN
-from tests.cluster.local_runs import Spread, digest, lossy, mixed, scenario, story, switching
+from tests.cluster.local_runs import Spread, digest, lossy, mixed, story, switching
 from tests.cluster.remote_runs import Run, Worker, alone
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS, SHORT, example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
 PAPER = sorted(path.stem for path in SCENARIOS.glob("paper_*.toml"))
-TURNS = {
-    "in turn": scenario("switching", lasting=9),
-    "in turn, with faults": switching(lasting=16),
-    "apart": scenario("hetero_information", lasting=3),
+NETWORKS = {
+    "switching": example("switching", {"run.duration": 9.0}),
+    "switching, with faults": switching(duration=16.0),
+    "of positions and velocities": example("hetero_information", {"run.duration": 3.0}),
 }
 
 
@@ -35,12 +35,12 @@ def test_one_digest(tmp_path):
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_scenarios(tmp_path, name):
-    assert_same(tmp_path, scenario(name, lasting=4.5), (2, 6))
+    assert_same(tmp_path, example(name, {"run.duration": 4.5}), (2, 6))
 
 
-@pytest.mark.parametrize("name", TURNS)
+@pytest.mark.parametrize("name", NETWORKS)
 def test_digraphs_in_turn_and_apart(tmp_path, name):
-    assert_same(tmp_path, TURNS[name])
+    assert_same(tmp_path, NETWORKS[name])
 
 
 def assert_same(folder, file, workers=(2, 3, 6)):
@@ -79,11 +79,7 @@ def test_plants_of_all_kinds(tmp_path, driven, workers):
 
 def test_what_is_told_of_a_group_is_told_wherever_its_robots_are(tmp_path):
     """The error of a held torque is measured at some robots, and told of all."""
-    file = scenario(
-        "paper_first_order",
-        ("duration = 30.0", "duration = 1.0"),
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\ncontrol = "hold"'),
-    )
+    file = paper(SHORT, {"plant.control": "hold"})
     run(file, tmp_path / "1.mcap")
     Spread(file, 3).run(tmp_path / "3.mcap")
     (result,) = plants(tmp_path / "1.mcap")

@@ -19,7 +19,7 @@ from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from tests.cluster.remote_runs import scenario
+from tests.cluster.remote_runs import paper_file
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
 from tests.guard import GUARD
@@ -60,7 +60,7 @@ def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
 ):
     fmu, mark = lure
     named = fmu.name if relative else str(fmu)
-    path = scenario(tmp_path, 20, ('fmu = "two_link_arm"', f'fmu = "{named}"'))
+    path = paper_file(tmp_path, 20, {"plant.fmu": named})
     meet = f"tcp/127.0.0.1:{free_port()}"
     with open_session(Endpoints(listen=(meet,), insecure_tcp=True)) as session:
         token = session.liveliness().declare_token(f"nrs/{RUN}/alive/orchestrator")
@@ -109,7 +109,7 @@ def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
 def test_an_fmu_of_another_hash_than_the_recorded_one_is_not_loaded(lure, tmp_path, command):
     fmu, mark = lure
     theirs = foreign_copy(tmp_path / "arm.fmu")
-    file = read_scenario(scenario(tmp_path, 20, ('fmu = "two_link_arm"', 'fmu = "arm.fmu"')))
+    file = read_scenario(paper_file(tmp_path, 20, {"plant.fmu": "arm.fmu"}))
     recording, new = tmp_path / "run.mcap", tmp_path / "new.mcap"
     assert run(file, recording).status == "completed"
     if command == ("resume",):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import NRS, PROCESS, alone, digest_of, scenario
+from tests.cluster.remote_runs import NRS, PROCESS, alone, digest_of, paper_file
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
 
@@ -15,7 +15,7 @@ PORT = 7447
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
 def test_workers_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, nrs, tmp_path):
-    path = scenario(tmp_path, TICKS)
+    path = paper_file(tmp_path, TICKS)
     digest = alone(read_scenario(path), tmp_path)
     with two_machines(delay_ms=5, loss_percent=1) as wire:
         meet = f"{protocol}/{wire.left.address}:{PORT}"

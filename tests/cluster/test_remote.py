@@ -13,11 +13,12 @@ from nrs_cosim.orchestrator.cli.main import main
 from nrs_cosim.orchestrator.cluster import coordinator, worker_client
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import PROCESS, SCENARIO, Run, Worker, alone, digest_of, scenario
+from tests.cluster.remote_runs import PROCESS, Run, Worker, alone, digest_of, paper_file
 from tests.guard import GUARD, LIMIT, VAIN
 from tests.network.authority import Authority
 from tests.network.cable import cable_to
 from tests.network.ports import free_port
+from tests.scenarios import PAPER_FILE
 
 SHORT, LONG = 20, 200
 """Ticks."""
@@ -27,7 +28,7 @@ SHORT, LONG = 20, 200
 def short(tmp_path_factory):
     """Return a short scenario and its digest in one process."""
     folder = tmp_path_factory.mktemp("short")
-    file = read_scenario(scenario(folder, SHORT))
+    file = read_scenario(paper_file(folder, SHORT))
     return file, alone(file, folder)
 
 
@@ -35,7 +36,7 @@ def short(tmp_path_factory):
 def long(tmp_path_factory):
     """Return a scenario that is long enough to pause in, and its digest in one process."""
     folder = tmp_path_factory.mktemp("long")
-    file = read_scenario(scenario(folder, LONG))
+    file = read_scenario(paper_file(folder, LONG))
     return file, alone(file, folder)
 
 
@@ -142,8 +143,8 @@ def test_workers_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
 
 BEYOND = [
     ["worker", "--connect"],
-    ["run", str(SCENARIO), "--connect"],
-    ["run", str(SCENARIO), "--listen"],
+    ["run", str(PAPER_FILE), "--connect"],
+    ["run", str(PAPER_FILE), "--listen"],
 ]
 
 
@@ -242,7 +243,7 @@ def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp
 
 
 def test_robots_without_a_worker_are_named(meet, nrs, tmp_path):
-    path = scenario(tmp_path, SHORT)
+    path = paper_file(tmp_path, SHORT)
     run = nrs(
         "run", path, "--insecure-tcp", "--listen", meet, "--wait", "2", "-o", tmp_path / "x.mcap"
     )
@@ -260,7 +261,7 @@ def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
 ):
     _, digest = long
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
-    result = {"file": str(scenario(tmp_path, LONG)), "output": str(cut)}
+    result = {"file": str(paper_file(tmp_path, LONG)), "output": str(cut)}
     run = nrs(json.dumps({**result, "listen": [meet], "pauses": [100]}), program=PROCESS)
     workers = [
         nrs("worker", "--insecure-tcp", "--connect", meet, "--name", name, "--robots", robots)
@@ -278,17 +279,15 @@ def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
 
 def test_with_tls_in_the_scenario_workers_have_the_places_of_their_certificates(nrs, tmp_path):
     authority, meet = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
-    path = scenario(tmp_path, SHORT)
-    digest = alone(read_scenario(path), tmp_path)
+    digest = alone(read_scenario(paper_file(tmp_path, SHORT)), tmp_path)
     authority.issue("orchestrator")
-    table = """
-[bus.tls]
-ca = "ca.pem"
-certificate = "orchestrator.pem"
-key = "orchestrator-key.pem"
-workers = { left = "1,3-5", right = "2,6" }
-"""
-    path.write_text(path.read_text("utf-8") + table, "utf-8")
+    tls = {
+        "ca": "ca.pem",
+        "certificate": "orchestrator.pem",
+        "key": "orchestrator-key.pem",
+        "workers": {"left": "1,3-5", "right": "2,6"},
+    }
+    path = paper_file(tmp_path, SHORT, {"bus.tls": tls})
     whole = tmp_path / "run.mcap"
     run = nrs("run", path, "--insecure-tcp", "--listen", meet, "-o", whole)
     workers = []

@@ -217,10 +217,10 @@ def test_what_cannot_be_resumed_is_refused(tmp_path, whole):
 def test_fmus_are_found_where_the_scenario_was_and_must_be_the_same(tmp_path, monkeypatch):
     """The run was started with the scenario's name relative to the folder of that time."""
     rewritten(tmp_path / "arm.fmu", 3, lambda text: text)
-    plant = ('fmu = "two_link_arm"', 'fmu = "arm.fmu"\nisolate = false')
+    plant = {"plant.fmu": "arm.fmu", "plant.isolate": False}
     with monkeypatch.context() as place:
         place.chdir(tmp_path)
-        file = lossy(plant, ("duration = 30.0", "duration = 3.0"), folder=Path())
+        file = lossy(plant, {"run.duration": 3.0}, folder=Path())
         cut = interrupted(file, tmp_path / "cut.mcap", 20)
     done = nrs("resume", cut, "-o", tmp_path / "whole.mcap")
     assert done.returncode == 0, done.stderr
@@ -235,7 +235,7 @@ def test_fmus_are_found_where_the_scenario_was_and_must_be_the_same(tmp_path, mo
 
 
 def test_ctrl_c_while_workers_run_closes_the_recording(tmp_path, toml):
-    toml.write_text(LOSSY.text.replace("duration = 30.0", "duration = 30000.0"), "utf-8")
+    toml.write_text(lossy({"run.duration": 30000.0}).text, "utf-8")
     path = tmp_path / "cut.mcap"
     command = [*NRS, "run", toml, "-o", path, "--workers", "2"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:

@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.engine.lockstep import MOST_WINDOW
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.intruder import ASSIGNMENT, Intruder, fixture_of_a_run_alone, intruded
-from tests.cluster.remote_runs import Worker, scenario
+from tests.cluster.remote_runs import Worker, paper_file
 from tests.guard import GUARD
 
 PAUSE, TICKS = 20, 40
@@ -119,7 +119,7 @@ def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, mee
 def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
     meet, tmp_path, monkeypatch
 ):
-    file = read_scenario(scenario(tmp_path, PAUSE + 2 * MOST_WINDOW))
+    file = read_scenario(paper_file(tmp_path, PAUSE + 2 * MOST_WINDOW))
     monkeypatch.setattr(launcher, "token_bytes", lambda size: b"s" * size)
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, forger):
         workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]

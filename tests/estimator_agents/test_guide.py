@@ -19,11 +19,12 @@ from nrs_cosim.estimator_agents.installed import (
 )
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
+from tests.scenarios import PAPER, write
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "algorithms.md").read_text("utf-8")
-PAPER = (ROOT / "scenarios" / "paper_first_order.toml").read_text("utf-8")
 NRS = Path(sys.executable).with_name("nrs")
+LEAKY = {"algorithm.name": "leaky"}
 
 
 @pytest.fixture
@@ -62,8 +63,7 @@ def test_an_algorithm_that_is_installed_meanwhile_is_found(
 
 
 def test_the_guide_s_algorithm_checks_and_runs(installed):
-    text = PAPER.replace('name = "dcea1"', 'name = "leaky"').replace("beta = 1.1", "beta = 1.0")
-    (installed / "s.toml").write_text(text, "utf-8")
+    write(installed / "s.toml", LEAKY, {"algorithm.beta": 1.0})
     paths = os.pathsep.join(filter(None, [str(installed), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": paths}
 
@@ -100,7 +100,7 @@ def broken(installed, monkeypatch):
     def command(name, scenario, was, now):
         assert right.count(was) == 1
         module.write_text(right.replace(was, now), "utf-8")
-        (installed / "s.toml").write_text(scenario.replace('"dcea1"', '"leaky"'), "utf-8")
+        write(installed / "s.toml", LEAKY, base=scenario)
         monkeypatch.delitem(sys.modules, "leaky", raising=False)
         monkeypatch.setattr(sys, "dont_write_bytecode", True)
         output = ["-o", "s.mcap"] if name == "run" else []
@@ -113,7 +113,7 @@ def broken(installed, monkeypatch):
     sys.modules.pop("leaky", None)
 
 
-HETERO = (ROOT / "scenarios" / "hetero_information.toml").read_text("utf-8")
+HETERO = "hetero_information"
 
 
 def test_it_may_hear_velocities_over_another_digraph(broken):
@@ -212,8 +212,7 @@ def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed
     endless = "estimate = Estimate(estimate.position + np.inf, estimate.velocity)"
     now = f"        if {many}:\n            {endless}\n{was}"
     module.write_text(module.read_text("utf-8").replace(was, now), "utf-8")
-    text = PAPER.replace('"dcea1"', '"leaky"')
-    (installed / "s.toml").write_text(text, "utf-8")
+    write(installed / "s.toml", LEAKY)
     paths = os.pathsep.join(filter(None, [str(installed), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
         [NRS, "run", "s.toml", "-o", "s.mcap", *layout],

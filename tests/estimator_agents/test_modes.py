@@ -12,7 +12,7 @@ from nrs_cosim.estimator_agents.theory.recursion import expect_modes
 from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 PAPER = SCENARIOS / "paper_first_order.toml"
 

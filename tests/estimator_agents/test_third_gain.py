@@ -14,8 +14,8 @@ import pytest
 
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.estimator_agents.paper import ONE, D
+from tests.scenarios import SHORT, write
 
-PAPER = Path(__file__).parents[2] / "scenarios" / "paper_first_order.toml"
 NRS = Path(sys.executable).with_name("nrs")
 MODULE = '''"""Three gains."""
 
@@ -53,8 +53,7 @@ class ThreeGains(nrs.Algorithm):
     def conditions(self, spectrum, h):
         return [Condition("gamma", "ours", self.gamma, 5.0)]
 '''
-OURS = 'name = "dcea1"            # dcea1 | dcea2 | the name of a plug-in\nalpha = 0.9\nbeta = 1.1'
-THEIRS = 'name = "three_gains"\nalpha = 0.9\nbeta = 0.8'
+THEIRS = {"algorithm": {"name": "three_gains", "alpha": 0.9, "beta": 0.8}}
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +66,7 @@ def folder(tmp_path_factory):
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: three_gains\nVersion: 1.0\n")
     entry = "three_gains = three_gains:ThreeGains"
     (about / "entry_points.txt").write_text(f"[nrs.algorithms]\n{entry}\n")
-    text = PAPER.read_text("utf-8").replace("duration = 30.0", "duration = 1.0")
-    assert OURS in text
-    (path / "s.toml").write_text(text.replace(OURS, THEIRS), "utf-8")
+    write(path / "s.toml", SHORT, THEIRS)
     return path
 
 
@@ -164,9 +161,9 @@ def test_the_schema_has_it_with_type_default_unit_bound_and_meaning(command):
 @pytest.mark.parametrize(
     ("change", "faults"),
     [
-        (("beta = 0.8", "beta = 0.8\ngama = 0.3"), ["gama: unknown key; did you mean 'gamma'?"]),
+        ({"gama": 0.3}, ["gama: unknown key; did you mean 'gamma'?"]),
         (
-            ("alpha = 0.9\nbeta = 0.8", "alhpa = 0.9\ngamma = -1"),
+            {"alpha": None, "beta": None, "alhpa": 0.9, "gamma": -1},
             [
                 "beta: missing, it has no default",
                 "gamma: expected greater than or equal to 0, got -1",
@@ -174,22 +171,21 @@ def test_the_schema_has_it_with_type_default_unit_bound_and_meaning(command):
             ],
         ),
         (
-            ("beta = 0.8", "beta = '0.8'\ngamma = inf"),
+            {"beta": "0.8", "gamma": float("inf")},
             [
                 "beta: expected a valid number, got '0.8'",
                 "gamma: expected a finite number, got inf",
             ],
         ),
         (
-            ("beta = 0.8", "beta = 0.8\ngamma = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]"),
+            {"gamma": [0.3] * 6},
             ["gamma: expected a valid number, got [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]"],
         ),
     ],
 )
 def test_all_that_is_wrong_with_its_table_is_one_message(command, folder, change, faults):
-    text = (folder / "s.toml").read_text("utf-8")
-    assert change[0] in text
-    (folder / "wrong.toml").write_text(text.replace(*change), "utf-8")
+    changes = {f"algorithm.{key}": value for key, value in change.items()}
+    write(folder / "wrong.toml", SHORT, THEIRS, changes)
     errors = command("check", "wrong.toml", status=2)
     assert errors.splitlines() == [
         f"{'error: ' if i == 0 else ''}wrong.toml: algorithm.{fault}"

@@ -13,19 +13,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.bundled.builder import write
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.export.tables import states
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.arms import simulate
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import paper
 
 HERE = Path(__file__).parent
-DISTURBANCE = (
-    (SCENARIOS / "paper_first_order.toml").read_text("utf-8").partition("[disturbance]")[2]
-)
-DISTURBANCE = "[disturbance]" + DISTURBANCE.partition("[initial]")[0]
 
 
 def python(*arguments, cwd):
@@ -54,7 +49,7 @@ def casadi(folder):
 
 RNG = np.random.default_rng(4)
 NEAR_THE_TARGET = {
-    name: (np.array(target) + RNG.uniform(-0.5, 0.5, (6, 2))).tolist()
+    f"initial.{name}": (np.array(target) + RNG.uniform(-0.5, 0.5, (6, 2))).tolist()
     for name, target in {
         "position": [0, -1], "velocity": [3, -2], "q": [0, -1], "qd": [3, -2],
     }.items()
@@ -62,22 +57,19 @@ NEAR_THE_TARGET = {
 """From farther away a held torque's error is that of the first jolt, beyond what is stated."""
 
 CASES = {
-    "pythonfmu, torque held": (pythonfmu, "", ("", ""), 5e-3),
-    "pythonfmu3, reference-driven": (pythonfmu3, "", (DISTURBANCE, ""), 1e-6),
-    "CasADi, Model Exchange by CVODE": (casadi, "", ("", ""), 1e-6),
-    "CasADi, Model Exchange by RK4": (casadi, 'solver = "rk4"', ("", ""), 1e-6),
+    "pythonfmu, torque held": (pythonfmu, {}, 5e-3),
+    "pythonfmu3, reference-driven": (pythonfmu3, {"disturbance": None}, 1e-6),
+    "CasADi, Model Exchange by CVODE": (casadi, {}, 1e-6),
+    "CasADi, Model Exchange by RK4": (casadi, {"plant.solver": "rk4"}, 1e-6),
 }
 
 
-@pytest.mark.parametrize(("build", "keys", "change", "bound"), CASES.values(), ids=CASES.keys())
-def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, keys, change, bound):
+@pytest.mark.parametrize(("build", "change", "bound"), CASES.values(), ids=CASES.keys())
+def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, change, bound):
     fmu = build(tmp_path)
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*change)
-    text = text.replace("duration = 30.0", "duration = 3.0")
-    for name, rows in NEAR_THE_TARGET.items():
-        text = text.replace(f"\n{name} = {{ uniform = [-25.0, 25.0] }}", f"\n{name} = {rows}")
-    text = text.replace('fmu = "two_link_arm"', f'fmu = "{fmu.name}"\n{keys}\n#')
-    outcome = run(parse_scenario(text, "foreign", tmp_path, "foreign"), tmp_path / "run.mcap")
+    near = {"run.duration": 3.0, "plant.fmu": fmu.name, **NEAR_THE_TARGET}
+    file = paper(near, change, folder=tmp_path)
+    outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
         table = np.concatenate(list(states(reader)))
@@ -97,27 +89,23 @@ def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, keys, change, bound):
     assert np.abs(table["position"] - q).max() < bound
 
 
-FLEET = """
-[[robots]]
-id = 2
-plant = {{ fmu = "planar_robot" }}
-initial = {{ q = [1.0, 0.5], qd = [0.0, 0.0] }}
-disturbance = {{ axes = [{{}}, {{}}] }}
-[[robots]]
-id = 3
-plant = {{ fmu = "PythonArm.fmu" }}
-[[robots]]
-id = 4
-plant = {{ fmu = "ServoArm.fmu" }}
-disturbance = {{ axes = [{{}}, {{}}] }}
-[[robots]]
-id = 5
-plant = {{ fmu = "CasadiArm.fmu" }}
-[[robots]]
-id = 6
-plant = {{ fmu = "{arm}", solver = "rk4", isolate = false }}
-controller = {{ kp = 200.0, kd = [300.0, 300.0] }}
-"""
+STILL = {"axes": [{}, {}]}
+FLEET = [
+    {
+        "id": 2,
+        "plant": {"fmu": "planar_robot"},
+        "initial": {"q": [1.0, 0.5], "qd": [0.0, 0.0]},
+        "disturbance": STILL,
+    },
+    {"id": 3, "plant": {"fmu": "PythonArm.fmu"}},
+    {"id": 4, "plant": {"fmu": "ServoArm.fmu"}, "disturbance": STILL},
+    {"id": 5, "plant": {"fmu": "CasadiArm.fmu"}},
+    {
+        "id": 6,
+        "plant": {"fmu": "arm2.fmu", "solver": "rk4", "isolate": False},
+        "controller": {"kp": 200.0, "kd": [300.0, 300.0]},
+    },
+]
 
 
 def test_six_robots_on_five_different_fmus(tmp_path):
@@ -125,12 +113,8 @@ def test_six_robots_on_five_different_fmus(tmp_path):
     for build in (pythonfmu, pythonfmu3, casadi):
         build(tmp_path)
     write("two_link_arm", 2, tmp_path / "arm2.fmu")
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    text = text.replace("duration = 30.0", "duration = 2.0")
-    for name, rows in NEAR_THE_TARGET.items():
-        text = text.replace(f"\n{name} = {{ uniform = [-25.0, 25.0] }}", f"\n{name} = {rows}")
-    text += FLEET.format(arm="arm2.fmu")
-    outcome = run(parse_scenario(text, "fleet", tmp_path, "fleet"), tmp_path / "run.mcap")
+    fleet = paper({"run.duration": 2.0, "robots": FLEET, **NEAR_THE_TARGET}, folder=tmp_path)
+    outcome = run(fleet, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
         table = np.concatenate(list(states(reader)))
@@ -182,9 +166,7 @@ def point_mass(rows):
 def test_a_start_that_the_fmu_does_not_take_is_refused(tmp_path):
     """A derivative can be read for qd, but where it starts cannot be told."""
     casadi(tmp_path)
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    plant = 'fmu = "CasadiArm.fmu"\nvariables = { qd = { pattern = "der(q{i})" } }\n#'
-    text = text.replace('fmu = "two_link_arm"', plant)
-    file = parse_scenario(text, "foreign", tmp_path, "foreign")
+    derivative = {"qd": {"pattern": "der(q{i})"}}
+    file = paper({"plant": {"fmu": "CasadiArm.fmu", "variables": derivative}}, folder=tmp_path)
     with pytest.raises(FmuError, match=r"qd of robot 1 was to start at .*initial\.qd"):
         run(file, tmp_path / "run.mcap")

@@ -13,20 +13,16 @@ from nrs_cosim.recordings.mcap.copy import copy_of, ending
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import recorded_types
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SHORT, paper, write
 
-SHORT = ("duration = 30.0", "duration = 1.0")
-WITH_INTEGRAL = ('name = "dcea1"', 'name = "pi_consensus"\nkappa = 0.3')
+WITH_INTEGRAL = {"algorithm.name": "pi_consensus", "algorithm.kappa": 0.3}
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    for old, new in (SHORT, WITH_INTEGRAL):
-        text = text.replace(old, new, 1)
     folder = tmp_path_factory.mktemp("kept")
-    (folder / "pi.toml").write_text(text, "utf-8")
-    done = nrs("run", folder / "pi.toml", "-o", folder / "run.mcap")
+    scenario = write(folder / "pi.toml", SHORT, WITH_INTEGRAL)
+    done = nrs("run", scenario, "-o", folder / "run.mcap")
     assert done.returncode == 0, done.stderr
     return folder / "run.mcap"
 
@@ -102,7 +98,7 @@ def test_a_replay_finds_the_first_state_that_does_not_come_out_again(recorded, t
 
 
 def test_two_algorithms_are_compared_by_their_states_and_the_schemas_that_differ(
-    paper, recorded, tmp_path
+    recorded, tmp_path
 ):
     other = run(paper(SHORT), tmp_path / "dcea1.mcap").path
     with Reader(recorded) as one, Reader(other) as two:

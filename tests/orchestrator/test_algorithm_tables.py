@@ -6,6 +6,7 @@ import pytest
 
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+from tests.scenarios import paper
 
 MODULE = """
 from dataclasses import dataclass
@@ -26,7 +27,6 @@ class Named(nrs.Algorithm):
     def jump(self, estimate, disagreement):
         return estimate
 """
-OURS = 'name = "dcea1"            # dcea1 | dcea2 | the name of a plug-in\nalpha = 0.9\nbeta = 1.1'
 VALUES = {"copy": 1.0, "json": 2, "model_config": True, "parameters": "mean", "schema": "text"}
 
 
@@ -47,19 +47,18 @@ def install(tmp_path, monkeypatch):
     return put
 
 
-def test_parameters_may_be_called_as_anything_of_the_library_s(paper, install):
+def test_parameters_may_be_called_as_anything_of_the_library_s(install):
     install("named", MODULE, "Named")
-    chosen = paper((OURS, 'name = "named"')).scenario.algorithm
+    chosen = paper({"algorithm": {"name": "named"}}).scenario.algorithm
     assert chosen.parameters == VALUES
-    given = 'name = "named"\ncopy = 3\njson = 9\nmodel_config = false\nparameters = "sum"'
-    experiment = paper((OURS, given))
-    expected = {**VALUES, "copy": 3.0, "json": 9, "model_config": False, "parameters": "sum"}
+    given = {"copy": 3, "json": 9, "model_config": False, "parameters": "sum"}
+    experiment = paper({"algorithm": {"name": "named", **given}})
+    expected = {**VALUES, **given, "copy": 3.0}
     assert experiment.scenario.algorithm.parameters == expected
-    assert experiment.scenario == paper((OURS, given)).scenario != paper().scenario
+    assert experiment.scenario != paper().scenario
+    wrong = {"json": 2.5, "parameters": "max", "model_config": 0, "schemma": 1}
     with pytest.raises(ScenarioError) as error:
-        paper(
-            (OURS, 'name = "named"\njson = 2.5\nparameters = "max"\nmodel_config = 0\nschemma = 1')
-        )
+        paper({"algorithm": {"name": "named", **wrong}})
     assert str(error.value).splitlines() == [
         "paper.toml: algorithm.json: expected a whole number, got 2.5",
         "paper.toml: algorithm.model_config: expected true or false, got 0",
@@ -100,7 +99,7 @@ def test_the_schema_has_their_types_bounds_and_choices(install):
     ids=["declaration", "import"],
 )
 def test_a_class_that_is_wrong_spoils_neither_the_schema_nor_others_scenarios(
-    paper, install, module, line
+    install, module, line
 ):
     path = install("broken", module, "Named")
     table = json_schema()["$defs"]["Algorithm_broken"]

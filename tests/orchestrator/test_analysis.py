@@ -4,7 +4,6 @@ import io
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,24 +23,14 @@ from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
 from nrs_cosim.orchestrator.cli import summary_text
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.recordings.export.tables import states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from tests.command import nrs
 from tests.plant_fmu.test_bounds import two_link
-
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
-PAPER = SCENARIOS / "paper_first_order.toml"
-
-
-def changed(*pairs, path=PAPER):
-    text = path.read_text("utf-8")
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new)
-    return parse_scenario(text, "changed", SCENARIOS, "changed.toml")
+from tests.scenarios import PAPER_FILE, SCENARIOS, paper
 
 
 def shown(compared):
@@ -53,14 +42,14 @@ def shown(compared):
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("promises") / "paper.mcap"
-    run(read_scenario(PAPER), path)
+    run(read_scenario(PAPER_FILE), path)
     return path
 
 
 def test_the_example_keeps_every_promise(recording):
     with Reader(recording) as reader:
         compared = compare_to_theory(
-            reader, read_scenario(PAPER), measure(reader, experiment_of(reader))
+            reader, read_scenario(PAPER_FILE), measure(reader, experiment_of(reader))
         )
     assert compared.why_not == ""
     assert [row.against_bound for row in compared.quantities] == ["within"] * 4
@@ -80,14 +69,14 @@ def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
     with Reader(recording) as reader:
         true = measure(reader, experiment_of(reader))
         broken = SteadyState(0.2, true.velocity_estimate, 0.4, 0.4, (int(27.3e9), 0, 0, 0))
-        compared = compare_to_theory(reader, read_scenario(PAPER), broken)
+        compared = compare_to_theory(reader, read_scenario(PAPER_FILE), broken)
     assert [row.against_bound for row in compared.quantities] == ["exceeds", *["within"] * 3]
     assert compared.quantities[0].tick == 273
 
 
 def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
     """As if agents had jumped otherwise than their gains say."""
-    other = changed(("alpha = 0.9", "alpha = 1.1"))
+    other = paper({"algorithm.alpha": 1.1})
     with Reader(recording) as reader:
         compared = compare_to_theory(reader, other, measure(reader, experiment_of(reader)))
     assert compared.quantities[0].against_bound == "exceeds"
@@ -95,11 +84,11 @@ def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
 
 
 def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(recording):
-    other = changed(('fmu = "two_link_arm"', 'fmu = "theirs.fmu"'))
+    other = paper({"plant.fmu": "theirs.fmu"})
     with Reader(recording) as reader:
         compared = compare_to_theory(reader, other, measure(reader, experiment_of(reader)))
         ours = compare_to_theory(
-            reader, read_scenario(PAPER), measure(reader, experiment_of(reader))
+            reader, read_scenario(PAPER_FILE), measure(reader, experiment_of(reader))
         )
     why = "none of tracking: the bounds of P3 are not known of theirs.fmu; `nrs check` samples them"
     assert f"bounds     {why}" in shown(compared)
@@ -117,7 +106,7 @@ def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
 
 
 def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
-    file = changed(("duration = 30.0", "duration = 2.0"))
+    file = paper({"run.duration": 2.0})
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
         compared = compare_to_theory(reader, file, measure(reader, experiment_of(reader)))
@@ -167,7 +156,7 @@ def test_a_verdict_says_what_it_is_within(measured, against_bound, above, word):
 
 
 def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven(tmp_path):
-    file = changed(("duration = 30.0", "duration = 2.0"))
+    file = paper({"run.duration": 2.0})
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
         broken = replace(measure(reader, experiment_of(reader)), position_tracking=50.0)
@@ -178,8 +167,7 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
 
 
 def test_robots_of_their_own_are_bounded_on_their_own():
-    own = "[[robots]]\nid = 3\ncontroller = { kp = 25.0, kd = 300.0 }\n"
-    scenario = changed(("# [[robots]] ", own + "# [[robots]] "))
+    scenario = paper({"robots": [{"id": 3, "controller": {"kp": 25.0, "kd": 300.0}}]})
     parts = plant_bounds(scenario)
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
     kp = tracking_conditions(scenario)[0]
@@ -188,15 +176,15 @@ def test_robots_of_their_own_are_bounded_on_their_own():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "why"),
+    ("change", "why"),
     [
-        ("kp = 200.0", "kp = [[200.0, 1.0], [1.0, 200.0]]", "diagonal"),
-        ('fmu = "two_link_arm"', 'fmu = "theirs.fmu"', "P3 are not known"),
-        ("{ sines = [{ amplitude = 2.0,", "{ rate = 1.0, sines = [{ amplitude = 2.0,", "grows"),
+        ({"controller.kp": [[200.0, 1.0], [1.0, 200.0]]}, "diagonal"),
+        ({"plant.fmu": "theirs.fmu"}, "P3 are not known"),
+        ({"disturbance.axes.0.rate": 1.0}, "grows"),
     ],
 )
-def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why):
-    scenario = changed((old, new))
+def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(change, why):
+    scenario = paper(change)
     (part,) = plant_bounds(scenario)
     assert why in part.why
     assert part.constants is None
@@ -206,10 +194,9 @@ def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(old, new, why
 
 def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tmp_path):
     (tmp_path / "theirs.fmu").write_bytes(build("two_link_arm", 2).read_bytes() + b"\0")
-    text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "theirs.fmu"')
-    file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
+    file = paper({"plant.fmu": "theirs.fmu"}, folder=tmp_path)
     find = Sampling(file)
-    ours = read_scenario(PAPER)
+    ours = read_scenario(PAPER_FILE)
     checked, ultimate = check(file, find), ultimate_bounds(file, find=find)
     (part,), (steady_state,) = ultimate.robots, plant_bounds(ours)
     assert part.bounds.states > 1000
@@ -230,23 +217,22 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
 
 
 def test_what_cannot_be_sampled_says_why(tmp_path):
-    text = PAPER.read_text("utf-8").replace('fmu = "two_link_arm"', 'fmu = "none.fmu"')
-    file = parse_scenario(text, "theirs", tmp_path, "theirs.toml")
+    file = paper({"plant.fmu": "none.fmu"}, folder=tmp_path)
     (part,) = plant_bounds(file, Sampling(file))
     assert "P3 cannot be sampled: " in part.why
     assert "none.fmu: no such FMU" in part.why
 
 
 def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
-    scenario = changed(("kp = 200.0", "kp = 10.0"))
+    scenario = paper({"controller.kp": 10.0})
     kp = {c.name: c for c in check(scenario).conditions}["kp (tracking)"]
     assert not kp.holds
     assert check(scenario).warnings() == []
 
 
 def test_a_design_is_found_and_keeps_6_1():
-    found = designed(read_scenario(PAPER), EstimateBounds(0.5, 0.5), 0.5)
-    (part,) = plant_bounds(read_scenario(PAPER))
+    found = designed(read_scenario(PAPER_FILE), EstimateBounds(0.5, 0.5), 0.5)
+    (part,) = plant_bounds(read_scenario(PAPER_FILE))
     of = part.constants
     assert found.paper.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
     assert 0 < found.paper.period < 0.1
@@ -254,51 +240,35 @@ def test_a_design_is_found_and_keeps_6_1():
     assert 0 < found.proven.period < 0.1
 
 
-RESONANT = """
-[run]
-duration = 20.0
-sampling_period = 0.01
-output_step = {step}
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 0.9
-[controller]
-kp = 2900.0
-kd = 2.28
-[network]
-adjacency = [[0]]
-pinning = [1]
-[target]
-axes = [{{ sines = [{{ amplitude = 0.01, frequency = 1 }}] }},
-  {{ cosines = [{{ amplitude = 0.01, frequency = 1 }}] }}]
-[plant]
-fmu = "planar_robot"
-[disturbance]
-axes = [{{ sines = [{{ amplitude = 1, frequency = 38.07 }}] }},
-  {{ sines = [{{ amplitude = 1, frequency = 38.07 }}] }}]
-[initial]
-position = 0
-velocity = 0
-q = 0
-qd = 0
-"""
+def resonant(frequency=38.07, amplitude=1, model="planar_robot", duration=20.0):
+    """Return a robot that a disturbance in resonance shakes, as changes of the paper's example."""
+    wave = {"sines": [{"amplitude": amplitude, "frequency": frequency}]}
+    still = {"amplitude": 0.01, "frequency": 1}
+    return {
+        "run": {"duration": duration},
+        "algorithm.beta": 0.9,
+        "network": {"adjacency": [[0]], "pinning": [1]},
+        "target.axes": [{"sines": [still]}, {"cosines": [still]}],
+        "plant.fmu": model,
+        "disturbance.axes": [wave, wave],
+        "initial": dict.fromkeys(("position", "velocity", "q", "qd"), 0),
+    }
 
 
-def built(text, gains, h):
-    text = text.replace("kp = 2900.0", f"kp = {gains.kp!r}").replace("2.28", repr(gains.kd))
-    text = text.replace("sampling_period = 0.01", f"sampling_period = {h}")
-    return parse_scenario(text.format(step=h / 2), "designed", SCENARIOS, "designed.toml")
+def designed_for(scenario, gains, h):
+    times = {"run.sampling_period": h, "run.output_step": h / 2}
+    return paper(scenario, times, {"controller.kp": gains.kp, "controller.kd": gains.kd})
 
 
 def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_not(tmp_path):
     """A disturbance in resonance with Kp: 13 times what (6.1) would have."""
     wanted = EstimateBounds(0.001, 100.0)
-    found = designed(built(RESONANT, Gains(2900.0, 2.28, None, None), 0.01), wanted, 0.5)
+    shaken = resonant()
+    found = designed(designed_for(shaken, Gains(2900.0, 2.28, None, None), 0.01), wanted, 0.5)
     most = {}
     for name, gains in (("paper", found.paper), ("proven", found.proven)):
         path = tmp_path / f"{name}.mcap"
-        run(built(RESONANT, gains, 0.01), path)
+        run(designed_for(shaken, gains, 0.01), path)
         assert gains.period >= 0.01
         with Reader(path) as reader:
             most[name] = measure(reader, experiment_of(reader)).position_tracking
@@ -311,14 +281,13 @@ def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_n
 def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_path, model, seed):
     rng = np.random.default_rng(seed)
     wanted = EstimateBounds(*np.exp(rng.uniform(-3, 0, 2)).tolist())
-    text = RESONANT.replace("38.07", f"{rng.uniform(1, 60):.2f}").replace("planar_robot", model)
-    text = text.replace("amplitude = 1,", f"amplitude = {1 + seed},")
+    shaken = resonant(round(rng.uniform(1, 60), 2), 1 + seed, model)
     share = float(rng.uniform(0.3, 0.7))
-    found = designed(built(text, Gains(1.0, 1.0, None, None), 0.01), wanted, share).proven
+    found = designed(designed_for(shaken, Gains(1.0, 1.0, None, None), 0.01), wanted, share).proven
     h = min(float(f"{0.99 * found.period:.2g}"), 0.1)
-    text = text.replace("20.0", f"{100 * h:.6g}")
     path = tmp_path / "designed.mcap"
-    run(built(text, found, h), path)
+    shaken["run"] = {"duration": float(f"{100 * h:.6g}")}
+    run(designed_for(shaken, found, h), path)
     with Reader(path) as reader:
         measured = measure(reader, experiment_of(reader))
     assert 0 < measured.position_tracking <= wanted.position
@@ -327,11 +296,13 @@ def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_pa
 
 def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
     """V, with M of the paper's text, along a run that starts far out with good estimates."""
-    file = changed(
-        ("duration = 30.0", "duration = 3.0"),
-        ("output_step = 0.02 ", "output_step = 0.002 "),
-        ("position = { uniform = [-25.0, 25.0] } ", "position = { uniform = [-0.2, 0.0] } "),
-        ("velocity = { uniform = [-25.0, 25.0] } ", "velocity = { uniform = [1.0, 1.2] } "),
+    file = paper(
+        {
+            "run.duration": 3.0,
+            "run.output_step": 0.002,
+            "initial.position.uniform": [-0.2, 0.0],
+            "initial.velocity.uniform": [1.0, 1.2],
+        },
     )
     run(file, tmp_path / "far.mcap")
     (part,) = plant_bounds(file)
@@ -369,7 +340,7 @@ def value(q, e, ed):
 
 
 def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
-    file = read_scenario(PAPER)
+    file = read_scenario(PAPER_FILE)
     gone = file.scenario.algorithm.model_copy(update={"name": "gone"})
     other = replace(file, scenario=file.scenario.model_copy(update={"algorithm": gone}))
     with Reader(recording) as reader:
@@ -379,10 +350,7 @@ def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
 
 
 def test_a_target_that_rests_is_reached():
-    text = PAPER.read_text("utf-8")
-    start, end = text.index("axes = ["), text.index("[plant]")
-    text = text[:start] + "axes = [{ offset = 1.0 }, { offset = -1.0 }]\n\n" + text[end:]
-    result = ultimate_bounds(parse_scenario(text, "rest", SCENARIOS, "rest.toml"))
+    result = ultimate_bounds(paper({"target.axes": [{"offset": 1.0}, {"offset": -1.0}]}))
     assert (result.gamma_1, result.gamma_2) == (0, 0)
     assert result.steady_state == result.worst_case == result.paper.bound == EstimateBounds(0, 0)
     assert result.tracking.paper.position < 0.2
@@ -400,7 +368,7 @@ def test_check_says_that_bounds_of_short_periods_are_not_computed():
 
 
 def test_check_shows_and_tells_what_an_accuracy_takes():
-    asked = ("check", PAPER, "--accuracy", "0.5", "0.5")
+    asked = ("check", PAPER_FILE, "--accuracy", "0.5", "0.5")
     shown = nrs(*asked).stdout
     assert re.search(r"paper +kp = 359.341, .* \(equations 6.1, 6.2\): unproven", shown)
     assert re.search(r"proven +kp = ", shown)
@@ -423,6 +391,6 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
     "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
 )
 def test_an_accuracy_that_is_none_exits_2(wrong):
-    done = nrs("check", PAPER, *wrong)
+    done = nrs("check", PAPER_FILE, *wrong)
     assert done.returncode == 2
     assert wrong[0] in done.stderr

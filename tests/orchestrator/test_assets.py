@@ -27,25 +27,27 @@ from tests.cluster.remote_runs import Run, Worker, digest_of
 from tests.command import nrs
 from tests.network.ports import free_port
 from tests.orchestrator.arms import target
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import PAPER_FILE, SHORT, tables, toml
 
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-PARTS = [TEXT.index(table) for table in ("[network]", "[target]", "[plant]")]
 EDGES = "source,sink,weight\n3,1,1\n2,1,0.5\n1,2,1\n0,3,1\n3,4,1\n1,4,1\n4,5,1\n3,5,1\n3,6,1\n"
 OTHER = "sink,source\n1,0\n2,1\n3,2\n4,3\n5,4\n6,5\n"
 WORDS = (
     '# "edges 0 that take the place of a file\'s name", ["what is times"]\n'
     '# edge_list = "edges" # it\'s what is positions\n'
 )
-NAMED = f"""{TEXT[: PARTS[0]].replace("duration = 30.0", "duration = 1.0")}{WORDS}
+
+
+def naming(edges="net.csv"):
+    """Return a scenario's text that names files, with comments in the way."""
+    rest = toml(SHORT, {"network": None, "target": None})
+    return f"""{rest}{WORDS}
 [network]
-edges = "net.csv"   # who hears whom
+edges = "{edges}"   # who hears whom
 
 [target]
 kind  =  'sampled'
 file = "track.csv"
-
-{TEXT[PARTS[2] :]}"""
+"""
 
 
 def track(times):
@@ -65,10 +67,10 @@ class Ran:
     digest: str
 
 
-def write(folder, text=NAMED):
+def write(folder, edges="net.csv"):
     """Write a scenario with its files."""
     folder.mkdir(exist_ok=True)
-    data = b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode()
+    data = b"\xef\xbb\xbf" + "\r\n".join(naming(edges).split("\n")).encode()
     (folder / "named.toml").write_bytes(data)
     (folder / "net.csv").write_text(EDGES, "utf-8")
     (folder / "track.csv").write_text(track(np.arange(0, 1.04, 0.05)), "utf-8")
@@ -78,9 +80,9 @@ def write(folder, text=NAMED):
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
     folder = tmp_path_factory.mktemp("assets")
-    toml, data = write(folder / "there")
-    assert nrs("run", toml, "-o", folder / "run.mcap").returncode == 0
-    experiment = read_scenario(toml)
+    scenario_file, data = write(folder / "there")
+    assert nrs("run", scenario_file, "-o", folder / "run.mcap").returncode == 0
+    experiment = read_scenario(scenario_file)
 
     def watch(time_ns):
         if time_ns >= experiment.clock.t(4):
@@ -162,8 +164,8 @@ def test_what_if_is_the_run_of_the_changed_scenario_though_its_files_are_gone(
     done = nrs("replay", ran.path, option, change, "-o", changed)
     assert done.returncode == 0, done.stderr
     assert nrs("replay", changed, "--verify").returncode == 0
-    toml, _ = write(tmp_path / "fresh")
-    assert nrs("run", toml, "--set", key, "-o", fresh).returncode == 0
+    scenario_file, _ = write(tmp_path / "fresh")
+    assert nrs("run", scenario_file, "--set", key, "-o", fresh).returncode == 0
     assert digest_of(changed) == digest_of(fresh)
 
 
@@ -188,16 +190,16 @@ def test_nobody_reads_the_path_that_a_recording_names(ran, tmp_path):
 
 
 def test_three_workers_of_this_machine_have_the_assets_of_the_orchestrator(ran, tmp_path):
-    toml, _ = write(tmp_path / "here")
-    experiment = read_scenario(toml)
+    scenario_file, _ = write(tmp_path / "here")
+    experiment = read_scenario(scenario_file)
     shutil.rmtree(tmp_path / "here")
     assert Spread(experiment, 3).run(tmp_path / "run.mcap").status == "completed"
     assert digest_of(tmp_path / "run.mcap") == ran.digest
 
 
 def test_a_worker_from_elsewhere_is_sent_them(ran, tmp_path):
-    toml, _ = write(tmp_path / "here")
-    experiment, meet = read_scenario(toml), f"tcp/127.0.0.1:{free_port()}"
+    scenario_file, _ = write(tmp_path / "here")
+    experiment, meet = read_scenario(scenario_file), f"tcp/127.0.0.1:{free_port()}"
     shutil.rmtree(tmp_path / "here")
     with Run(experiment, tmp_path / "run.mcap", listen=(meet,)) as directed:
         worker = Worker(meet, "left")
@@ -334,8 +336,8 @@ def test_what_an_attachment_holds_is_read_as_carefully_as_a_file(ran, tmp_path, 
 
 
 def test_a_run_that_names_nothing_has_its_text_alone(tmp_path):
-    paper, path = SCENARIOS / "paper_first_order.toml", tmp_path / "a.mcap"
-    done = nrs("run", paper, "--set", "run.duration=0.3", "-o", path)
+    path = tmp_path / "a.mcap"
+    done = nrs("run", PAPER_FILE, "--set", "run.duration=0.3", "-o", path)
     assert done.returncode == 0, done.stderr
     with Reader(path) as reader:
         assert reader.attachments.keys() == {"scenario.toml"}
@@ -344,8 +346,8 @@ def test_a_run_that_names_nothing_has_its_text_alone(tmp_path):
 
 class TestFromPython:
     def test_a_scenario_keeps_what_it_read_when_it_was_made(self, tmp_path):
-        toml, data = write(tmp_path / "here")
-        scenario = nrs_cosim.Scenario.load(toml)
+        scenario_file, data = write(tmp_path / "here")
+        scenario = nrs_cosim.Scenario.load(scenario_file)
         assert scenario.to_toml().encode() == data
         (tmp_path / "here" / "net.csv").write_text("no table", "utf-8")
         other = scenario.replace({"algorithm.alpha": 0.8})
@@ -370,10 +372,13 @@ class TestFromPython:
             nrs_cosim.Scenario.parse(scenario.to_toml(), folder=tmp_path)
 
     def test_an_fmu_is_run_again_where_the_scenario_was_read_and_not_of_a_recording(self, tmp_path):
-        mover = "kind = 'fmu'\nfmu = 'two_link_arm'\nparameters = {q = [0.3, 0.0]}\n"
-        names = "variables = {position = 'q', velocity = 'qd'}\n"
-        text = f"{TEXT[: PARTS[1]]}[target]\n{mover}{names}{TEXT[PARTS[2] :]}"
-        scenario = nrs_cosim.Scenario.parse(text).replace({"run.duration": 0.3})
+        mover = {
+            "kind": "fmu",
+            "fmu": "two_link_arm",
+            "parameters": {"q": [0.3, 0.0]},
+            "variables": {"position": "q", "velocity": "qd"},
+        }
+        scenario = nrs_cosim.Scenario(tables({"run.duration": 0.3, "target": mover}))
         longer = scenario.replace({"run.duration": 0.6})
         assert longer._experiment.scenario.target.times[-1] == 0.6
         with nrs_cosim.run(scenario, tmp_path / "run.mcap") as recording:
@@ -390,13 +395,13 @@ class TestFromPython:
 
 
 def test_recordings_of_one_content_differ_in_nothing_wherever_it_was(ran, tmp_path):
-    toml, _ = write(tmp_path / "here", NAMED.replace('"net.csv"', '"copy.csv"'))
+    scenario_file, _ = write(tmp_path / "here", "copy.csv")
     (tmp_path / "here" / "net.csv").rename(tmp_path / "here" / "copy.csv")
-    assert nrs("run", toml, "-o", tmp_path / "same.mcap").returncode == 0
+    assert nrs("run", scenario_file, "-o", tmp_path / "same.mcap").returncode == 0
     done = nrs("diff", ran.path, tmp_path / "same.mcap", "--json")
     assert json.loads(done.stdout)["same"] is True
     (tmp_path / "here" / "copy.csv").write_text(OTHER, "utf-8")
-    assert nrs("run", toml, "-o", tmp_path / "other.mcap").returncode == 0
+    assert nrs("run", scenario_file, "-o", tmp_path / "other.mcap").returncode == 0
     done = nrs("diff", ran.path, tmp_path / "other.mcap", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["same"]) == (1, False)
@@ -407,10 +412,10 @@ def test_recordings_of_one_content_differ_in_nothing_wherever_it_was(ran, tmp_pa
 
 
 def test_a_changed_scenario_reads_the_file_that_the_change_names(tmp_path):
-    toml, _ = write(tmp_path / "here")
+    scenario_file, _ = write(tmp_path / "here")
     (tmp_path / "here" / "other.csv").write_text(OTHER, "utf-8")
     there = tmp_path / "run.mcap"
-    done = nrs("run", toml, "--set", "network.edges=other.csv,run.seed=7", "-o", there)
+    done = nrs("run", scenario_file, "--set", "network.edges=other.csv,run.seed=7", "-o", there)
     assert done.returncode == 0, done.stderr
     with Reader(there) as reader:
         experiment = experiment_of(reader)
@@ -422,8 +427,8 @@ def test_a_changed_scenario_reads_the_file_that_the_change_names(tmp_path):
 
 
 def test_an_asset_without_room_in_a_recording_is_told_before_the_run(tmp_path, monkeypatch):
-    toml, _ = write(tmp_path / "here")
-    experiment = read_scenario(toml)
+    scenario_file, _ = write(tmp_path / "here")
+    experiment = read_scenario(scenario_file)
     size = len(experiment.assets["network.edges"].content)
     monkeypatch.setattr("nrs_cosim.orchestrator.engine.attachments.MOST_ATTACHED", size - 1)
     with pytest.raises(ScenarioError, match=rf"network\.edges: net\.csv: .* got {size}"):

@@ -13,11 +13,11 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
-from tests.plant_fmu.conftest import built
-from tests.plant_fmu.test_isolation import scenario
+from tests.plant_fmu.faulty_fmu import built, three_robots
 from tests.recordings.runs import create, tick
+from tests.scenarios import SHORT, paper, write
 
-DIVERGING = (("alpha = 0.9", "alpha = 1.5"), ("seed = 1", "seed = 1\ndivergence_limit = 1000"))
+DIVERGING = {"algorithm.alpha": 1.5, "run.divergence_limit": 1000}
 QUANTITIES = {"estimated position", "estimated velocity", "q", "qd", "tau"}
 
 
@@ -29,15 +29,14 @@ def cause_of(path):
     return result["cause"], result
 
 
-def test_a_completed_run_has_none(paper, tmp_path):
-    run(paper(("duration = 30.0", "duration = 1.0")), tmp_path / "run.mcap")
+def test_a_completed_run_has_none(tmp_path):
+    run(paper(SHORT), tmp_path / "run.mcap")
     assert cause_of(tmp_path / "run.mcap")[0] is None
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_path, workers):
-    file = paper(*DIVERGING)
-    (tmp_path / "s.toml").write_text(file.text, "utf-8")
+def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(tmp_path, workers):
+    write(tmp_path / "s.toml", DIVERGING)
     path = tmp_path / "run.mcap"
     done = nrs("run", tmp_path / "s.toml", "-o", path, "--workers", workers)
     assert done.returncode == 1
@@ -50,11 +49,10 @@ def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(paper, tmp_
     assert result["reason"].startswith(said + cause["quantity"])
 
 
-@pytest.mark.parametrize("isolate", ["true", "false"])
+@pytest.mark.parametrize("isolate", [True, False])
 def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    text = scenario("error", plant=f"isolate = {isolate}")
-    (tmp_path / "s.toml").write_text(text, "utf-8")
+    write(tmp_path / "s.toml", base=three_robots("error", isolate=isolate))
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "run.mcap")
     assert done.returncode == 1, done.stderr
     cause, result = cause_of(tmp_path / "run.mcap")
@@ -64,7 +62,7 @@ def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
     assert cause["tick"] == result["ticks"] + 1
 
 
-def test_a_run_that_the_user_stopped_has_the_last_tick(paper, tmp_path):
+def test_a_run_that_the_user_stopped_has_the_last_tick(tmp_path):
     def watch(time_ns):
         if time_ns >= 5 * 10**8:
             raise Interrupted
@@ -76,9 +74,9 @@ def test_a_run_that_the_user_stopped_has_the_last_tick(paper, tmp_path):
     assert cause_of(outcome.path)[0] == {"kind": "interrupted", **expected}
 
 
-def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(paper, tmp_path):
+def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(tmp_path):
     """The limit of a file's size lies in the middle of a chunk."""
-    (tmp_path / "s.toml").write_text(paper().text, "utf-8")
+    write(tmp_path / "s.toml")
     path = tmp_path / "run.mcap"
     script = (
         "import resource, sys; from nrs_cosim.orchestrator.__main__ import main;"

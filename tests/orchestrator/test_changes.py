@@ -8,8 +8,13 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
+from tests.scenarios import paper
 
-OTHER = ('fmu = "two_link_arm"', 'fmu = "own.fmu"\nparameters.mass = 3.0\nvariables.q = "theta"')
+OTHER = {
+    "plant.fmu": "own.fmu",
+    "plant.parameters": {"mass": 3.0},
+    "plant.variables": {"q": "theta"},
+}
 
 
 def nested(change):
@@ -95,7 +100,7 @@ def after(file, text):
     return changed(file, [Change.of("--plant", text).of_plants()]).scenario
 
 
-def test_a_change_keeps_the_keys_that_it_does_not_name(paper):
+def test_a_change_keeps_the_keys_that_it_does_not_name():
     file = paper(OTHER)
     plant = after(file, "plant.parameters={drag=1.0},plant.variables.qd=omega").plant
     assert plant.fmu == "own.fmu"
@@ -107,13 +112,13 @@ def test_a_change_keeps_the_keys_that_it_does_not_name(paper):
 
 
 @pytest.mark.parametrize("whose", ["", "robots=2,"])
-def test_another_fmu_takes_nothing_of_the_table_of_the_old_one(paper, whose):
+def test_another_fmu_takes_nothing_of_the_table_of_the_old_one(whose):
     scenario = after(paper(OTHER), f"{whose}plant.parameters.m1=2.0,plant.fmu=two_link_arm")
     plant = scenario.robots[0].plant if whose else scenario.plant
     assert (plant.fmu, plant.parameters, plant.variables) == ("two_link_arm", {"m1": 2.0}, {})
 
 
-def test_a_file_of_here_is_one_wherever_the_scenario_lies(paper, tmp_path, monkeypatch):
+def test_a_file_of_here_is_one_wherever_the_scenario_lies(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other.fmu").touch()
     for text in ("plant.fmu=other.fmu", "plant.fmu='other.fmu'", "plant={fmu='other.fmu'}"):

@@ -20,18 +20,16 @@ from nrs_cosim.orchestrator.cli import terminal_run
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import PAPER_FILE, SCENARIOS, SHORT, tables, toml, write
 
 NRS = Path(sys.executable).with_name("nrs")
-PAPER = SCENARIOS / "paper_first_order.toml"
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """Return the recording of one second of the paper's example, made by the command."""
     folder = tmp_path_factory.mktemp("cli")
-    scenario = folder / "short.toml"
-    scenario.write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
+    scenario = write(folder / "short.toml", SHORT)
     command = [NRS, "run", scenario, "-o", folder / "short.mcap"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -153,21 +151,20 @@ def test_check_tells_in_json_what_the_contract_names():
         value, bound, margin = (condition[name] for name in ("value", "bound", "margin"))
         assert margin == (value - bound if condition["relation"] == ">" else bound - value)
         assert condition["status"] == ("holds" if margin > 0 else "violated")
-    first = json.loads(nrs("check", PAPER, "--json").stdout)
+    first = json.loads(nrs("check", PAPER_FILE, "--json").stdout)
     assert first["h_bound"] is None
 
 
 def test_what_a_scenario_says_is_told_to_the_letter(tmp_path):
-    text = PAPER.read_text("utf-8").replace(*SHORT) + "# :key: [red] \u00e4\n"
+    text = toml(SHORT) + "# :key: [red] \u00e4\n"
     (tmp_path / "a*b#c.toml").write_text(text, "utf-8")
     assert nrs("run", tmp_path / "a*b#c.toml", "-o", tmp_path / "s.mcap").returncode == 0
     assert json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)["scenario"] == text
 
 
 def test_a_bound_that_no_number_reaches_is_null(tmp_path):
-    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
-    (tmp_path / "s.toml").write_text(text.replace("alpha = 1.1", "alpha = 1e-320"), "utf-8")
-    done = nrs("check", tmp_path / "s.toml", "--json")
+    scenario = write(tmp_path / "s.toml", {"algorithm.alpha": 1e-320}, base="paper_example_3a")
+    done = nrs("check", scenario, "--json")
     assert done.stderr == ""
     assert json.loads(done.stdout, parse_constant=pytest.fail)["h_bound"] is None
 
@@ -181,17 +178,15 @@ def test_check_outside_the_bound_says_so():
 
 
 def test_run_outside_the_bound_warns_and_names_it(tmp_path):
-    text = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
-    (tmp_path / "s.toml").write_text(text.replace("duration = 30.0", "duration = 1.0"))
-    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    scenario = write(tmp_path / "s.toml", SHORT, base="paper_example_1c")
+    done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
     assert done.returncode == 0
     assert "warning: alpha = 1.18 is outside (0, 1.17157), the bound of Theorem 1" in done.stderr
 
 
 def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
-    text = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
-    scenario = tmp_path / "s.toml"
-    scenario.write_text(text.replace("seed = 1", "seed = 1\ndivergence_limit = 500.0"))
+    limit = {"run.divergence_limit": 500.0}
+    scenario = write(tmp_path / "s.toml", limit, base="paper_example_1c")
     done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
     assert done.returncode == 1
     assert "failed: diverged at t = " in done.stderr
@@ -203,30 +198,24 @@ def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('fmu = "two_link_arm"', 'fmu = "two_link_am"'), "did you mean two_link_arm?"),
-        (('fmu = "two_link_arm"', 'fmu = "none.fmu"'), "none.fmu: no such FMU in /"),
-        (("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { mm1 = 1 }\n#"), "'mm1'"),
+        ({"plant.fmu": "two_link_am"}, "did you mean two_link_arm?"),
+        ({"plant.fmu": "none.fmu"}, "none.fmu: no such FMU in /"),
+        ({"plant.parameters": {"mm1": 1}}, "'mm1'"),
         (
-            ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = [1, 2] }\n#"),
+            {"plant.parameters": {"m1": [1, 2]}},
             "m1 takes 1",
         ),
-        (("sampling_period = 0.1", "sampling_period = 0"), "run.sampling_period: expected greater"),
-        (("\n[plant]", "\n[plnt]"), "did you mean 'plant'?"),
+        ({"run.sampling_period": 0}, "run.sampling_period: expected greater"),
+        ({"plant": None, "plnt": {"fmu": "two_link_arm"}}, "did you mean 'plant'?"),
         (
-            (
-                "# parameters = { m1 = 0.5",
-                'variables = { tau_applied = "tau" }\n# parameters = { m1 = 0.5',
-            ),
+            {"plant.variables": {"tau_applied": "tau"}},
             "plant: two_link_arm: tau and tau_applied stand for the same number",
         ),
-        (('name = "dcea1"', 'name = "dcea3"'), "algorithm.name: expected one of dcea1, dcea2"),
+        ({"algorithm.name": "dcea0"}, "algorithm.name: expected one of dcea1, dcea2"),
     ],
 )
 def test_bad_input_exits_2_without_a_file_or_a_traceback(tmp_path, change, message):
-    text = PAPER.read_text("utf-8")
-    assert change[0] in text
-    (tmp_path / "s.toml").write_text(text.replace(*change, 1), "utf-8")
-    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    done = nrs("run", write(tmp_path / "s.toml", change), "-o", tmp_path / "s.mcap")
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
@@ -235,8 +224,8 @@ def test_bad_input_exits_2_without_a_file_or_a_traceback(tmp_path, change, messa
 
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
-    scenario = tmp_path / "s.toml"
-    scenario.write_text(PAPER.read_text("utf-8").replace("axes = [", "axes = [{},"), "utf-8")
+    axes = [{}, *tables()["target"]["axes"]]
+    scenario = write(tmp_path / "s.toml", {"target.axes": axes, "disturbance": None})
     done = nrs(command, scenario, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr == (
@@ -253,8 +242,8 @@ def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkey
         return replace(real(*given, **options), restarts=restarts)
 
     monkeypatch.setattr(terminal_run, "run_scenario", run)
-    (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
-    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap", "--profile")
+    scenario = write(tmp_path / "s.toml", SHORT)
+    done = nrs("run", scenario, "-o", tmp_path / "s.mcap", "--profile")
     result = "profile: what a worker did before it was gone is under other\n"
     assert (done.returncode, done.stderr) == (0, result * restarts)
 
@@ -262,9 +251,9 @@ def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkey
 def test_wrong_options_exit_2():
     for arguments in (
         ("run",),
-        ("run", PAPER, "--frobnicate"),
+        ("run", PAPER_FILE, "--frobnicate"),
         ("frobnicate",),
-        ("run", PAPER, "--compression", "rar"),
+        ("run", PAPER_FILE, "--compression", "rar"),
         ("fmu", "build", "two_link_arm"),
     ):
         done = nrs(*arguments)
@@ -273,15 +262,14 @@ def test_wrong_options_exit_2():
 
 
 def test_a_recording_that_cannot_be_made_exits_2(tmp_path):
-    done = nrs("run", PAPER, "-o", tmp_path)
+    done = nrs("run", PAPER_FILE, "-o", tmp_path)
     assert done.returncode == 2
     assert str(tmp_path) in done.stderr
 
 
 def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
-    scenario = tmp_path / "s.toml"
-    text = PAPER.read_text("utf-8").replace(*SHORT)
-    scenario.write_text(text, "utf-8")
+    scenario = write(tmp_path / "s.toml", SHORT)
+    text = scenario.read_text("utf-8")
     (tmp_path / "thesis").write_text(text, "utf-8")
     for output, result in ((scenario, "is the name of a scenario"), ("thesis", "is no recording")):
         done = nrs("run", scenario, "-o", tmp_path / output)
@@ -294,7 +282,7 @@ def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
 
 
 def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
-    (tmp_path / "s.toml").write_text(PAPER.read_text("utf-8").replace(*SHORT), "utf-8")
+    write(tmp_path / "s.toml", SHORT)
     together = [
         subprocess.Popen([NRS, "run", "s.toml"], cwd=tmp_path, stdout=subprocess.DEVNULL)
         for _ in range(3)
@@ -306,8 +294,7 @@ def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
 
 
 def test_a_run_that_never_began_leaves_no_file(tmp_path):
-    text = PAPER.read_text("utf-8").replace("two_link_arm", "no_such_arm")
-    (tmp_path / "s.toml").write_text(text, "utf-8")
+    write(tmp_path / "s.toml", {"plant.fmu": "no_such_arm"})
     assert nrs("run", "s.toml", cwd=tmp_path).returncode == 2
     assert list((tmp_path / "recordings" / "data").iterdir()) == []
 
@@ -321,13 +308,11 @@ def test_a_reader_that_goes_away_is_no_failure():
 
 
 def test_check_finds_what_the_run_would(tmp_path):
-    text = PAPER.read_text("utf-8")
     for change, message in (
-        (("two_link_arm", "two_link_am"), "did you mean two_link_arm?"),
-        (("kp = 200.0", "kp = [[1.0, 3.0], [3.0, 1.0]]"), None),
+        ({"plant.fmu": "two_link_am"}, "did you mean two_link_arm?"),
+        ({"controller.kp": [[1.0, 3.0], [3.0, 1.0]]}, None),
     ):
-        (tmp_path / "s.toml").write_text(text.replace(*change), "utf-8")
-        done = nrs("check", tmp_path / "s.toml")
+        done = nrs("check", write(tmp_path / "s.toml", change))
         assert done.returncode == (2 if message else 0)
         assert message is None or message in done.stderr
     assert re.search(r"kp +-2 +> 0.000000 +-2.000000 +fails", done.stdout)
@@ -356,9 +341,8 @@ def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
     assert (
         nrs("fmu", "build", "two_link_arm", "-o", tmp_path / "arm.fmu", "--fmi", 2).returncode == 0
     )
-    text = PAPER.read_text("utf-8").replace(*SHORT).replace('"two_link_arm" ', '"arm.fmu" ')
-    (tmp_path / "s.toml").write_text(text, "utf-8")
-    done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "s.mcap")
+    scenario = write(tmp_path / "s.toml", SHORT, {"plant.fmu": "arm.fmu"})
+    done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
     assert done.returncode == 0, done.stderr
     with Reader(recording[0]) as three, Reader(tmp_path / "s.mcap") as two:
         assert two.digest == three.digest
@@ -367,8 +351,7 @@ def test_fmi_2_and_3_give_the_same_run(recording, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
     """A real terminal, a real signal: the progress bar shows, the file is valid, 130."""
-    text = PAPER.read_text("utf-8").replace("duration = 30.0", "duration = 36000.0")
-    (tmp_path / "long.toml").write_text(text, "utf-8")
+    write(tmp_path / "long.toml", {"run.duration": 36000.0})
     master, slave = pty.openpty()
     process = subprocess.Popen(
         [NRS, "run", tmp_path / "long.toml", "-o", tmp_path / "long.mcap"],

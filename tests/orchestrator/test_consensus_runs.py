@@ -4,7 +4,7 @@ import pytest
 
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 ALGORITHMS = {
     "pi_consensus": "{name='pi_consensus',alpha=0.7,beta=1.0,kappa=0.3}",

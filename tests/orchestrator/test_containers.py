@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SCENARIOS, SHORT, paper
 
 SCENARIO = SCENARIOS / "paper_first_order.toml"
 
@@ -82,7 +82,7 @@ def test_too_few_threads_are_told_and_the_others_end(monkeypatch):
 
 @pytest.mark.parametrize("name", ["x" * 140, "a b", "a#b", "a;b", "a?b", "ü"])
 def test_workers_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
-    paper, tmp_path, monkeypatch, name
+    tmp_path, monkeypatch, name
 ):
     odd = tmp_path / name
     odd.mkdir()
@@ -120,9 +120,7 @@ def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
     )
 
 
-def test_a_worker_of_this_machine_that_never_asks_to_join_ends_the_run(
-    paper, tmp_path, monkeypatch
-):
+def test_a_worker_of_this_machine_that_never_asks_to_join_ends_the_run(tmp_path, monkeypatch):
     class Mute:
         def __init__(self, *_given, **_more):
             pass

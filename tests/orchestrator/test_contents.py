@@ -13,15 +13,14 @@ import pytest
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import DamageError
 from nrs_cosim.recordings.mcap.contents import Contents
 from nrs_cosim.recordings.mcap.ordering import columns_of
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_replay import rewritten
+from tests.scenarios import SHORT, paper
 
 K, ROBOT = 7, 3
 STATE, SAMPLE = f"/robot_{ROBOT}/state", f"/robot_{ROBOT}/sample"
@@ -37,11 +36,8 @@ FIELDS = {  # where it stands behind its tag (bus.messages), how, and what the m
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """Return the recording of a second of the paper's example, in chunks of a tick."""
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    text = text.replace("duration = 30.0", "duration = 1.0")
-    text = text.replace("output_step = 0.02", "output_step = 0.1")
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
-    run(parse_scenario(text, "paper", SCENARIOS, "paper.toml"), path)
+    run(paper(SHORT, {"run.output_step": 0.1}), path)
     return path
 
 

@@ -20,11 +20,10 @@ from nrs_cosim.recordings.metadata import ASSETS
 from tests.cluster.remote_runs import digest_of
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
 from tests.orchestrator.test_assets import again
+from tests.scenarios import write
 
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-ROBOT = '\n[[robots]]\nid = 3\nplant = { fmu = "two_link_arm" }\n'
+OWN = {"plant.fmu": "own.fmu"}
 ADVICE = "the recording has it, and --allow-fmus lets it run"
 
 
@@ -43,11 +42,9 @@ class Ran:
 def ran(tmp_path_factory):
     folder = tmp_path_factory.mktemp("embedded")
     fmu = foreign_copy(folder / "own.fmu")
-    text = TEXT.replace('fmu = "two_link_arm"', 'fmu = "own.fmu"', 1).replace(
-        "duration = 30.0", "duration = 0.6", 1
-    )
-    (folder / "own.toml").write_text(text + ROBOT, "utf-8")
-    scenario = nrs_cosim.Scenario.load(folder / "own.toml")
+    bundled = {"robots": [{"id": 3, "plant": {"fmu": "two_link_arm"}}]}
+    own = write(folder / "own.toml", OWN, {"run.duration": 0.6}, bundled)
+    scenario = nrs_cosim.Scenario.load(own)
     path, begun = folder / "run.mcap", folder / "begun.mcap"
     with nrs_cosim.run(scenario, path, embed_fmus=True) as recording:
         digest = recording.digest
@@ -191,10 +188,8 @@ def test_from_python_it_is_run_where_that_is_allowed(ran):
 
 def test_without_the_option_no_fmu_is_recorded(tmp_path):
     foreign_copy(tmp_path / "own.fmu")
-    text = TEXT.replace('fmu = "two_link_arm"', 'fmu = "own.fmu"', 1)
-    (tmp_path / "own.toml").write_text(text, "utf-8")
-    there = tmp_path / "run.mcap"
-    done = nrs("run", tmp_path / "own.toml", "--set", "run.duration=0.2", "-o", there)
+    own, there = write(tmp_path / "own.toml", OWN), tmp_path / "run.mcap"
+    done = nrs("run", own, "--set", "run.duration=0.2", "-o", there)
     assert done.returncode == 0, done.stderr
     with Reader(there) as reader:
         assert reader.attachments.keys() == {"scenario.toml"}

@@ -9,9 +9,8 @@ import pytest
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SHORT, toml, write
 
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT)
 ODD = os.fsdecode(b"bad\xff")
 """A name as it comes from an archive of another encoding."""
 
@@ -24,8 +23,7 @@ def odd(tmp_path):
         folder.mkdir()
     except OSError:
         pytest.skip("this file system takes no names but UTF-8")
-    (folder / f"{ODD}.toml").write_text(TEXT, "utf-8")
-    return folder / f"{ODD}.toml"
+    return write(folder / f"{ODD}.toml", SHORT)
 
 
 def run(*arguments, encoding, cwd):
@@ -63,8 +61,7 @@ def test_an_fmu_whose_path_is_no_utf8_is_named_in_a_change(odd):
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_a_result_is_printed_whatever_the_output_takes(tmp_path, encoding):
-    scenario = tmp_path / "räum_ε.toml"
-    scenario.write_text(TEXT, "utf-8")
+    scenario = write(tmp_path / "räum_ε.toml", SHORT)
     status, printed, errors = run(
         "run", scenario, "-o", "räum_ε.mcap", encoding=encoding, cwd=tmp_path
     )
@@ -86,7 +83,7 @@ def test_a_name_that_is_no_utf8_can_be_printed(odd):
 
 def test_a_scenario_with_a_byte_order_mark_is_that_without(tmp_path):
     for name, mark in (("with", "\ufeff"), ("without", "")):
-        (tmp_path / f"{name}.toml").write_text(mark + TEXT, "utf-8")
+        (tmp_path / f"{name}.toml").write_text(mark + toml(SHORT), "utf-8")
     marked, plain = (read_scenario(tmp_path / f"{name}.toml") for name in ("with", "without"))
     assert marked.scenario == plain.scenario
     assert marked.text == f"\ufeff{plain.text}"

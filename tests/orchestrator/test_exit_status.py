@@ -12,9 +12,9 @@ import pytest
 from nrs_cosim.orchestrator.cli.main import command as command_line
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS, SHORT
 from tests.plant_fmu.archives import rewritten
 from tests.recordings import runs
+from tests.scenarios import PAPER, SHORT, tables, toml, write
 
 NRS = Path(sys.executable).with_name("nrs")
 SLIDER = """
@@ -134,22 +134,18 @@ ROWS = [(status, line) for status, lines in STATUSES.items() for line in lines]
 def folder(tmp_path_factory):
     """Return a folder with scenarios, recordings and models, good and bad."""
     folder = tmp_path_factory.mktemp("statuses")
-    good = runs.scenario(2, 2, 3).replace("seed = 1", "seed = 1\ndivergence_limit = 1000.0")
+    good = tables({"run.divergence_limit": 1000.0}, base=runs.chain(2, 2, 3))
     stranger = rewritten(folder / "stranger.fmu", 3, lambda text: text + "<!-- of others -->")
-    wild = (SCENARIOS / "paper_example_1c.toml").read_text("utf-8")
-    texts = {
-        "good": good,
-        "other": good.replace("seed = 1", "seed = 2"),
-        "wild": wild.replace("seed = 1", "seed = 1\ndivergence_limit = 500.0"),
-        "lossy": good + "\n[[faults.links]]\nloss = 0.5\n",
-        "stranger": good.replace('"two_link_arm"', f'"{stranger.name}"').replace(
-            "kp = 200.0", "kp = 0.001"
-        ),
-        "bad": good.replace("[plant]", "[plnt]"),
-        "long": (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT),
-    }
-    for name, text in texts.items():
-        (folder / f"{name}.toml").write_text(text, "utf-8")
+    for name, base, change in (
+        ("good", good, {}),
+        ("other", good, {"run.seed": 2}),
+        ("wild", "paper_example_1c", {"run.divergence_limit": 500.0}),
+        ("lossy", good, {"faults.links": [{"loss": 0.5}]}),
+        ("stranger", good, {"plant.fmu": stranger.name, "controller.kp": 0.001}),
+        ("bad", good, {"plant": None, "plnt": good["plant"]}),
+        ("long", PAPER, SHORT),
+    ):
+        write(folder / f"{name}.toml", change, base=base)
     (folder / "slider.urdf").write_text(SLIDER, "utf-8")
     rewritten(folder / "renamed.fmu", 3, lambda text: text.replace('"q"', '"theta"'))
     for name, status in (("other", 0), ("wild", 1), ("long", 0)):
@@ -233,7 +229,7 @@ def test_what_a_user_keeps_from_ending_with_the_terminal_goes_on(tmp_path):
     )  # fmt: skip
     with pipe.open("w") as scenario:
         process.send_signal(signal.SIGHUP)
-        scenario.write(runs.scenario(2, 2, 3))
+        scenario.write(toml(base=runs.chain(2, 2, 3)))
     printed = process.communicate(timeout=GUARD)
     assert process.returncode == 0, printed[1]
     assert "the estimates converge" in printed[0]

@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.engine.robots import agents_of, wire_of
 from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 LOSSY = SCENARIOS / "paper_lossy_links.toml"
 MADE = {"Clock": 1, "TopologySchedule": 1, "Links": 1, "motion_of": 1, "load_algorithm": 1}

@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf
 from nrs_cosim.recordings.export.formats import export
-from nrs_cosim.recordings.input_tables import read_columns
+from nrs_cosim.recordings.input_tables import file_columns
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.recordings.runs import recorded
 
@@ -70,7 +70,7 @@ NEEDS = {
         lambda path: command("scene", path, "-o", path.with_name("scene.mcap")),
     ),
     "tables to write": ("pyarrow", "recordings.export.parquet", exported),
-    "a table to read": ("pyarrow", "", lambda path: read_columns(path.with_suffix(".parquet"))),
+    "a table to read": ("pyarrow", "", lambda _path: file_columns(b"PAR1", "a.parquet")),
     "a URDF": ("casadi", "plant_fmu.bundled.rigid_body", lambda _: build_urdf(read_urdf(ARM))),
 }
 """A package, our module that imports it as a whole if there is one, and what uses it."""

@@ -2,47 +2,36 @@
 
 import copy
 import json
-import re
-import tomllib
 import warnings
 
 import pytest
-import tomlkit
 
 import nrs_cosim as nrs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from tests.command import nrs as nrs_command
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS, example, tables, write
 
-TEXT = """
-[run]
-duration = 2.0
-sampling_period = 0.1
-[algorithm]
-name = "{algorithm}"
-alpha = 0.9
-beta = 0.8
-[controller]
-kp = 200.0
-kd = 300.0
-[network]
-edge_list = [[0, 1, 1.0], [1, 2, 1.0], [2, 1, 0.5]]
-[target]
-axes = [
-  {{ offset = 1.0, rate = 2.0, sines = [{{ amplitude = 1.0, frequency = 1.0, phase = 0.1 }}] }},
-  {{ cosines = [{{ amplitude = -1.0, frequency = 2.0 }}] }},
-]
-[plant]
-fmu = "two_link_arm"
-parameters = {{ m1 = 1.0, r1 = 1.0, g = 9.8 }}
-[disturbance]
-axes = [{{ sines = [{{ amplitude = 2.0, frequency = 1.0 }}] }}, {{ offset = 0.5 }}]
-[initial]
-position = {{ uniform = [-1.0, 1.0] }}
-"""
+SMALL = tables(
+    {
+        "run": {"duration": 2.0, "sampling_period": 0.1},
+        "algorithm.beta": 0.8,
+        "network": {"edge_list": [[0, 1, 1.0], [1, 2, 1.0], [2, 1, 0.5]]},
+        "target.axes": [
+            {
+                "offset": 1.0,
+                "rate": 2.0,
+                "sines": [{"amplitude": 1.0, "frequency": 1.0, "phase": 0.1}],
+            },
+            {"cosines": [{"amplitude": -1.0, "frequency": 2.0}]},
+        ],
+        "plant.parameters": {"m1": 1.0, "r1": 1.0, "g": 9.8},
+        "disturbance.axes": [{"sines": [{"amplitude": 2.0, "frequency": 1.0}]}, {"offset": 0.5}],
+        "initial": {"position": {"uniform": [-1.0, 1.0]}},
+    }
+)
+"""Of two robots, for which the theory of jitter and of turns is found in a tenth of the time."""
 EXTREMES = (1e155, -1e155, 1e300, -1e300, 1e308, 1e-300, -1e-300, 5e-324, -0.0)
 
 
@@ -58,9 +47,9 @@ def places(tree, at=()):
 FEW = (1e155, 1e-300)
 
 
-def put(tables, at, value):
-    """Return tables with another value in one place."""
-    changed = copy.deepcopy(tables)
+def put(given, at, value):
+    """Return given with another value in one place."""
+    changed = copy.deepcopy(given)
     inner = changed
     for key in at[:-1]:
         inner = inner[key]
@@ -68,15 +57,15 @@ def put(tables, at, value):
     return changed
 
 
-def faults_of(tables, extremes, compared):
+def faults_of(given, extremes, compared):
     """Judge tables with one number after the other changed: what was raised but errors of input."""
     found, passed = [], 0
-    for at in places(tables):
+    for at in places(given):
         for extreme in extremes:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")
-                    compared(put(tables, at, extreme))
+                    compared(put(given, at, extreme))
                     passed += 1
             except InputError:
                 continue
@@ -85,10 +74,9 @@ def faults_of(tables, extremes, compared):
     return "\n".join(map(str, found)), passed
 
 
-def checked(tables):
-    """Ask the theory of tables all that `nrs check` shows."""
-    text = tomlkit.dumps(tables)
-    scenario = parse_scenario(text, "extreme", SCENARIOS, "extreme.toml")
+def checked(given):
+    """Ask the theory of given all that `nrs check` shows."""
+    scenario = example(given)
     result = check(scenario)
     ultimate = ultimate_bounds(scenario, result.rho)
     bounds(ultimate)
@@ -96,50 +84,42 @@ def checked(tables):
     json.dumps([result.as_json(), ultimate.as_json()], allow_nan=False)
 
 
-def ran(tables):
-    """Run tables, and measure them beside the theory, as `nrs run` does."""
-    with nrs.run(nrs.Scenario(tables, folder=SCENARIOS)) as recording:
+def ran(given):
+    """Run given, and measure them beside the theory, as `nrs run` does."""
+    with nrs.run(nrs.Scenario(given, folder=SCENARIOS)) as recording:
         json.dumps(recording.analysis())
 
 
 @pytest.mark.parametrize("algorithm", ["dcea1", "dcea2", "impulsive", "sliding"])
 def test_a_number_out_of_all_proportion_is_refused_or_theory_goes_on(algorithm):
-    tables = tomllib.loads(TEXT.format(algorithm=algorithm))
-    found, passed = faults_of(tables, EXTREMES, checked)
+    small = tables({"algorithm.name": algorithm}, base=SMALL)
+    found, passed = faults_of(small, EXTREMES, checked)
     assert not found, found
     assert passed > 50
 
 
-IN_TURN = """
-[[network.switching]]
-from = 1
-edge_list = [[0, 1, 1.0], [1, 2, 1.0]]
-[[network.switching]]
-from = 3
-edge_list = [[0, 2, 1.0], [2, 1, 0.5]]
-[target]"""
-NETWORK = "edge_list = [[0, 1, 1.0], [1, 2, 1.0], [2, 1, 0.5]]\n"
-SMALL = TEXT.format(algorithm="dcea2")
-"""Of two robots, for which the theory of jitter and of turns is found in a tenth of the time."""
+PHASES = [
+    {"from": 1, "edge_list": [[0, 1, 1.0], [1, 2, 1.0]]},
+    {"from": 3, "edge_list": [[0, 2, 1.0], [2, 1, 0.5]]},
+]
+SECOND = tables({"algorithm.name": "dcea2"}, base=SMALL)
 KINDS = {
-    "faults": (SCENARIOS / "paper_lossy_links.toml").read_text("utf-8"),
-    "jitter": SMALL.replace("[algorithm]", "sampling_jitter = 0.2\n[algorithm]"),
-    "networks in turn": SMALL.replace(NETWORK, "repeat = 4\n").replace("[target]", IN_TURN),
+    "faults": tables(base="paper_lossy_links"),
+    "jitter": tables({"run.sampling_jitter": 0.2}, base=SECOND),
+    "switching networks": tables({"network": {"repeat": 4, "switching": PHASES}}, base=SECOND),
 }
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_so_it_is_with_faults_jitter_and_networks_in_turn(kind):
-    text = KINDS[kind]
-    found, passed = faults_of(tomllib.loads(text), FEW, checked)
+    found, passed = faults_of(KINDS[kind], FEW, checked)
     assert not found, found
     assert passed > 10
 
 
 def test_a_run_of_such_a_number_is_refused_or_ends_with_a_reason():
-    tables = tomllib.loads((SCENARIOS / "paper_lossy_links.toml").read_text("utf-8"))
-    tables["run"]["duration"] = 0.2
-    found, passed = faults_of(tables, FEW[:1], ran)
+    brief = tables({"run.duration": 0.2}, base="paper_lossy_links")
+    found, passed = faults_of(brief, FEW[:1], ran)
     assert not found, found
     assert passed > 10
 
@@ -147,9 +127,7 @@ def test_a_run_of_such_a_number_is_refused_or_ends_with_a_reason():
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
 @pytest.mark.parametrize("key", ["m1", "r1", "g"])
 def test_a_parameter_of_too_many_digits_is_named(tmp_path, command, key):
-    path = tmp_path / "big.toml"
-    text = TEXT.format(algorithm="dcea1")
-    path.write_text(re.sub(rf"{key} = [\d.]+", f"{key} = {'9' * 400}", text), "utf-8")
+    path = write(tmp_path / "big.toml", {f"plant.parameters.{key}": int("9" * 400)}, base=SMALL)
     done = nrs_command(command[0], path, *command[1:], cwd=tmp_path)
     assert done.returncode == 2
     assert key in done.stderr

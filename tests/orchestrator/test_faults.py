@@ -26,35 +26,30 @@ from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.data import KINDS
 from tests.estimator_agents.faulty import Network, simulate
-from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
+from tests.scenarios import SCENARIOS, SECOND_ORDER, SHORT, paper
 
 LOSSY = SCENARIOS / "paper_lossy_links.toml"
-FAULTY = """
-[[faults.links]]
-loss = 0.3
-noise = 0.5
-[[faults.links]]
-from = 3
-noise = { velocity = 0.25 }
-quantisation = 0.5
-delay = 1
-[[faults.links]]
-to = 5
-delay = { uniform = [0, 3] }
-outages = [[1.0, 1.25], [1.5, 1.6]]
-[[faults.robots]]
-id = 4
-outages = [[0.85, 1.45]]
-[[faults.robots]]
-id = 3
-outages = [[1.9, 9.0]]
-"""
-LONGER = ("duration = 30.0", "duration = 2.0")
+FAULTY = {
+    "faults": {
+        "links": [
+            {"loss": 0.3, "noise": 0.5},
+            {"from": 3, "noise": {"velocity": 0.25}, "quantisation": 0.5, "delay": 1},
+            {"to": 5, "delay": {"uniform": [0, 3]}, "outages": [[1.0, 1.25], [1.5, 1.6]]},
+        ],
+        "robots": [{"id": 4, "outages": [[0.85, 1.45]]}, {"id": 3, "outages": [[1.9, 9.0]]}],
+    }
+}
+LONGER = {"run.duration": 2.0}
 
 
-def with_faults(text):
-    """Return a change of the paper's example that adds faults to it."""
-    return ("# [[robots]]", f"{text}\n# [[robots]]")
+def faulty_links(*entries):
+    """Return a change of the paper's example that adds faults of links to it."""
+    return {"faults.links": list(entries)}
+
+
+def faulty_robots(*entries):
+    """Return a change of the paper's example that adds faults of robots to it."""
+    return {"faults.robots": list(entries)}
 
 
 def network_of(text):
@@ -145,10 +140,9 @@ def link_events_of(reader):
 
 @pytest.mark.parametrize("missing", ["hold", "drop"])
 @pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
-def test_a_run_is_what_plain_python_makes_of_its_faults(paper, tmp_path, order, missing):
-    change = SECOND_ORDER if order == 2 else ("beta = 1.1", "beta = 1.1")
-    policy = ("[controller]", f'missing = "{missing}"\n[controller]')
-    file = paper(LONGER, change, policy, with_faults(FAULTY))
+def test_a_run_is_what_plain_python_makes_of_its_faults(tmp_path, order, missing):
+    algorithm = SECOND_ORDER if order == 2 else {}
+    file = paper(LONGER, algorithm, {"algorithm.missing": missing}, FAULTY)
     outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     agree_with_plain_python(file, tmp_path / "run.mcap", order)
@@ -195,12 +189,10 @@ def test_the_scenario_with_lossy_links(tmp_path):
     agree_with_plain_python(file, tmp_path / "a.mcap")
 
 
-def test_the_seed_decides_what_is_lost(paper, tmp_path):
+def test_the_seed_decides_what_is_lost(tmp_path):
     lost = []
     for seed in (1, 2):
-        file = paper(
-            SHORT, ("seed = 1", f"seed = {seed}"), with_faults("[[faults.links]]\nloss = 0.5")
-        )
+        file = paper(SHORT, {"run.seed": seed}, faulty_links({"loss": 0.5}))
         with Reader(run(file, tmp_path / f"{seed}.mcap").path) as reader:
             lost.append(
                 {(k, f[0], f[1]) for k, told_at in link_events_of(reader).items() for f in told_at}
@@ -211,11 +203,11 @@ def test_the_seed_decides_what_is_lost(paper, tmp_path):
     assert lost[0] != lost[1]
 
 
-def test_faults_that_are_none_leave_every_byte_alone(paper, tmp_path):
-    nothing = "[[faults.links]]\nloss = 0.0\ndelay = 0\noutages = []\nnoise = 0\n"
+def test_faults_that_are_none_leave_every_byte_alone(tmp_path):
+    nothing = faulty_links({"loss": 0.0, "delay": 0, "outages": [], "noise": 0})
     batches = []
-    for name, change in (("without", ()), ("none", (with_faults(nothing),))):
-        file = paper(SHORT, *change)
+    for name, change in (("without", {}), ("none", nothing)):
+        file = paper(SHORT, change)
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
             assert [schema.name for schema in reader.schemas] == ["nrs.Sample", "nrs.State"]
             assert len(reader.channels) == 13
@@ -223,8 +215,8 @@ def test_faults_that_are_none_leave_every_byte_alone(paper, tmp_path):
     assert batches[0] == batches[1]
 
 
-def test_with_all_links_cut_the_estimates_fly_on(paper, tmp_path):
-    file = paper(SHORT, with_faults("[[faults.links]]\nloss = 1"))
+def test_with_all_links_cut_the_estimates_fly_on(tmp_path):
+    file = paper(SHORT, faulty_links({"loss": 1}))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         sampled = np.concatenate(list(samples(reader)))
         assert all(len(faults) == 10 for faults in link_events_of(reader).values())
@@ -233,8 +225,8 @@ def test_with_all_links_cut_the_estimates_fly_on(paper, tmp_path):
         assert (mine == mine[0]).all()
 
 
-def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
-    file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.3, 0.5]]"))
+def test_a_recording_with_silent_robots_is_exported(tmp_path):
+    file = paper(SHORT, faulty_robots({"id": 2, "outages": [[0.3, 0.5]]}))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         table, *_ = export(reader, tmp_path)
         assert [channel.topic for channel in reader.channels if not channel.counted] == [
@@ -249,8 +241,8 @@ def test_a_recording_with_silent_robots_is_exported(paper, tmp_path):
     assert silent == {(3, 2), (4, 2)}
 
 
-def test_what_a_silent_robot_says_is_refused(paper):
-    file = paper(SHORT, with_faults("[[faults.robots]]\nid = 2\noutages = [[0.1, 0.2]]"))
+def test_what_a_silent_robot_says_is_refused():
+    file = paper(SHORT, faulty_robots({"id": 2, "outages": [[0.1, 0.2]]}))
     wire = wire_of(file, {"here": range(1, 7)}, Signer())
 
     def batch(k, robots):
@@ -270,8 +262,8 @@ def both(position, velocity):
     return {"position": position, "velocity": velocity}
 
 
-def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper):
-    scenario = paper(with_faults(FAULTY))
+def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both():
+    scenario = paper(FAULTY)
     faults = link_faults(scenario.scenario, scenario.topologies.links, ("position", "velocity"))
     assert len(faults) == 10
     assert faults[1, 2] == LinkFault(loss=0.3, noise=both(0.5, 0.5))
@@ -282,24 +274,24 @@ def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both(paper)
 
 
 @pytest.mark.parametrize("key", ["noise", "quantisation"])
-def test_a_field_that_is_not_sent_is_named_with_the_nearest(paper, key):
+def test_a_field_that_is_not_sent_is_named_with_the_nearest(key):
     with pytest.raises(ScenarioError) as raised:
-        paper(with_faults(f"[[faults.links]]\n{key} = {{velocty = 0.1, effort = 1}}"))
+        paper(faulty_links({key: {"velocty": 0.1, "effort": 1}}))
     first, second = str(raised.value).splitlines()
     assert f"faults.links[0].{key}.velocty: unknown key; did you mean 'velocity'?" in first
     assert f"faults.links[0].{key}.effort: unknown key" in second
 
 
-def test_the_faults_of_some_robots_are_those_on_their_in_links(paper):
-    scenario = paper(with_faults("[[faults.links]]\nfrom = 1\nloss = 0.5"))
+def test_the_faults_of_some_robots_are_those_on_their_in_links():
+    scenario = paper(faulty_links({"from": 1, "loss": 0.5}))
     assert scenario.links_into(np.array([2, 3])).sink.tolist() == [2]
     assert scenario.links_into(np.array([3, 6])).sink.tolist() == []
     assert paper().links_into(np.array([2, 3])) is None
 
 
-def test_the_policy_is_the_algorithms_first_unless_asked(paper):
+def test_the_policy_is_the_algorithms_first_unless_asked():
     assert paper().missing == "hold"
-    asked = paper(("beta = 1.1", 'beta = 1.1\nmissing = "drop"'))
+    asked = paper({"algorithm.missing": "drop"})
     assert asked.missing == "drop"
 
 
@@ -320,88 +312,135 @@ def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, mis
         installed.policies_of("other")
 
 
-def test_a_policy_that_the_algorithm_does_not_know_is_refused(paper, monkeypatch):
+def test_a_policy_that_the_algorithm_does_not_know_is_refused(monkeypatch):
     monkeypatch.setattr(installed, "_entries", lambda: (Installed(("drop",), "dcea1"),))
     with pytest.raises(ScenarioError) as error:
-        paper(("beta = 1.1", 'beta = 1.1\nmissing = "hold"'))
+        paper({"algorithm.missing": "hold"})
     assert str(error.value) == (
         "paper.toml: algorithm.missing: expected one of drop, which dcea1 knows, got 'hold'"
     )
 
 
-LINK, ROBOT = "[[faults.links]]\n", "[[faults.robots]]\n"
-BAD = {
-    LINK + "los = 0.1": "faults.links[0].los: unknown key; did you mean 'loss'?",
-    LINK + "fro = 1": "faults.links[0].fro: unknown key; did you mean 'from'?",
-    LINK + "loss = 1.1": "faults.links[0].loss: expected less than or equal to 1, got 1.1",
-    LINK + "loss = -0.1": "faults.links[0].loss: expected greater than or equal to 0, got -0.1",
-    LINK + "loss = nan": "faults.links[0].loss: expected a finite number, got nan",
-    LINK
-    + "delay = 1.5": "faults.links[0].delay: expected a whole number of sampling periods, got 1.5",
-    LINK + "delay = -1": "faults.links[0].delay: expected greater than or equal to 0, got -1",
-    LINK + "delay = 1001": "faults.links[0].delay: expected less than or equal to 1000, got 1001",
-    LINK + "delay = { unifrom = [0, 1] }": "links[0].delay.unifrom: unknown key; did you mean 'uni",
-    LINK
-    + "delay = { uniform = [0, 1.5] }": "links[0].delay.uniform[1]: expected a whole number of",
-    LINK + "delay = { uniform = [3, 1] }": (
-        "faults.links[0].delay.uniform: expected [low, high] with low <= high, got [3, 1]"
+BAD = [
+    (faulty_links({"los": 0.1}), "faults.links[0].los: unknown key; did you mean 'loss'?"),
+    (faulty_links({"fro": 1}), "faults.links[0].fro: unknown key; did you mean 'from'?"),
+    (
+        faulty_links({"loss": 1.1}),
+        "faults.links[0].loss: expected less than or equal to 1, got 1.1",
     ),
-    LINK + "noise = -1": "faults.links[0].noise: expected greater than or equal to 0, got -1",
-    LINK + "noise = { positon = 1 }": "links[0].noise.positon: unknown key; did you mean 'pos",
-    LINK + "quantisation = 'a'": "faults.links[0].quantisation: expected a valid number, got 'a'",
-    LINK + "outages = [1, 2]": "faults.links[0].outages[0]: expected a list, got 1",
-    LINK + "outages = [[1]]": "faults.links[0].outages[0][1]: missing",
-    LINK + "outages = [[2, 2]]": (
-        "faults.links[0].outages[0]: expected [from, to] in s with from < to, got [2.0, 2.0]"
+    (
+        faulty_links({"loss": -0.1}),
+        "faults.links[0].loss: expected greater than or equal to 0, got -0.1",
     ),
-    LINK + "outages = [[0, 1], [0, 1e-10]]": (
-        "faults.links[0].outages[1]: expected whole nanoseconds, but 1e-10 s is no whole number"
+    (
+        faulty_links({"loss": float("nan")}),
+        "faults.links[0].loss: expected a finite number, got nan",
     ),
-    LINK + "outages = [[-1, 2]]": "outages[0][0]: expected greater than or equal to 0, got -1",
-    LINK + "from = 7": "faults.links[0].from: expected 0 to 6, got 7",
-    LINK + "to = 0": "faults.links[0].to: expected 1 to 6, got 0",
-    LINK + "from = 1.5": "faults.links[0].from: expected a whole number, got 1.5",
-    LINK + "from = 6": "faults.links[0]: expected a link of the network, but no robot hears node 6",
-    LINK + "loss = 0\n" + LINK + "from = 2\nto = 3": (
+    (
+        faulty_links({"delay": 1.5}),
+        "faults.links[0].delay: expected a whole number of sampling periods, got 1.5",
+    ),
+    (
+        faulty_links({"delay": -1}),
+        "faults.links[0].delay: expected greater than or equal to 0, got -1",
+    ),
+    (
+        faulty_links({"delay": 1001}),
+        "faults.links[0].delay: expected less than or equal to 1000, got 1001",
+    ),
+    (
+        faulty_links({"delay": {"unifrom": [0, 1]}}),
+        "links[0].delay.unifrom: unknown key; did you mean 'uni",
+    ),
+    (
+        faulty_links({"delay": {"uniform": [0, 1.5]}}),
+        "links[0].delay.uniform[1]: expected a whole number of",
+    ),
+    (
+        faulty_links({"delay": {"uniform": [3, 1]}}),
+        "faults.links[0].delay.uniform: expected [low, high] with low <= high, got [3, 1]",
+    ),
+    (
+        faulty_links({"noise": -1}),
+        "faults.links[0].noise: expected greater than or equal to 0, got -1",
+    ),
+    (
+        faulty_links({"noise": {"positon": 1}}),
+        "links[0].noise.positon: unknown key; did you mean 'pos",
+    ),
+    (
+        faulty_links({"quantisation": "a"}),
+        "faults.links[0].quantisation: expected a valid number, got 'a'",
+    ),
+    (faulty_links({"outages": [1, 2]}), "faults.links[0].outages[0]: expected a list, got 1"),
+    (faulty_links({"outages": [[1]]}), "faults.links[0].outages[0][1]: missing"),
+    (
+        faulty_links({"outages": [[2, 2]]}),
+        "faults.links[0].outages[0]: expected [from, to] in s with from < to, got [2.0, 2.0]",
+    ),
+    (
+        faulty_links({"outages": [[0, 1], [0, 1e-10]]}),
+        "faults.links[0].outages[1]: expected whole nanoseconds, but 1e-10 s is no whole number",
+    ),
+    (
+        faulty_links({"outages": [[-1, 2]]}),
+        "outages[0][0]: expected greater than or equal to 0, got -1",
+    ),
+    (faulty_links({"from": 7}), "faults.links[0].from: expected 0 to 6, got 7"),
+    (faulty_links({"to": 0}), "faults.links[0].to: expected 1 to 6, got 0"),
+    (faulty_links({"from": 1.5}), "faults.links[0].from: expected a whole number, got 1.5"),
+    (
+        faulty_links({"from": 6}),
+        "faults.links[0]: expected a link of the network, but no robot hears node 6",
+    ),
+    (
+        faulty_links({"loss": 0}, {"from": 2, "to": 3}),
         "faults.links[1]: expected a link of the network, but robot 3 does not hear node 2; "
-        "it hears 0"
+        "it hears 0",
     ),
-    ROBOT + "outages = [[1, 2]]": "faults.robots[0].id: missing",
-    ROBOT + "id = 0": "faults.robots[0].id: expected greater than or equal to 1, got 0",
-    ROBOT + "id = 7": "faults.robots[0].id: expected 1 to 6, got 7",
-    ROBOT + "id = 2\n" + ROBOT + "id = 2": (
-        "faults.robots[1].id: robot 2 has been given before; "
-        "give all its outages in faults.robots[0]"
+    (faulty_robots({"outages": [[1, 2]]}), "faults.robots[0].id: missing"),
+    (faulty_robots({"id": 0}), "faults.robots[0].id: expected greater than or equal to 1, got 0"),
+    (faulty_robots({"id": 7}), "faults.robots[0].id: expected 1 to 6, got 7"),
+    (
+        faulty_robots({"id": 2}, {"id": 2}),
+        "faults.robots[1].id: robot 2 has been given before; give all its outages in "
+        "faults.robots[0]",
     ),
-    ROBOT + "id = 2\noutages = [[3, 1]]": "faults.robots[0].outages[0]: expected [from, to] in s",
-    ROBOT + "id = 2\nloss = 1": "faults.robots[0].loss: unknown key; there are id, outages",
-    "[faults]\nlinks = 3": "faults.links: expected a list, got 3",
-    "[faults]\nrobts = 3": "faults.robts: unknown key; did you mean 'robots'?",
-}
+    (
+        faulty_robots({"id": 2, "outages": [[3, 1]]}),
+        "faults.robots[0].outages[0]: expected [from, to] in s",
+    ),
+    (
+        faulty_robots({"id": 2, "loss": 1}),
+        "faults.robots[0].loss: unknown key; there are id, outages",
+    ),
+    ({"faults": {"links": 3}}, "faults.links: expected a list, got 3"),
+    ({"faults": {"robts": 3}}, "faults.robts: unknown key; did you mean 'robots'?"),
+]
 
 
-@pytest.mark.parametrize("text", BAD)
-def test_bad_faults(paper, text):
+@pytest.mark.parametrize(("faults", "message"), BAD)
+def test_bad_faults(faults, message):
     with pytest.raises(ScenarioError) as error:
-        paper(with_faults(text))
-    assert BAD[text] in str(error.value)
+        paper(faults)
+    assert message in str(error.value)
     assert all(line.startswith("paper.toml: ") for line in str(error.value).splitlines())
 
 
-def test_bad_policy(paper):
+def test_bad_policy():
     with pytest.raises(
         ScenarioError, match=r"algorithm\.missing: expected 'hold' or 'drop', got 'wa"
     ):
-        paper(("beta = 1.1", 'beta = 1.1\nmissing = "wait"'))
+        paper({"algorithm.missing": "wait"})
 
 
-def test_faults_do_not_hide_a_wrong_network(paper):
+def test_faults_do_not_hide_a_wrong_network():
     with pytest.raises(ScenarioError, match=r"adjacency\[1\]: expected 6 weights, got 2") as error:
-        paper(("[1, 0, 0, 0, 0, 0]", "[1, 0]"), with_faults(LINK + "from = 6"))
+        paper({"network.adjacency.1": [1, 0]}, faulty_links({"from": 6}))
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_the_scenario_with_lossy_links_is_the_papers_otherwise(paper):
+def test_the_scenario_with_lossy_links_is_the_papers_otherwise():
     ours, papers = read_scenario(LOSSY).scenario, paper().scenario
     for part in ("controller", "network", "target", "plant", "disturbance", "initial", "robots"):
         assert getattr(ours, part) == getattr(papers, part)
@@ -416,12 +455,13 @@ def test_the_schema_knows_every_key_of_faults():
     }
 
 
-DUPLICATES = "[[faults.links]]\nduplicate = 0.4\n[[faults.links]]\nfrom = 3\nloss = 0.5\n"
+LOSSY_FROM_3 = {"from": 3, "loss": 0.5}
+DUPLICATES = faulty_links({"duplicate": 0.4}, LOSSY_FROM_3)
 
 
-def test_duplicates_change_nothing_for_who_goes_by_the_newest_and_are_recorded(paper, tmp_path):
-    lossy = with_faults("[[faults.links]]\nfrom = 3\nloss = 0.5")
-    doubled = paper(LONGER, with_faults(DUPLICATES))
+def test_duplicates_change_nothing_for_who_goes_by_the_newest_and_are_recorded(tmp_path):
+    lossy = faulty_links(LOSSY_FROM_3)
+    doubled = paper(LONGER, DUPLICATES)
     run(paper(LONGER, lossy), tmp_path / "once.mcap")
     run(doubled, tmp_path / "twice.mcap")
     with Recording(tmp_path / "once.mcap") as once, Recording(tmp_path / "twice.mcap") as twice:
@@ -447,8 +487,8 @@ def test_duplicates_change_nothing_for_who_goes_by_the_newest_and_are_recorded(p
         assert row["position"].tolist() == samples_of[row["k"], row["source"]].tolist()
 
 
-def test_duplicates_are_verified_exported_and_reported(paper, tmp_path):
-    file = paper(LONGER, with_faults(DUPLICATES))
+def test_duplicates_are_verified_exported_and_reported(tmp_path):
+    file = paper(LONGER, DUPLICATES)
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         assert verify(reader, file, plants=False).status == "identical"
         *_, table = export(reader, tmp_path)
@@ -463,7 +503,7 @@ def test_duplicates_are_verified_exported_and_reported(paper, tmp_path):
     assert kinds.count("lost") + doubled == len(rows)
 
 
-@pytest.mark.parametrize("value", ["-0.1", "1.5", "true", "'often'"])
-def test_a_probability_of_duplication_that_is_none_is_refused(paper, value):
+@pytest.mark.parametrize("value", [-0.1, 1.5, True, "often"])
+def test_a_probability_of_duplication_that_is_none_is_refused(value):
     with pytest.raises(ScenarioError, match=r"faults\.links\[0\]\.duplicate: expected"):
-        paper(with_faults(f"[[faults.links]]\nduplicate = {value}"))
+        paper(faulty_links({"duplicate": value}))

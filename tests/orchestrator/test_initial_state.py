@@ -7,6 +7,7 @@ import pytest
 
 from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.orchestrator.errors import ScenarioError
+from tests.scenarios import paper
 
 MODULE = """
 from dataclasses import dataclass
@@ -31,11 +32,10 @@ class Keeper(nrs.Algorithm):
     def jump(self, estimate, disagreement):
         return estimate
 """
-OURS = 'name = "dcea1"            # dcea1 | dcea2 | the name of a plug-in\nalpha = 0.9\nbeta = 1.1'
 
 
 @pytest.fixture
-def keeper(paper, tmp_path, monkeypatch):
+def keeper(tmp_path, monkeypatch):
     """Return the paper's example with an algorithm that keeps more, and a start of it."""
     (tmp_path / "keeper.py").write_text(MODULE, "utf-8")
     about = tmp_path / "keeper-1.0.dist-info"
@@ -44,13 +44,10 @@ def keeper(paper, tmp_path, monkeypatch):
     (about / "entry_points.txt").write_text("[nrs.algorithms]\nkeeper = keeper:Keeper\n")
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def changed(start="", own="", *others):
-        return paper(
-            (OURS, 'name = "keeper"'),
-            ("[initial]", f"[initial]\n{start}"),
-            ("# [[robots]]", f"[[robots]]\nid = 3\n{own}\n#" if own else "#"),
-            *others,
-        )
+    def changed(start=None, own=None):
+        initial = {f"initial.{name}": value for name, value in (start or {}).items()}
+        robots = {"robots": [{"id": 3, "initial": own}]} if own else {}
+        return paper({"algorithm": {"name": "keeper"}}, initial, robots)
 
     yield changed
     sys.modules.pop("keeper", None)
@@ -70,16 +67,16 @@ def test_it_is_what_the_class_declares_unless_given(keeper):
 @pytest.mark.parametrize(
     ("start", "name", "row"),
     [
-        ("integral = 2", "integral", [2, 2]),
-        ("integral = [1, 2]", "integral", [1, 2]),
-        ("share = 2.5", "share", 2.5),
-        ("covariance = 4", "covariance", [[4, 4], [4, 4]]),
-        ("covariance = [[1, 2], [3, 4]]", "covariance", [[1, 2], [3, 4]]),
+        ({"integral": 2}, "integral", [2, 2]),
+        ({"integral": [1, 2]}, "integral", [1, 2]),
+        ({"share": 2.5}, "share", 2.5),
+        ({"covariance": 4}, "covariance", [[4, 4], [4, 4]]),
+        ({"covariance": [[1, 2], [3, 4]]}, "covariance", [[1, 2], [3, 4]]),
     ],
 )
 def test_a_number_or_its_shape_is_that_of_all_robots(keeper, start, name, row):
     assert keeper(start).initial_state()[name].tolist() == [row] * 6
-    assert keeper("", f"initial.{start}").initial_state([3])[name].tolist() == [row]
+    assert keeper(own=start).initial_state([3])[name].tolist() == [row]
 
 
 @pytest.mark.parametrize(
@@ -91,16 +88,16 @@ def test_a_number_or_its_shape_is_that_of_all_robots(keeper, start, name, row):
     ],
 )
 def test_rows_are_those_of_each_robot_wherever_it_runs(keeper, name, rows):
-    experiment = keeper(f"{name} = {rows.tolist()}")
+    experiment = keeper({name: rows})
     np.testing.assert_array_equal(experiment.initial_state()[name], rows)
     np.testing.assert_array_equal(experiment.initial_state([5, 2])[name], rows[[4, 1]])
-    own = keeper(f"{name} = {rows.tolist()}", f"initial.{name} = -1").initial_state()[name]
+    own = keeper({name: rows}, {name: -1}).initial_state()[name]
     np.testing.assert_array_equal(own[2], np.full(rows[2].shape, -1))
     np.testing.assert_array_equal(np.delete(own, 2, 0), np.delete(rows, 2, 0))
 
 
 def test_a_draw_is_keyed_by_seed_name_and_robot(keeper):
-    experiment = keeper("covariance = { uniform = [-1, 3] }")
+    experiment = keeper({"covariance": {"uniform": [-1, 3]}})
     drawn = experiment.initial_state()["covariance"]
     stream = random_stream(experiment.seed, "initial covariance", 4)
     np.testing.assert_array_equal(drawn[3], -1 + 4 * stream.random((2, 2)))
@@ -111,42 +108,42 @@ def test_a_draw_is_keyed_by_seed_name_and_robot(keeper):
 @pytest.mark.parametrize(
     ("start", "own", "fault"),
     [
-        ("integrall = 1", "", "initial.integrall: unknown key; did you mean 'integral'?"),
-        ("", "initial.shares = 1", "robots[0].initial.shares: unknown key; did you mean 'share'?"),
+        ({"integrall": 1}, {}, "initial.integrall: unknown key; did you mean 'integral'?"),
+        ({}, {"shares": 1}, "robots[0].initial.shares: unknown key; did you mean 'share'?"),
         (
-            "integral = [1, 2, 3]",
-            "",
+            {"integral": [1, 2, 3]},
+            {},
             "initial.integral: expected 2 numbers, or 6 x 2 numbers, a row "
             "for each robot, got 3 numbers",
         ),
         (
-            "covariance = [[1, 2], [3]]",
-            "",
+            {"covariance": [[1, 2], [3]]},
+            {},
             "initial.covariance: expected 2 x 2 numbers, or 6 x 2 x 2 "
             "numbers, a row for each robot, got lists of several lengths",
         ),
         (
-            "share = [1, 2]",
-            "",
+            {"share": [1, 2]},
+            {},
             "initial.share: expected a number, or 6 numbers, a row for each robot, got 2 numbers",
         ),
         (
-            "",
-            "initial.integral = [[1, 2]]",
+            {},
+            {"integral": [[1, 2]]},
             "robots[0].initial.integral: expected 2 numbers, got 1 x 2 numbers",
         ),
         (
-            "integral = { uniform = [2, 1] }",
-            "",
+            {"integral": {"uniform": [2, 1]}},
+            {},
             "initial.integral.uniform: expected [low, high] with low <= high, got [2.0, 1.0]",
         ),
         (
-            "integral = [1, nan]",
-            "",
+            {"integral": [1, float("nan")]},
+            {},
             "initial.integral: expected lists of finite numbers, in one another, got [1, nan]",
         ),
-        ("integral = true", "", "initial.integral: expected a valid number, got True"),
-        ("share = 'x'", "", "initial.share: expected a valid number, got 'x'"),
+        ({"integral": True}, {}, "initial.integral: expected a valid number, got True"),
+        ({"share": "x"}, {}, "initial.share: expected a valid number, got 'x'"),
     ],
 )
 def test_what_is_wrong_names_the_key_and_what_was_expected(keeper, start, own, fault):
@@ -155,9 +152,9 @@ def test_what_is_wrong_names_the_key_and_what_was_expected(keeper, start, own, f
     assert str(error.value) == f"paper.toml: {fault}"
 
 
-def test_an_algorithm_that_keeps_no_more_takes_no_more(paper):
+def test_an_algorithm_that_keeps_no_more_takes_no_more():
     with pytest.raises(ScenarioError) as error:
-        paper(("[initial]", "[initial]\nposiiton = 1"))
+        paper({"initial.posiiton": 1})
     assert str(error.value) == (
         "paper.toml: initial.posiiton: unknown key; did you mean 'position'?"
     )

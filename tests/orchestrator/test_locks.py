@@ -15,7 +15,7 @@ from nrs_cosim.orchestrator.cli.output_paths import place_for
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SHORT, write
 
 HOLD = (
     "import sys; from pathlib import Path\n"
@@ -27,10 +27,7 @@ HOLD = (
 
 @pytest.fixture
 def scenario(tmp_path):
-    path = tmp_path / "short.toml"
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    path.write_text(text.replace(*SHORT), "utf-8")
-    return path
+    return write(tmp_path / "short.toml", SHORT)
 
 
 @contextmanager
@@ -132,8 +129,7 @@ class TestForce:
         path = tmp_path / "run.mcap"
         assert nrs("run", scenario, "-o", path).returncode == 0
         old = path.read_bytes()
-        text = scenario.read_text("utf-8")
-        scenario.write_text(text.replace("seed = 1", "seed = 1\ndivergence_limit = 26.0"), "utf-8")
+        write(scenario, SHORT, {"run.divergence_limit": 26.0})
         done = nrs("run", scenario, "-o", path, "--force")
         assert done.returncode == 1
         assert path.read_bytes() == old

@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SHORT, write
 
 LINE = re.compile(
     r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} (INFO|WARNING) (nrs_cosim[\w.]+)\[\d+\]: (.*)"
@@ -13,9 +13,7 @@ LINE = re.compile(
 
 def run(tmp_path, *options):
     """Run a second of the paper's example on two workers, in a process of its own."""
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    scenario = tmp_path / "short.toml"
-    scenario.write_text(text.replace("duration = 30.0", "duration = 1.0"), "utf-8")
+    scenario = write(tmp_path / "short.toml", SHORT)
     command = [sys.executable, "-m", "nrs_cosim", *options, "run", scenario, "--workers", "2"]
     done = subprocess.run(
         [*command, "-o", tmp_path / "run.mcap", "--force"],

@@ -1,20 +1,15 @@
 """Errors of estimates are those of the states at t_k: of all robots, whether they sent or not."""
 
-import re
-
 import numpy as np
 import pytest
 
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.orchestrator.report.subject import story_of
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import errors_by_tick
-from tests.orchestrator.conftest import SCENARIOS
-
-LONGER = ("duration = 30.0", "duration = 2.0")
+from tests.scenarios import example, paper
 
 
 def of_samples(experiment, reader):
@@ -28,9 +23,7 @@ def of_samples(experiment, reader):
 
 @pytest.mark.parametrize("name", ["paper_first_order", "paper_jitter", "switching"])
 def test_where_all_send_at_every_tick_nothing_differs_from_samples(name, tmp_path):
-    text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
-    short = re.sub(r"^duration = \d+\.0", "duration = 4.0", text, flags=re.MULTILINE)
-    experiment = parse_scenario(short, name, SCENARIOS, name)
+    experiment = example(name, {"run.duration": 4.0})
     with Reader(run(experiment, tmp_path / "run.mcap").path) as reader:
         found, norms = of_samples(experiment, reader)
         measured, story = measure(reader, experiment), story_of(reader, experiment)
@@ -49,9 +42,9 @@ def test_where_all_send_at_every_tick_nothing_differs_from_samples(name, tmp_pat
             assert story.envelopes[quantity].largest.tolist() == by_tick
 
 
-def test_a_robot_that_sends_nothing_is_measured_all_the_same(paper, tmp_path):
-    silent = "[[faults.robots]]\nid = 6\noutages = [[0.1, 9.0]]\n# [[robots]]"
-    experiment = paper(LONGER, ("# [[robots]]", silent))
+def test_a_robot_that_sends_nothing_is_measured_all_the_same(tmp_path):
+    silent = {"faults.robots": [{"id": 6, "outages": [[0.1, 9.0]]}]}
+    experiment = paper({"run.duration": 2.0}, silent)
     with Reader(run(experiment, tmp_path / "run.mcap").path) as reader:
         sent, norms = of_samples(experiment, reader)
         assert 6 not in sent["robot"]

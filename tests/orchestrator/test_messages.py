@@ -15,7 +15,7 @@ from nrs_cosim.orchestrator.engine.summary import lines
 from nrs_cosim.orchestrator.replay.diff import Comparison
 from nrs_cosim.orchestrator.terminal import prose
 from tests.command import nrs
-from tests.orchestrator.conftest import SHORT
+from tests.scenarios import SHORT, paper
 
 WORDS = "robots that hear nobody keep their estimates for ever and ever until the run is at its end"
 
@@ -149,6 +149,6 @@ def test_a_recording_and_a_scenario_are_not_taken_for_one_another(tmp_path, reco
 
 
 @pytest.fixture
-def recorded(paper, tmp_path):
+def recorded(tmp_path):
     """Return a short recording."""
     return run(paper(SHORT), tmp_path / "run.mcap").path

@@ -23,45 +23,33 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recording import Recording
 from tests.cluster.local_runs import Spread
 from tests.orchestrator.arms import target
-from tests.orchestrator.conftest import SCENARIOS
 from tests.plant_fmu.test_motion import NAMES, PARAMETERS
+from tests.scenarios import PAPER_FILE, SHORT, paper, toml, write
 
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-START, END = TEXT.index("[target]"), TEXT.index("[plant]")
-MOVER = f"""[target]
-kind = "fmu"
-fmu = "planar_robot"
-variables = {{ position = "{NAMES["position"]}", velocity = "{NAMES["velocity"]}" }}
-
-[target.parameters]
-{"".join(f"{name} = {json.dumps(value)}" + chr(10) for name, value in PARAMETERS.items())}
-"""
+MOVER = {"kind": "fmu", "fmu": "planar_robot", "variables": NAMES, "parameters": PARAMETERS}
+BRIEF = {"run.duration": 0.3}
 
 
-def read(folder, table=MOVER, *replacements):
+def read(folder, target=MOVER, *changes):
     """Write the paper's example with another target, and read it."""
-    text = TEXT[:START] + table + "\n" + TEXT[END:]
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new, 1)
-    (folder / "moving.toml").write_text(text, "utf-8")
-    return read_scenario(folder / "moving.toml")
+    return read_scenario(write(folder / "moving.toml", {"target": target}, *changes))
 
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
     """The paper's run, and the same after an FMU that moves as its target does: recordings."""
     folder = tmp_path_factory.mktemp("moving")
-    run(read_scenario(SCENARIOS / "paper_first_order.toml"), folder / "harmonic.mcap")
+    run(read_scenario(PAPER_FILE), folder / "harmonic.mcap")
     run(read(folder), folder / "moving.mcap")
     with Reader(folder / "harmonic.mcap") as one, Reader(folder / "moving.mcap") as other:
         yield one, other
 
 
 def test_what_a_comment_says_does_not_matter(tmp_path):
-    short = ("duration = 30.0", "duration = 0.3")
-    words = ("[target]", '# what is "what is times" for?\n[target]')
-    assert read(tmp_path, MOVER, short, words).scenario == read(tmp_path, MOVER, short).scenario
+    expected = read(tmp_path, MOVER, BRIEF).scenario
+    text = (tmp_path / "moving.toml").read_text("utf-8")
+    (tmp_path / "moving.toml").write_text(f'# what is "what is times" for?\n{text}', "utf-8")
+    assert read_scenario(tmp_path / "moving.toml").scenario == expected
 
 
 def test_the_run_is_that_after_the_formula(ran):
@@ -103,7 +91,7 @@ def test_the_recording_alone_repeats_the_run(ran):
 
 
 def test_any_number_of_workers_gives_one_digest(tmp_path):
-    file = read(tmp_path, MOVER, ("duration = 30.0", "duration = 1.0"))
+    file = read(tmp_path, MOVER, SHORT)
     outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")]
     with Reader(tmp_path / "1.mcap") as one, Reader(tmp_path / "2.mcap") as two:
         assert two.digest == one.digest
@@ -125,8 +113,8 @@ def test_it_is_judged_as_any_target_is(ran):
 @pytest.mark.parametrize(
     "form",
     [
-        MOVER,
-        MOVER.replace('kind = "fmu"', "kind = 'fmu'  # it moves"),
+        "[target]\nkind = 'fmu'  # it moves\nfmu = 'two_link_arm'\n"
+        "variables = {position = 'q', velocity = 'qd'}\n[target.parameters]\nm1 = 0.5",
         "target = {kind = 'fmu', fmu = 'two_link_arm', "
         "variables = {position = 'q', velocity = 'qd'}}",
         "target.kind = 'fmu'\ntarget.fmu = 'two_link_arm'\n"
@@ -134,26 +122,22 @@ def test_it_is_judged_as_any_target_is(ran):
     ],
 )
 def test_what_the_fmu_did_goes_with_the_text_which_stays_as_it_was(tmp_path, form):
-    short = ("duration = 30.0", "duration = 0.3")
-    if form[0] == "[":
-        file, text = read(tmp_path, form, short), TEXT[:START] + form + "\n" + TEXT[END:]
-    else:
-        text = f"{form}\n" + (TEXT[:START] + TEXT[END:])
-        (tmp_path / "moving.toml").write_text(text.replace(*short), "utf-8")
-        file = read_scenario(tmp_path / "moving.toml")
+    rest = toml(BRIEF, {"target": None})
+    text = f"{rest}\n{form}" if form[0] == "[" else f"{form}\n{rest}"
+    (tmp_path / "moving.toml").write_text(text, "utf-8")
+    file = read_scenario(tmp_path / "moving.toml")
     again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again", file.assets)
     assert again.scenario == file.scenario
     assert len(again.scenario.target.times) == 16
-    assert file.text == text.replace(*short)
+    assert file.text == text
 
 
 @pytest.mark.parametrize(
     ("step", "output", "count"), [(None, 0.1, 12), (None, 0.01, 30), (0.03, 0.05, 12), (1, 0.1, 3)]
 )
 def test_it_is_sampled_at_all_output_times_and_between(tmp_path, step, output, count):
-    table = MOVER.replace('kind = "fmu"\n', f'kind = "fmu"\nstep = {step}\n') if step else MOVER
-    short = ("duration = 30.0", "duration = 0.3"), ("output_step = 0.02", f"output_step = {output}")
-    file = read(tmp_path, table, *short)
+    mover = MOVER | ({"step": step} if step else {})
+    file = read(tmp_path, mover, BRIEF, {"run.output_step": output})
     clock, sampled = file.clock, file.scenario.target
     times = sampled.times
     outputs = {ns / 1e9 for k in range(clock.ticks + 1) for ns in clock.outputs(k)}
@@ -183,13 +167,13 @@ def test_cubics_of_hermite_give_back_what_they_were_given():
 
 BAD_TABLES = {
     "not run": (MOVER, "target.fmu: 'planar_robot' is read where a scenario file is, and did not"),
-    "no fmu": ("kind = 'fmu'", "target.fmu: missing"),
+    "no fmu": ({"kind": "fmu"}, "target.fmu: missing"),
     "key of the other kind": (
-        "kind = 'fmu'\nfmu = 'planar_robot'\nfile = 'a.csv'",
+        {"kind": "fmu", "fmu": "planar_robot", "file": "a.csv"},
         "target.file: unknown key",
     ),
     "samples in the text": (
-        "kind = 'fmu'\nfmu = 'a.fmu'\ntimes = [0, 40]",
+        {"kind": "fmu", "fmu": "a.fmu", "times": [0, 40]},
         "target.times: unknown key",
     ),
 }
@@ -198,57 +182,57 @@ BAD_TABLES = {
 @pytest.mark.parametrize("case", BAD_TABLES)
 def test_errors_of_tables_name_the_field_and_the_value(case):
     given, message = BAD_TABLES[case]
-    table = given if given[0] == "[" else f"[target]\n{given}\n"
     with pytest.raises(ScenarioError) as error:
-        parse_scenario(TEXT[:START] + table + TEXT[END:], "bad", SCENARIOS, "bad.toml")
-    assert f"bad.toml: {message}" in str(error.value)
+        paper({"target": given})
+    assert f"paper.toml: {message}" in str(error.value)
 
 
 BAD_RUNS = {
-    "missing": ('"planar_robot"', '"none.fmu"', "target.fmu: .*none.fmu: no such FMU"),
-    "unknown": ('"planar_robot"', '"planar_robt"', "target.fmu: .*planar_robt"),
-    "misspelt": ("position =", "postion =", "target.variables.postion: .*did you mean 'position'"),
-    "not found": ('position = "q"', 'position = "x"', "has no variable 'x' for position"),
+    "missing": ({"target.fmu": "none.fmu"}, "target.fmu: .*none.fmu: no such FMU"),
+    "unknown": ({"target.fmu": "planar_robt"}, "target.fmu: .*planar_robt"),
+    "misspelt": (
+        {"target.variables": {"postion": "q", "velocity": "qd"}},
+        "target.variables.postion: .*did you mean 'position'",
+    ),
+    "not found": ({"target.variables.position": "x"}, "has no variable 'x' for position"),
     "not said": (
-        'variables = { position = "q", velocity = "qd" }',
-        "",
+        {"target.variables": None},
         r"planar_robot: has no variable 'position'; a robot's q is there. Write in the scenario's "
         r'\[target\]: variables.position = "q"$',
     ),
     "an input": (
-        'position = "q"',
-        'position = "position_ref"',
+        {"target.variables.position": "position_ref"},
         "planar_robot: variables.position = position_ref: an input, which nothing sets, so that "
         'the target would stand still; take an output or a state, "q"$',
     ),
-    "parameter": ("relative_tolerance", "relative", "target.fmu: .*no parameter 'relative'"),
+    "parameter": (
+        {"target.parameters.relative": 1e-9},
+        "target.fmu: .*no parameter 'relative'",
+    ),
     "size": (
-        'position = "q", velocity = "qd"',
-        'position = "q[0:1]", velocity = "qd[0:1]"',
+        {"target.variables": {"position": "q[0:1]", "velocity": "qd[0:1]"}},
         "disturbance.axes: expected 1 axes, one for each of the target's axes, got 2",
     ),
     "not its velocity": (
-        'velocity = "qd"',
-        'velocity = ["qd[1:2]", "qd[0:1]"]',
+        {"target.variables.velocity": ["qd[1:2]", "qd[0:1]"]},
         "velocity_1 at t = .* as the positions have it.*; say in target.variables what they are$",
     ),
-    "too many": ('kind = "fmu"', 'kind = "fmu"\nstep = 1e-7', "target.step: .*1000000 samples"),
+    "too many": ({"target.step": 1e-7}, "target.step: .*1000000 samples"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_RUNS)
 def test_errors_of_the_fmu_name_the_file_and_what_is_wrong(tmp_path, case):
-    old, new, message = BAD_RUNS[case]
-    assert old in MOVER
+    change, message = BAD_RUNS[case]
     with pytest.raises(ScenarioError, match=message) as error:
-        read(tmp_path, MOVER.replace(old, new, 1))
+        read(tmp_path, MOVER, change)
     assert "moving.toml: " in str(error.value)
 
 
 def test_what_is_wrong_elsewhere_is_told_without_running_it(tmp_path, monkeypatch):
     monkeypatch.setattr("nrs_cosim.plant_fmu.motion.fmu_motion", None)
     with pytest.raises(ScenarioError, match=r"run\.seed"):
-        read(tmp_path, MOVER, ("seed = 1", "seed = -1"))
+        read(tmp_path, MOVER, {"run.seed": -1})
 
 
 def test_schema_has_it():
@@ -260,24 +244,18 @@ def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
     shutil.copy(build("two_link_arm", 2), tmp_path / "arm.fmu")
     with (tmp_path / "arm.fmu").open("ab") as file:
         file.write(b"\0")  # another digest: none of ours
-    table = (
-        "[target]\nkind = 'fmu'\nfmu = 'arm.fmu'\nvariables = { position = 'q', velocity = 'qd' }"
-    )
-    short = ("duration = 30.0", "duration = 0.3")
-    file = read(tmp_path, table, short)
+    arm = {"kind": "fmu", "fmu": "arm.fmu", "variables": {"position": "q", "velocity": "qd"}}
+    file = read(tmp_path, arm, BRIEF)
     assert file.target.at(0.3).position.tolist() == list(file.scenario.target.positions[-1])
     (tmp_path / "arm.fmu").unlink()
     assert run(file, tmp_path / "run.mcap").ticks == 3
 
 
-JITTER = (
-    ("sampling_period = 0.1 ", "sampling_jitter = 0.5\nsampling_period = 0.1 "),
-    ("duration = 30.0", "duration = 1.0"),
-)
+JITTER = {"run.sampling_jitter": 0.5}
 
 
 def test_under_jitter_it_is_looked_at_when_samples_are_taken(tmp_path):
-    file = read(tmp_path, MOVER, *JITTER)
+    file = read(tmp_path, MOVER, SHORT, JITTER)
     clock, times = file.clock, file.scenario.target.times
     assert {clock.t(k) / 1e9 for k in range(11)} <= set(times)
     assert times[-1] == clock.t(10) / 1e9 < 1
@@ -290,7 +268,7 @@ def test_under_jitter_an_fmu_for_steps_of_one_length_is_refused(tmp_path):
         for name in old.namelist():
             data = old.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")
             new.writestr(name, data)
-    table = MOVER.replace('"planar_robot"', '"even.fmu"')
+    even = MOVER | {"fmu": "even.fmu"}
     with pytest.raises(ScenarioError, match=r"even.fmu: lacks canHandleVariable"):
-        read(tmp_path, table, *JITTER)
-    assert read(tmp_path, table, JITTER[1]).scenario.target.times[-1] == 1
+        read(tmp_path, even, SHORT, JITTER)
+    assert read(tmp_path, even, SHORT).scenario.target.times[-1] == 1

@@ -10,26 +10,8 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.orchestrator.conftest import SCENARIOS, SHORT
-
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT)
-BEFORE, AFTER = TEXT[: TEXT.index("[network]")], TEXT[TEXT.index("[target]") :]
-PAPERS = [(3, 1), (2, 1), (1, 2), (0, 3), (3, 4), (1, 4), (4, 5), (3, 5), (2, 5), (3, 6)]
-"""The edges j → i of the paper's example."""
-
-
-def text_of(network, seed=1):
-    """Return the paper's example on another network."""
-    return f"{BEFORE}[network]\n{network}\n\n{AFTER}".replace("seed = 1", f"seed = {seed}")
-
-
-def experiment_of(network, seed=1):
-    return parse_scenario(text_of(network, seed), "net", SCENARIOS, "net.toml")
-
-
-def generator(**keys):
-    result = ", ".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
-    return f"generator = {{ {result} }}"
+from tests.orchestrator.networks import PAPERS, generator, on, read_on
+from tests.scenarios import SCENARIOS, SHORT, toml, write
 
 
 def edges_of(scenario):
@@ -40,7 +22,7 @@ def edges_of(scenario):
 
 
 def generated(seed=1, **keys):
-    return edges_of(experiment_of(generator(**keys), seed))
+    return edges_of(on(generator(**keys), {"run.seed": seed}))
 
 
 def reached(edges):
@@ -52,11 +34,11 @@ def reached(edges):
 
 
 def dense(edges, n):
-    """Return the adjacency and pinning of edges, as text."""
+    """Return the adjacency and pinning of edges."""
     full = np.zeros((n, n + 1))
     for (j, i), weight in edges.items():
         full[i - 1, j] = weight
-    return f"adjacency = {full[:, 1:].tolist()}\npinning = {full[:, 0].tolist()}"
+    return {"adjacency": full[:, 1:].tolist(), "pinning": full[:, 0].tolist()}
 
 
 def test_a_ring_a_path_and_a_star():
@@ -142,14 +124,12 @@ def test_every_form_of_a_network_gives_the_same_run(tmp_path):
     networks = [
         generator(kind="random_k_in", n=6, k=2, weight=0.5),
         dense(ours, 6),
-        f"edge_list = {rows}",
-        'edges = "net.csv"',
+        {"edge_list": rows},
+        {"edges": "net.csv"},
     ]
     digests = set()
     for number, network in enumerate(networks):
-        path = tmp_path / f"{number}.toml"
-        path.write_text(text_of(network), "utf-8")
-        with Reader(run(read_scenario(path), tmp_path / f"{number}.mcap").path) as reader:
+        with Reader(run(read_on(network, tmp_path), tmp_path / f"{number}.mcap").path) as reader:
             digests.add(reader.digest)
     assert len(digests) == 1
 
@@ -164,24 +144,25 @@ def test_the_edges_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path):
     (tmp_path / "a.csv").write_text(
         "\ufeffsource,sink\r\n" + "\r\n\r\n \t \r\n".join(lines), "utf-8"
     )
-    path = tmp_path / "net.toml"
-    for network in ("[network]\nedges = 'a.csv'  # who\n", "network = { edges = 'a.csv' }\n"):
-        head = "" if network.startswith("[") else network
-        text = head + BEFORE + (network if not head else "") + AFTER
-        path.write_text(text, "utf-8")
-        file = read_scenario(path)
+    rest = toml(SHORT, {"network": None})
+    for form in (
+        f"{rest}\n[network]\nedges = 'a.csv'  # who\n",
+        f"network.edges = 'a.csv'\n{rest}",
+    ):
+        (tmp_path / "net.toml").write_text(form, "utf-8")
+        file = read_scenario(tmp_path / "net.toml")
         again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again", file.assets)
         assert again.scenario == file.scenario
         assert edges_of(again) == dict.fromkeys(sorted(PAPERS), 1.0)
         assert again.scenario.n == 6
-        assert file.text == text
+        assert file.text == form
 
 
 def test_what_a_comment_says_does_not_matter_to_a_file_of_edges(tmp_path):
     (tmp_path / "a.csv").write_text("source,sink\n0,1\n1,2\n", "utf-8")
-    path = tmp_path / "net.toml"
-    text = text_of('edges = "a.csv"')
-    path.write_text(f'# "edges 0 that take the place of a file\'s name"\n{text}', "utf-8")
+    path = write(tmp_path / "net.toml", SHORT, {"network": {"edges": "a.csv"}})
+    comment = '# "edges 0 that take the place of a file\'s name"\n'
+    path.write_text(comment + path.read_text("utf-8"), "utf-8")
     assert edges_of(read_scenario(path)) == {(0, 1): 1.0, (1, 2): 1.0}
 
 
@@ -190,8 +171,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
     graph = networkx.DiGraph()
     graph.add_weighted_edges_from([(j, i, 0.5 + i) for j, i in PAPERS])
     networkx.write_graphml(graph, tmp_path / "net.graphml")
-    path = tmp_path / "net.toml"
-    path.write_text(text_of('graphml = "net.graphml"'), "utf-8")
+    path = write(tmp_path / "net.toml", SHORT, {"network": {"graphml": "net.graphml"}})
     assert edges_of(read_scenario(path)) == {(j, i): 0.5 + i for j, i in PAPERS}
     networkx.write_graphml(networkx.path_graph(4), tmp_path / "net.graphml")
     both = {(0, 1), (1, 2), (2, 1), (2, 3), (3, 2)}
@@ -248,10 +228,8 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
 )
 def test_a_wrong_table_of_edges_names_the_line(tmp_path, lines, result):
     (tmp_path / "net.csv").write_text(lines, "utf-8")
-    path = tmp_path / "net.toml"
-    path.write_text(text_of('edges = "net.csv"'), "utf-8")
     with pytest.raises(ScenarioError) as error:
-        read_scenario(path)
+        read_on({"edges": "net.csv"}, tmp_path)
     assert result in str(error.value)
 
 
@@ -261,19 +239,25 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
 @pytest.mark.parametrize(
     ("network", "result"),
     [
-        ("", "expected one of adjacency (with pinning), generator, edge_list, edges, graphml, p"),
-        ("edge_list = [[0, 1]]\npinning = [1]", "got pinning and edge_list; keep one of them"),
-        ("adjacency = [[0]]", "network.pinning: missing, it has no default beside"),
-        ("pinning = [1]", "network.adjacency: missing, it has no default beside"),
-        ("edges = 'a.csv'", "network.edges: 'a.csv' is read where a scenario file is, and did not"),
-        ("edge_list = []", "network.edge_list: expected at least one, got []"),
-        ("edge_list = [[0, 1], [1]]", "edge_list[1]: expected [source, sink] or [source, sink, w"),
-        ("edge_list = [[0, 1], [1, 0]]", "network.edge_list[1][1]: expected greater than or equal"),
-        ("edge_list = [[0, 1, 0.0]]", "network.edge_list[0][2]: expected greater than 0, got 0.0"),
-        ("edge_list = [[0, 1], [1, 1]]", "network.edge_list[1]: expected another source, robot 1"),
-        ("edge_list = [[0, 1], [2, 3]]", "no path leads from the target to robots 2-3; let"),
-        ("edge_list = [[0, 1, 1e308], [2, 1, 1e308], [1, 2]]", "that of what robot 1 hears is not"),
-        ("edge_list = [[0, 1000000000]]", "network.edge_list[0][1]: expected less than or equal"),
+        ({}, "expected one of adjacency (with pinning), generator, edge_list, edges, graphml, p"),
+        ({"edge_list": [[0, 1]], "pinning": [1]}, "got pinning and edge_list; keep one of them"),
+        ({"adjacency": [[0]]}, "network.pinning: missing, it has no default beside"),
+        ({"pinning": [1]}, "network.adjacency: missing, it has no default beside"),
+        ({"edges": "a.csv"}, "network.edges: 'a.csv' is read where a scenario file is, and did no"),
+        ({"edge_list": []}, "network.edge_list: expected at least one, got []"),
+        ({"edge_list": [[0, 1], [1]]}, "edge_list[1]: expected [source, sink] or [source, sink, w"),
+        (
+            {"edge_list": [[0, 1], [1, 0]]},
+            "network.edge_list[1][1]: expected greater than or equal",
+        ),
+        ({"edge_list": [[0, 1, 0.0]]}, "network.edge_list[0][2]: expected greater than 0, got 0.0"),
+        ({"edge_list": [[0, 1], [1, 1]]}, "network.edge_list[1]: expected another source, robot 1"),
+        ({"edge_list": [[0, 1], [2, 3]]}, "no path leads from the target to robots 2-3; let"),
+        (
+            {"edge_list": [[0, 1, 1e308], [2, 1, 1e308], [1, 2]]},
+            "that of what robot 1 hears is not",
+        ),
+        ({"edge_list": [[0, 1000000000]]}, "network.edge_list[0][1]: expected less than or equal"),
         (generator(kind="path", n=20, pinned=[20]), "robots 1-19 (19 robots)"),
         (generator(kind="ring", n=1), "network.generator.n: expected at least 2 robots in a ring"),
         (generator(kind="ring", n=0), "network.generator.n: expected greater than or equal to 1"),
@@ -292,12 +276,12 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
 )
 def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, result):
     with pytest.raises(ScenarioError) as error:
-        experiment_of(network)
+        on(network)
     assert result in str(error.value)
 
 
 def test_a_topology_is_made_once_and_cannot_be_written():
-    scenario = experiment_of(generator(kind="ring", n=10_000))
+    scenario = on(generator(kind="ring", n=10_000))
     topology = scenario.topologies.links
     assert scenario.topologies.links is topology
     assert len(topology.source) == 10_001
@@ -315,26 +299,22 @@ def test_the_schema_knows_the_forms_of_a_network():
 @pytest.mark.parametrize(
     ("network", "result"),
     [
-        ("edges = [", "not valid TOML"),
-        ("edges = 3", "network.edges: expected a valid string, got 3"),
-        ("edges = 'a.csv'\nedge_list = [[0, 1]]", "got edge_list and edges; keep one of them"),
-        ("edges = 'a.csv'\npinning = [1]", "got pinning and edges; keep one of them"),
+        ({"edges": 3}, "network.edges: expected a valid string, got 3"),
+        ({"edges": "a.csv", "edge_list": [[0, 1]]}, "got edge_list and edges; keep one of them"),
+        ({"edges": "a.csv", "pinning": [1]}, "got pinning and edges; keep one of them"),
     ],
 )
 def test_no_file_is_read_for_a_network_that_is_wrong_by_itself(tmp_path, network, result):
-    path = tmp_path / "net.toml"
-    path.write_text(text_of(network), "utf-8")
     with pytest.raises(ScenarioError) as error:
-        read_scenario(path)
+        read_on(network, tmp_path)
     assert result in str(error.value)
     assert "no such file" not in str(error.value)
 
 
 def test_all_files_that_are_missing_are_named_at_once(tmp_path):
-    path = tmp_path / "net.toml"
-    network = "[network]\nposition = { edges = 'p.csv' }\nvelocity = { graphml = 'v.graphml' }\n"
-    target = "[target]\nkind = 'sampled'\nfile = 't.csv'\n"
-    path.write_text(BEFORE + network + target + TEXT[TEXT.index("[plant]") :], "utf-8")
+    network = {"position": {"edges": "p.csv"}, "velocity": {"graphml": "v.graphml"}}
+    target = {"kind": "sampled", "file": "t.csv"}
+    path = write(tmp_path / "net.toml", {"network": network, "target": target})
     with pytest.raises(ScenarioError) as error:
         read_scenario(path)
     assert str(error.value).splitlines() == [

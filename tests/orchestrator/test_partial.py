@@ -8,16 +8,14 @@ from nrs_cosim.recordings.mcap.container import RECORD
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SHORT, write
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A recording of 10 ticks, each in a chunk of its own."""
     folder = tmp_path_factory.mktemp("partial")
-    scenario = folder / "short.toml"
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    scenario.write_text(text.replace(*SHORT), "utf-8")
+    scenario = write(folder / "short.toml", SHORT)
     done = nrs("run", scenario, "-o", folder / "run.mcap", "--compression", "none")
     assert done.returncode == 0, done.stderr
     with Reader(folder / "run.mcap") as reader:

@@ -15,26 +15,21 @@ from nrs_cosim.plant_fmu.archives.units import si_name
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.errors import FmuError
 from tests.command import nrs
-from tests.orchestrator.conftest import SHORT
+from tests.scenarios import SHORT, paper, write
 
-OWN = (
-    "# [[robots]]",
-    """[[robots]]
-id = 2
-plant = { fmu = "planar_robot" }
-[[robots]]
-id = 5
-plant = { fmu = "planar_robot" }
-initial.q = [1.5, -2]
-#""",
-)
+OWN = {
+    "robots": [
+        {"id": 2, "plant": {"fmu": "planar_robot"}},
+        {"id": 5, "plant": {"fmu": "planar_robot"}, "initial": {"q": [1.5, -2]}},
+    ]
+}
 
 
 def rows_of(groups):
     return {group.archive.label: group.rows for group in groups}
 
 
-def test_rows_are_positions_among_the_robots_that_are_opened(paper):
+def test_rows_are_positions_among_the_robots_that_are_opened():
     file = paper(OWN)
 
     def rows(*robots):
@@ -48,14 +43,14 @@ def test_rows_are_positions_among_the_robots_that_are_opened(paper):
     assert rows() == {}
 
 
-def test_an_fmu_that_no_own_robot_has_is_not_looked_for(paper):
-    file = paper(("# [[robots]]", '[[robots]]\nid = 2\nplant = { fmu = "none.fmu" }\n#'))
+def test_an_fmu_that_no_own_robot_has_is_not_looked_for():
+    file = paper({"robots": [{"id": 2, "plant": {"fmu": "none.fmu"}}]})
     group_by_archive(file, [1, 3])
     with pytest.raises(FmuError, match=r"^robots\[0\].plant: .*none.fmu: no such FMU"):
         group_by_archive(file, [2])
 
 
-def test_robots_of_two_workers_move_as_those_of_one(paper):
+def test_robots_of_two_workers_move_as_those_of_one():
     file = paper(OWN)
 
     def played(robots=None):
@@ -75,7 +70,7 @@ def test_robots_of_two_workers_move_as_those_of_one(paper):
         assert parts_saved == [saved[row] for row in rows]
 
 
-def test_what_others_start_with_is_not_drawn(paper, monkeypatch):
+def test_what_others_start_with_is_not_drawn(monkeypatch):
     scenario, drawn, draw = paper(OWN), [], initial.draw
 
     def heard(seed, purpose, robot, uniform, m):
@@ -95,18 +90,18 @@ def test_what_others_start_with_is_not_drawn(paper, monkeypatch):
             assert getattr(body, name).tobytes() == getattr(whole[body.robot - 1], name).tobytes()
 
 
-def test_rows_that_are_given_are_the_robots_own(paper):
+def test_rows_that_are_given_are_the_robots_own():
     rows = [[10.0 * robot, -1.0] for robot in range(1, 7)]
-    scenario = paper(("\nq = { uniform = [-25.0, 25.0] }", f"\nq = {rows}"))
+    scenario = paper({"initial.q": rows})
     assert [body.q.tolist() for body in scenario.bodies([2, 6])] == [[20, -1], [60, -1]]
 
 
-def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_path, monkeypatch):
+def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(tmp_path, monkeypatch):
     built = build("planar_robot")
     sha256 = hashlib.sha256(built.read_bytes()).hexdigest()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path))
     keep_fmu(built.read_bytes(), sha256)
-    file, asked = paper(('fmu = "two_link_arm"', 'fmu = "../elsewhere/my.fmu"')), []
+    file, asked = paper({"plant.fmu": "../elsewhere/my.fmu"}), []
 
     def find(fmu: str) -> Archive:
         asked.append(fmu)
@@ -120,23 +115,27 @@ def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(paper, tmp_
     assert not group.archive.ours
 
 
-def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(paper, tmp_path):
-    file = paper(OWN)
+def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(tmp_path):
     result = "robots 1, 3-4, 6 in rad, robots 2, 5 in m; a number over all robots mixes them"
-    assert mixed_units(file).endswith(result)
-    scenario = tmp_path / "s.toml"
-    scenario.write_text(file.text.replace(*SHORT), "utf-8")
+    assert mixed_units(paper(OWN)).endswith(result)
+    scenario = write(tmp_path / "s.toml", OWN, SHORT)
     for command in (["check", scenario], ["run", scenario, "-o", tmp_path / "s.mcap"]):
         done = nrs(*command)
         assert done.returncode == 0, done.stderr
         assert result in done.stderr
 
 
-@pytest.mark.parametrize("own", ["", "[[robots]]\nid = 2\nplant.parameters.m2 = 3.0\n"])
-def test_a_fleet_of_one_unit_says_nothing(paper, own):
-    assert mixed_units(paper(("# [[robots]]", f"{own}\n#"))) == ""
-    arm = '[[robots]]\nid = 2\nplant = { fmu = "n_link_arm", parameters = { n = 2 } }\n'
-    assert mixed_units(paper(("# [[robots]]", f"{arm}\n#"))) == ""
+@pytest.mark.parametrize(
+    "robots",
+    [
+        [],
+        [{"id": 2, "plant": {"parameters": {"m2": 3.0}}}],
+        [{"id": 2, "plant": {"fmu": "n_link_arm", "parameters": {"n": 2}}}],
+    ],
+    ids=["alike", "of another mass", "of another model"],
+)
+def test_a_fleet_of_one_unit_says_nothing(robots):
+    assert mixed_units(paper({"robots": robots})) == ""
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from nrs_cosim.orchestrator.cli.progress import reading, stages
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
+from tests.scenarios import paper
 
 
 def console(*, terminal):
@@ -72,7 +73,7 @@ def test_stages_in_a_pipe_show_nothing():
     assert not screen.file.getvalue()
 
 
-def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(paper, tmp_path):
+def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(tmp_path):
     path = run(paper(), tmp_path / "run.mcap").path
     parts = []
     with Reader(path, verify=True, watch=parts.append) as reader:

@@ -12,14 +12,14 @@ from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.orchestrator.conftest import SHORT
+from tests.scenarios import SHORT, paper
 
 RUNS = 60
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="what is held is told by Linux only")
 @pytest.mark.parametrize(("runs", "workers"), [(RUNS, 1), (3, 2)], ids=["alone", "two workers"])
-def test_many_runs_hold_no_more_than_the_first(paper, tmp_path, monkeypatch, runs, workers):
+def test_many_runs_hold_no_more_than_the_first(tmp_path, monkeypatch, runs, workers):
     folder = tmp_path / "t"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))

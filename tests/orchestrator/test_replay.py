@@ -25,7 +25,7 @@ from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.network.ports import free_port
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SCENARIOS, SHORT, paper
 
 
 def rewritten(path, into, change, **options):
@@ -92,8 +92,8 @@ FLIPS = {
 
 @pytest.mark.parametrize(("topic", "at", "field"), FLIPS.values(), ids=FLIPS.keys())
 @pytest.mark.parametrize("plants", [True, False], ids=["plants", "agents"])
-def test_one_bit_is_found_where_it_was_flipped(paper, tmp_path, plants, topic, at, field):
-    run(paper(SHORT, ("output_step = 0.02", "output_step = 0.1")), tmp_path / "run.mcap")
+def test_one_bit_is_found_where_it_was_flipped(tmp_path, plants, topic, at, field):
+    run(paper(SHORT, {"run.output_step": 0.1}), tmp_path / "run.mcap")
     rewritten(tmp_path / "run.mcap", tmp_path / "bad.mcap", flipped(topic, 7, at))
     with Reader(tmp_path / "bad.mcap", verify=True) as reader:
         assert reader.damage == []
@@ -106,7 +106,7 @@ def test_one_bit_is_found_where_it_was_flipped(paper, tmp_path, plants, topic, a
     assert np.allclose(found.recorded, found.replayed)
 
 
-def test_a_message_that_is_missing_or_too_many_is_found(paper, tmp_path):
+def test_a_message_that_is_missing_or_too_many_is_found(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     rewritten(
         tmp_path / "run.mcap",
@@ -124,7 +124,7 @@ def test_a_message_that_is_missing_or_too_many_is_found(paper, tmp_path):
 ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
 
 
-def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
+def test_a_plant_that_is_changed_gives_a_fresh_runs_file(tmp_path):
     """Estimates do not depend on plants, so the traffic under which they are run is the same."""
     run(paper(SHORT), tmp_path / "run.mcap")
     changes = [Change.of("--plant", ONE_HEAVY)]
@@ -133,9 +133,8 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
         launch = run_again(reader, file, [3])
         again = run(file, tmp_path / "what-if.mcap", launch, metadata=parent(reader, changes))
         parents = reader.digest
-    own = "[[robots]]\nid = 3\nplant = { parameters = { m2 = 3.0 } }\n"
-    own += "controller = { kp = 150.0 }\n"
-    fresh = run(paper(SHORT, ("# [[robots]]", f"{own}\n# [[robots]]")), tmp_path / "fresh.mcap")
+    own = {"id": 3, "plant": {"parameters": {"m2": 3.0}}, "controller": {"kp": 150.0}}
+    fresh = run(paper(SHORT, {"robots": [own]}), tmp_path / "fresh.mcap")
     with Reader(again.path) as one, Reader(fresh.path) as other:
         assert one.digest == other.digest != parents
         assert one.metadata["nrs.parent"] == {"digest": parents, "change": f"--plant {ONE_HEAVY}"}
@@ -145,14 +144,14 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
         assert by_robots.keys() == {(3,), (1, 2, 4, 5, 6)}
 
 
-def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
+def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     with Reader(tmp_path / "run.mcap") as reader:
         gains = Change.of("--algorithm", "beta=0.9,alpha=1.0").within("algorithm")
         file = changed(experiment_of(reader), [gains])
     again = run(file, tmp_path / "what-if.mcap")
     fresh = run(
-        paper(SHORT, ("alpha = 0.9", "alpha = 1.0"), ("beta = 1.1", "beta = 0.9")),
+        paper(SHORT, {"algorithm.alpha": 1.0, "algorithm.beta": 0.9}),
         tmp_path / "fresh.mcap",
     )
     with Reader(again.path) as one, Reader(fresh.path) as other:
@@ -172,7 +171,7 @@ def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(paper, tmp_path):
         (None, "beta=fast", "algorithm.beta: expected"),
     ],
 )
-def test_a_change_that_is_wrong_is_named(paper, plant, algorithm, message):
+def test_a_change_that_is_wrong_is_named(plant, algorithm, message):
     with pytest.raises(InputError) as error:
         changed(
             paper(),
@@ -183,8 +182,8 @@ def test_a_change_that_is_wrong_is_named(paper, plant, algorithm, message):
     assert message in str(error.value)
 
 
-def test_distances_are_those_of_the_states(paper, tmp_path):
-    base, other = paper(SHORT), paper(SHORT, ("beta = 1.1", "beta = 0.9"))
+def test_distances_are_those_of_the_states(tmp_path):
+    base, other = paper(SHORT), paper(SHORT, {"algorithm.beta": 0.9})
     for name, file in (("a", base), ("b", other)):
         run(file, tmp_path / f"{name}.mcap")
     tables = {}
@@ -209,11 +208,11 @@ def test_distances_are_those_of_the_states(paper, tmp_path):
     assert found.first.t == pytest.approx(0.12)
 
 
-JITTER = ("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
+JITTER = {"run.sampling_jitter": 0.2}
 ALONE = "why_not", "no tick has times in common: sampling times differ"
 
 
-def test_runs_of_other_sampling_times_say_that_they_are_not_measured(paper, tmp_path):
+def test_runs_of_other_sampling_times_say_that_they_are_not_measured(tmp_path):
     a, b, picture = (tmp_path / name for name in ("a.mcap", "b.mcap", "apart.png"))
     run(paper(SHORT), a)
     run(paper(SHORT, JITTER), b)
@@ -226,7 +225,7 @@ def test_runs_of_other_sampling_times_say_that_they_are_not_measured(paper, tmp_
     assert not picture.exists()
 
 
-def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
+def test_published_bytes_arrive_whole_and_paced(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     waits, outcome = [], []
@@ -265,14 +264,14 @@ def test_published_bytes_arrive_whole_and_paced(paper, tmp_path):
     assert sum(waits) < 1e-6
 
 
-def test_a_scenario_whose_text_was_changed_is_read_as_any_other(paper):
+def test_a_scenario_whose_text_was_changed_is_read_as_any_other():
     file = changed(paper(), [Change.of("--plant", ONE_HEAVY)])
     assert parse_scenario(file.text, "again", SCENARIOS, "again").scenario == file.scenario
     assert file.scenario.robots[0].plant.parameters == {"m2": 3.0}
     assert file.scenario.plant == paper().scenario.plant
 
 
-def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(paper, tmp_path):
+def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(tmp_path):
     file = tmp_path / "run.mcap"
     run(paper(SHORT), file)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -300,7 +299,7 @@ def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(paper, tm
     assert f"{len(wanted)} messages were published" in done.stdout
 
 
-def test_a_recording_that_nobody_listens_to_names_the_key(paper, tmp_path):
+def test_a_recording_that_nobody_listens_to_names_the_key(tmp_path):
     file = tmp_path / "run.mcap"
     run(paper(SHORT), file)
     endpoint = f"tcp/127.0.0.1:{free_port()}"

@@ -18,6 +18,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import PARENT, RUN, SCENARIO, VERSIONS
 from tests.command import nrs
 from tests.recordings import runs
+from tests.scenarios import toml, write
 
 N, M, TICKS = 2, 2, 3
 VALUES = (None, "", "x", "-1", "0", "7", "1_0", "1e3", "1" * 40, "1000000", "NaN", "[", "{}", "\0")
@@ -82,7 +83,7 @@ class Sealed:
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sealed")
-    (folder / "two.toml").write_text(runs.scenario(N, M, TICKS), "utf-8")
+    write(folder / "two.toml", base=runs.chain(N, M, TICKS))
     assert nrs("run", folder / "two.toml", "-o", folder / "run.mcap").returncode == 0
     change = ("replay", folder / "run.mcap", "--algorithm", "beta=1.0")
     assert nrs(*change, "-o", folder / "child.mcap").returncode == 0
@@ -203,7 +204,10 @@ def test_a_record_that_is_missing_is_named(sealed, tmp_path, record):
             assert "Traceback" not in done.stderr
 
 
-TEXT = runs.scenario(N, M, TICKS).encode()
+def text(*changes, n=N, m=M, ticks=TICKS):
+    return toml(*changes, base=runs.chain(n, m, ticks)).encode()
+
+
 SCENARIOS = {
     "none": None,
     "empty": b"",
@@ -211,16 +215,16 @@ SCENARIOS = {
     "no TOML": b"x = [",
     "no scenario": b"x = 1",
     "nested": b"x = " + b"[" * 5000,
-    "longer": runs.scenario(N, M, TICKS + 1).encode(),
-    "shorter": runs.scenario(N, M, TICKS - 1).encode(),
-    "more robots": runs.scenario(N + 1, M, TICKS).encode(),
-    "fewer robots": runs.scenario(N - 1, M, TICKS).encode(),
-    "more joints": runs.scenario(N, M + 1, TICKS).encode(),
-    "another period": TEXT.replace(b"0.1", b"0.2").replace(b"0.3", b"0.6"),
-    "another step": TEXT.replace(b"0.05", b"0.025"),
-    "jitter": TEXT.replace(b"seed", b"jitter = 0.01\nseed"),
-    "another seed": TEXT.replace(b"seed = 1", b"seed = 2"),
-    "inf": TEXT.replace(b"0.9", b"inf"),
+    "longer": text(ticks=TICKS + 1),
+    "shorter": text(ticks=TICKS - 1),
+    "more robots": text(n=N + 1),
+    "fewer robots": text(n=N - 1),
+    "more joints": text(m=M + 1),
+    "another period": text({"run.sampling_period": 0.2, "run.duration": 0.6}),
+    "another step": text({"run.output_step": 0.025}),
+    "jitter": text({"run.sampling_jitter": 0.01}),
+    "another seed": text({"run.seed": 2}),
+    "inf": text({"algorithm.alpha": float("inf")}),
 }
 
 
@@ -228,8 +232,8 @@ SCENARIOS = {
 def test_a_scenario_of_another_run_is_refused(sealed, tmp_path, which):
     def change(attachments):
         kept = {name: content for name, content in attachments.items() if name != SCENARIO}
-        text = SCENARIOS[which]
-        return kept if text is None else kept | {SCENARIO: ("application/toml", text)}
+        other = SCENARIOS[which]
+        return kept if other is None else kept | {SCENARIO: ("application/toml", other)}
 
     path = sealed.again(tmp_path / "a.mcap", scenario=change)
     assert not expect_no_worse(path, tmp_path, sealed, SCENARIO)

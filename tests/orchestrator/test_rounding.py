@@ -8,7 +8,7 @@ import nrs_cosim as nrs
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 
 @pytest.fixture

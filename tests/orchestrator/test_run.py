@@ -2,6 +2,8 @@
 
 from collections import Counter
 from contextlib import ExitStack
+from functools import partial
+from struct import Struct
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.memory_bus import MemoryBus
-from nrs_cosim.bus.messages import HEADER, SAMPLE, Codec
+from nrs_cosim.bus.messages import HEADER, SAMPLE, STATE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
@@ -22,24 +24,21 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario import experiment
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
 from tests.orchestrator.arms import simulate
-from tests.orchestrator.conftest import SCENARIOS, SECOND_ORDER, SHORT
+from tests.scenarios import SCENARIOS, SECOND_ORDER, SHORT, drawn, paper
 
-SEEDED = ("seed = 1", "seed = 11")
-EXPLICIT = tuple(
-    (f"{name} = {{ uniform = [-25.0, 25.0] }}", f"{name} = {rows}")
-    for name, rows in {
-        "position": [[5, -3], [0.5, 8], [-7, 2], [1, 1], [24, -24], [0, 0]],
-        "velocity": [[1, 2], [-3, 4], [0, 0], [10, -10], [2, 2], [-1, -8]],
-        "\nq": [[0.1, -0.2], [3, 1], [-2, 5], [0, 0], [20, -20], [1.5, -1.5]],
-        "qd": [[0, 0], [5, -5], [-25, 25], [1, 2], [3, 4], [0, -1]],
-    }.items()
-)
+SEEDED = {"run.seed": 11}
+EXPLICIT = {
+    "initial.position": [[5, -3], [0.5, 8], [-7, 2], [1, 1], [24, -24], [0, 0]],
+    "initial.velocity": [[1, 2], [-3, 4], [0, 0], [10, -10], [2, 2], [-1, -8]],
+    "initial.q": [[0.1, -0.2], [3, 1], [-2, 5], [0, 0], [20, -20], [1.5, -1.5]],
+    "initial.qd": [[0, 0], [5, -5], [-25, 25], [1, 2], [3, 4], [0, -1]],
+}
 
 
 def rows_of(tables, n):
@@ -48,12 +47,10 @@ def rows_of(tables, n):
     return table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, n)
 
 
-@pytest.mark.parametrize("start", [EXPLICIT, (SEEDED,)], ids=["explicit", "seeded"])
+@pytest.mark.parametrize("start", [EXPLICIT, SEEDED], ids=["explicit", "seeded"])
 @pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
-def test_twenty_seconds_agree_with_dop853(paper, tmp_path, order, start):
-    changes = [("duration = 30.0", "duration = 20.0"), *start]
-    changes += [SECOND_ORDER] if order == 2 else []
-    file = paper(*changes)
+def test_twenty_seconds_agree_with_dop853(tmp_path, order, start):
+    file = paper({"run.duration": 20.0}, start, SECOND_ORDER if order == 2 else {})
     outcome = run(file, tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 200)
     with Reader(outcome.path) as reader:
@@ -129,12 +126,8 @@ def test_outside_the_bound_the_error_grows_by_the_spectral_radius(case, radius, 
     assert radius**100 / factor < growth < radius**100 * factor
 
 
-def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(paper, tmp_path):
-    file = paper(
-        ("alpha = 0.9", "alpha = 1.18"),
-        ("beta = 1.1", "beta = 1.18"),
-        ("seed = 1", "seed = 1\ndivergence_limit = 1000"),
-    )
+def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(tmp_path):
+    file = paper({"algorithm.alpha": 1.18, "algorithm.beta": 1.18, "run.divergence_limit": 1000})
     outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "failed"
     assert outcome.reason.startswith("diverged at t = ")
@@ -151,37 +144,31 @@ def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(paper, tmp_path):
 @pytest.mark.parametrize(
     ("change", "name"),
     [
-        (("position = { uniform = [-25.0, 25.0] }", "position = { uniform = [-2e3, -1.5e3] }"),
-         "estimated position"),
-        (("velocity = { uniform = [-25.0, 25.0] }", "velocity = { uniform = [-2e3, -1.5e3] }"),
-         "estimated velocity"),
-        (("\nq = { uniform = [-25.0, 25.0] }", "\nq = { uniform = [-2e3, -1.5e3] }"), "q"),
-        (("qd = { uniform = [-25.0, 25.0] }", "qd = { uniform = [-2e3, -1.5e3] }"), "qd"),
+        ({"initial.position.uniform": [-2e3, -1.5e3]}, "estimated position"),
+        ({"initial.velocity.uniform": [-2e3, -1.5e3]}, "estimated velocity"),
+        ({"initial.q.uniform": [-2e3, -1.5e3]}, "q"),
+        ({"initial.qd.uniform": [-2e3, -1.5e3]}, "qd"),
     ],
     ids=["position", "velocity", "q", "qd"],
-)  # fmt: skip
-def test_each_quantity_beyond_the_limit_ends_the_run(paper, tmp_path, change, name):
-    limit = ("seed = 1", "seed = 1\ndivergence_limit = 1000")
+)
+def test_each_quantity_beyond_the_limit_ends_the_run(tmp_path, change, name):
+    limit = {"run.divergence_limit": 1000}
     outcome = run(paper(limit, change), tmp_path / "run.mcap")
     assert outcome.status == "failed"
     assert f"diverged at t = 0 s: robot 1's {name} is [-1" in outcome.reason
 
 
-def test_a_torque_that_is_no_number_ends_the_run_before_it_is_recorded(paper, tmp_path):
+def test_a_torque_that_is_no_number_ends_the_run_before_it_is_recorded(tmp_path):
     with pytest.raises(
         StepError, match=r"robot 1 \(two_link_arm\) at t = 0 s: .* not finite: \[.*inf"
     ):
-        run(paper(("kp = 200.0", "kp = 1e308")), tmp_path / "run.mcap")
+        run(paper({"controller.kp": 1e308}), tmp_path / "run.mcap")
     assert not (tmp_path / "run.mcap").exists()
 
 
-def test_a_run_that_nothing_stops_ends_before_a_number_that_is_none(paper, tmp_path):
+def test_a_run_that_nothing_stops_ends_before_a_number_that_is_none(tmp_path):
     """With gains of 1e200 the second jump leaves the doubles; no NaN is ever recorded."""
-    file = paper(
-        ("alpha = 0.9", "alpha = 1e200"),
-        ("beta = 1.1", "beta = 1e200"),
-        ("seed = 1", "seed = 1\ndivergence_limit = 1e308"),
-    )
+    file = paper({"algorithm.alpha": 1e200, "algorithm.beta": 1e200, "run.divergence_limit": 1e308})
     outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "failed"
     assert " t = 0." in outcome.reason
@@ -196,30 +183,23 @@ def digest_of(file, path, **options):
         return reader.digest
 
 
-def test_the_digest_is_that_of_the_scenario_alone(paper, tmp_path):
+def test_the_digest_is_that_of_the_scenario_alone(tmp_path):
     first = digest_of(paper(SHORT), tmp_path / "a.mcap")
     assert digest_of(paper(SHORT), tmp_path / "b.mcap") == first
     for compression in ("lz4", "none"):
         path = tmp_path / f"{compression}.mcap"
         assert digest_of(paper(SHORT), path, compression=compression) == first
-    assert digest_of(paper(SHORT, ("seed = 1", "seed = 2")), tmp_path / "c.mcap") != first
+    assert digest_of(paper(SHORT, {"run.seed": 2}), tmp_path / "c.mcap") != first
     sizes = {path.stat().st_size for path in tmp_path.glob("*.mcap")}
     assert len(sizes) >= 3
 
 
-def test_each_robot_is_driven_as_the_scenario_says(paper, tmp_path):
+def test_each_robot_is_driven_as_the_scenario_says(tmp_path):
     """Two solvers and a held torque in one run, beside the run that the FMU itself integrates."""
-    own = """
-[[robots]]
-id = 2
-plant = { fmu = "two_link_arm", solver = "rk4", step = 0.002 }
-
-[[robots]]
-id = 5
-plant = { fmu = "two_link_arm", control = "hold", control_step = 0.002 }
-"""
-    adaptive = ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nsolver = "cvode"\nrtol = 1e-10')
-    driven = paper(SHORT, adaptive, ("# [[robots]]", f"{own}\n# [[robots]]"))
+    rk4 = {"fmu": "two_link_arm", "solver": "rk4", "step": 0.002}
+    held = {"fmu": "two_link_arm", "control": "hold", "control_step": 0.002}
+    adaptive = {"plant.solver": "cvode", "plant.rtol": 1e-10}
+    driven = paper(SHORT, adaptive, {"robots": [{"id": 2, "plant": rk4}, {"id": 5, "plant": held}]})
     q = {}
     for name, file in (("driven", driven), ("alone", paper(SHORT))):
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
@@ -277,7 +257,7 @@ class Kept:
         self.batches.append(sorted(m for part in tick for m in part.messages(self._topics)))
 
 
-def test_who_received_what_and_when(paper, monkeypatch):
+def test_who_received_what_and_when(monkeypatch):
     """Listen to the session beside the run: nothing else is sent, and nobody hears anyone else."""
     received_at = []
 
@@ -323,7 +303,7 @@ def test_who_received_what_and_when(paper, monkeypatch):
         assert Counter(said) == {"samples/target": 10, "samples/here": 10, "records/here": 11}
 
 
-def test_both_buses_carry_the_same_run(paper):
+def test_both_buses_carry_the_same_run():
     stories = []
     for make in (MemoryBus, lambda: ZenohBus("compared")):
         with ExitStack() as stack:
@@ -335,7 +315,7 @@ def test_both_buses_carry_the_same_run(paper):
     assert [len(batch) for batch in stories[0]] == [6] + [37] * 10
 
 
-def test_a_tick_is_recorded_in_total_order_with_left_limits(paper):
+def test_a_tick_is_recorded_in_total_order_with_left_limits():
     with ExitStack() as stack:
         bus, kept = MemoryBus(), Kept()
         loop = Loop(stack, paper(SHORT), bus, kept)
@@ -375,29 +355,49 @@ class Intercepted(MemoryBus):
         return changed
 
 
-SECOND = 4 + 55  # where robot 2's sample begins in a batch: after k and robot 1's
+TICK = Struct("<I")
+"""A batch opens with its tick; a part of one with its length, of the same form."""
+SAMPLES, STATES = Codec(SAMPLE, Sizes(2)), Codec(STATE, Sizes(2))
+FIRST_SAMPLE, FIRST_STATE = TICK.size, TICK.size + TICK.size
 
 
-def with_byte(payload, at, value):
-    return payload[:at] + bytes([value]) + payload[at + 1 :]
+def changed(codec, first, robot, payload, /, **values):
+    """Return a batch of six robots in which one robot's record has other values."""
+    records = np.frombuffer(payload, codec.dtype, 6, first).copy()
+    for name, value in values.items():
+        records[name][robot - 1] = value
+    return payload[:first] + records.tobytes() + payload[first + records.nbytes :]
+
+
+sample_of_2 = partial(changed, SAMPLES, FIRST_SAMPLE, 2)
+state_of_1 = partial(changed, STATES, FIRST_STATE, 1)
+
+
+def at_tick(payload, k):
+    return TICK.pack(k) + payload[TICK.size :]
+
+
+def without_robot_2(payload):
+    second = FIRST_SAMPLE + SAMPLES.size
+    return payload[:second] + payload[second + SAMPLES.size :]
 
 
 REJECTED = {
-    "another robot's": (lambda p: with_byte(p, SECOND + 1, 3), "robot"),
-    "another tick's": (lambda p: with_byte(p, SECOND + 6, 7), "tick"),
-    "of another time": (lambda p: with_byte(p, SECOND + 11, 7), "time"),
-    "of another form": (lambda p: with_byte(p, SECOND, 7), "form"),
-    "a batch of another tick": (lambda p: with_byte(p, 0, 2), "tick"),
-    "a batch beyond the end": (lambda p: with_byte(p, 2, 1), "tick"),
+    "another robot's": (lambda p: sample_of_2(p, robot=3), "robot"),
+    "another tick's": (lambda p: sample_of_2(p, k=7), "tick"),
+    "of another time": (lambda p: sample_of_2(p, time_ns=7), "time"),
+    "of another form": (lambda p: sample_of_2(p, **{"robot.tag": 7}), "form"),
+    "a batch of another tick": (lambda p: at_tick(p, 2), "tick"),
+    "a batch beyond the end": (lambda p: at_tick(p, 1 + 2**16), "tick"),
     "cut": (lambda p: p[:-1], "size"),
-    "a robot's left out": (lambda p: p[:SECOND] + p[SECOND + 55 :], "size"),
-    "not finite": (lambda p: p[:-8] + np.array([np.nan]).tobytes(), "value"),
+    "a robot's left out": (without_robot_2, "size"),
+    "not finite": (lambda p: sample_of_2(p, velocity=[0, np.nan]), "value"),
     "empty": (lambda _p: b"", "size"),
 }
 
 
 @pytest.mark.parametrize(("change", "reason"), REJECTED.values(), ids=REJECTED.keys())
-def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(paper, change, reason):
+def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(change, reason):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("samples/here", change), Kept())
         with pytest.raises(BusError, match="tick 1: no samples came from here"):
@@ -407,7 +407,7 @@ def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(paper, change, r
     assert loop.recorder.rejected == {reason: 1}
 
 
-def test_samples_that_are_lost_are_missed_and_named(paper):
+def test_samples_that_are_lost_are_missed_and_named():
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("samples/here", lambda _p: None), Kept())
         with pytest.raises(BusError, match="tick 1: no samples came from here"):
@@ -417,17 +417,14 @@ def test_samples_that_are_lost_are_missed_and_named(paper):
 STATE_BATCH = {
     "lost": (lambda _p: None, {}),
     "cut": (lambda p: p[:-1], {"size": 1}),
-    "another robot's": (lambda p: with_byte(p, 9, 3), {"robot": 1}),
-    "another tick's": (lambda p: with_byte(p, 14, 7), {"tick": 1}),
-    "not finite": (
-        lambda p: p[: 8 + 21] + np.array([np.nan]).tobytes() + p[8 + 29 :],
-        {"value": 1},
-    ),
+    "another robot's": (lambda p: state_of_1(p, robot=3), {"robot": 1}),
+    "another tick's": (lambda p: state_of_1(p, k=7), {"tick": 1}),
+    "not finite": (lambda p: state_of_1(p, position=[np.nan, 0]), {"value": 1}),
 }
 
 
 @pytest.mark.parametrize(("change", "rejected"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
-def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(paper, change, rejected):
+def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(change, rejected):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("records/here", change), Kept())
         silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on worker here"
@@ -436,7 +433,7 @@ def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(paper, chan
     assert loop.recorder.rejected == rejected
 
 
-def test_a_message_too_many_is_refused_and_counted(paper):
+def test_a_message_too_many_is_refused_and_counted():
     with ExitStack() as stack:
         bus = MemoryBus()
         loop = Loop(stack, paper(SHORT), bus, Kept())
@@ -445,7 +442,7 @@ def test_a_message_too_many_is_refused_and_counted(paper):
     assert loop.recorder.rejected == {"worker": 1}
 
 
-def test_what_is_said_again_is_kept_once(paper):
+def test_what_is_said_again_is_kept_once():
     def twice(payload):
         put(payload)
         return payload
@@ -459,7 +456,7 @@ def test_what_is_said_again_is_kept_once(paper):
         assert loop.recorder.repeated == 11
 
 
-def test_the_recording_carries_its_scenario(paper, tmp_path):
+def test_the_recording_carries_its_scenario(tmp_path):
     file = paper(SHORT)
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         assert experiment_of(reader).scenario == file.scenario
@@ -473,10 +470,14 @@ def test_the_recording_carries_its_scenario(paper, tmp_path):
 
 def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
     """m q̈ + d q̇ = kp (ε − q) + kd (υ − q̇) with ε at rest has its equilibrium at q = ε, τ = 0."""
-    head, _, tail = (SCENARIOS / "paper_first_order.toml").read_text("utf-8").partition("[target]")
-    rest = "[target]\naxes = [{ offset = 4.0 }, { offset = -1.0 }]\n[plant]\nfmu = 'planar_robot'\n"
-    text = head + rest + "[initial]" + tail.partition("[initial]")[2]
-    outcome = run(parse_scenario(text, "planar", SCENARIOS, "planar"), tmp_path / "run.mcap")
+    planar = paper(
+        {
+            "target.axes": [{"offset": 4.0}, {"offset": -1.0}],
+            "plant.fmu": "planar_robot",
+            "disturbance": None,
+        }
+    )
+    outcome = run(planar, tmp_path / "run.mcap")
     with Reader(outcome.path) as reader:
         last = rows_of(states(reader), 6)[-1]
     np.testing.assert_allclose(last["position"], np.tile([4.0, -1.0], (6, 1)), atol=1e-6)
@@ -485,32 +486,17 @@ def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
 
 def test_links_of_an_arm_are_as_many_as_the_scenario_says(tmp_path):
     """Seven links, set by the structural parameter, follow seven axes."""
-    text = """
-[run]
-duration = 6.0
-sampling_period = 0.1
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-[controller]
-kp = 200.0
-kd = 300.0
-[network]
-adjacency = [[0, 0], [1, 0]]
-pinning = [1, 0]
-[target]
-axes = [{}, {}, {}, {}, {}, {}, {}]
-[plant]
-fmu = "n_link_arm"
-parameters = { n = 7, g = 0.0 }
-[initial]
-position = { uniform = [-1, 1] }
-velocity = { uniform = [-1, 1] }
-q = { uniform = [-1, 1] }
-qd = { uniform = [-1, 1] }
-"""
-    outcome = run(parse_scenario(text, "links", SCENARIOS, "links"), tmp_path / "run.mcap")
+    links = paper(
+        {
+            "run": {"duration": 6.0, "sampling_period": 0.1},
+            "network": {"adjacency": [[0, 0], [1, 0]], "pinning": [1, 0]},
+            "target.axes": [{}] * 7,
+            "plant": {"fmu": "n_link_arm", "parameters": {"n": 7, "g": 0.0}},
+            "disturbance": None,
+            "initial": drawn(-1, 1),
+        }
+    )
+    outcome = run(links, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
         q = rows_of(states(reader), 2)["position"]
@@ -519,22 +505,22 @@ qd = { uniform = [-1, 1] }
     assert np.abs(q[-1]).max() < 0.05
 
 
-def test_a_robots_own_disturbance_is_its_own(paper, tmp_path):
-    own = "[[robots]]\nid = 3\ndisturbance = { axes = [{ offset = 50.0 }, {}] }\n#"
+def test_a_robots_own_disturbance_is_its_own(tmp_path):
+    own = {"robots": [{"id": 3, "disturbance": {"axes": [{"offset": 50.0}, {}]}}]}
     tables = []
-    for name, change in (("all", ()), ("own", (("# [[robots]]", own),))):
-        with Reader(run(paper(SHORT, *change), tmp_path / f"{name}.mcap").path) as reader:
+    for name, change in (("all", {}), ("own", own)):
+        with Reader(run(paper(SHORT, change), tmp_path / f"{name}.mcap").path) as reader:
             tables.append(rows_of(states(reader), 6)["position"])
     moved = (tables[0][1:] != tables[1][1:]).all(axis=(0, 2))
     assert moved.tolist() == [False, False, True, False, False, False]
 
 
-def test_robots_of_different_models_run_together(paper, tmp_path):
+def test_robots_of_different_models_run_together(tmp_path):
     """A robot with another FMU changes its own states and nothing else."""
-    own = '[[robots]]\nid = 3\nplant = { fmu = "planar_robot", parameters = { m = 5.0 } }\n#'
+    plant = {"fmu": "planar_robot", "parameters": {"m": 5.0}}
     tables = []
-    for name, change in (("arms", ()), ("mixed", (("# [[robots]]", own),))):
-        with Reader(run(paper(SHORT, *change), tmp_path / f"{name}.mcap").path) as reader:
+    for name, change in (("arms", {}), ("mixed", {"robots": [{"id": 3, "plant": plant}]})):
+        with Reader(run(paper(SHORT, change), tmp_path / f"{name}.mcap").path) as reader:
             tables.append((rows_of(samples(reader), 7), rows_of(states(reader), 6)))
     (samples_a, states_a), (samples_b, states_b) = tables
     assert samples_a.tobytes() == samples_b.tobytes()
@@ -543,13 +529,8 @@ def test_robots_of_different_models_run_together(paper, tmp_path):
     assert (states_a["position"][1:, 2] != states_b["position"][1:, 2]).all()
 
 
-def test_robots_that_a_recording_has_no_channels_for_are_refused_before_they_are_opened(
-    paper, tmp_path
-):
-    text = paper().text
-    start = text.index("[network]")
-    ring = '[network]\ngenerator = { kind = "ring", n = 32768, pinned = [1] }\n'
-    many = text[:start] + ring + text[text.index("[target]") :]
+def test_robots_that_a_recording_has_no_channels_for_are_refused_before_they_are_opened(tmp_path):
+    many = paper({"network": {"generator": {"kind": "ring", "n": 32768, "pinned": [1]}}})
     with pytest.raises(ScenarioError, match="32768 robots would need 65537 channels"):
-        run(parse_scenario(many, "many", tmp_path, "many"), tmp_path / "run.mcap")
+        run(many, tmp_path / "run.mcap")
     assert not (tmp_path / "run.mcap").exists()

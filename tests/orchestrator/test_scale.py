@@ -10,7 +10,7 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from tests.orchestrator.arms import target
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 N, TICKS, H, GAIN = 10_000, 100, 0.05, 0.9
 

@@ -14,192 +14,189 @@ from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 from tests.orchestrator.arms import target
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS, paper
 
-TLS = "[bus.tls]\nca = 'ca'\ncertificate = 'c'\nkey = 'k'\nworkers = {%s}\n\n[target]"
+
+def tls(**workers):
+    return {"bus": {"tls": {"ca": "ca", "certificate": "c", "key": "k", "workers": workers}}}
+
 
 BAD = {
     "worker of a robot that is not there": (
-        ("[target]", TLS % "left = '1-7'"),
+        tls(left="1-7"),
         "bus.tls.workers.left: got '1-7' in '1-7', but there are robots 1 to 6",
     ),
     "robot of two workers": (
-        ("[target]", TLS % "left = '1-3', right = '3-6'"),
+        tls(left="1-3", right="3-6"),
         "bus.tls.workers.right: robot 3 is already 'left''s",
     ),
     "worker whose name is taken": (
-        ("[target]", TLS % "target = '1-3'"),
+        tls(target="1-3"),
         "bus.tls.workers: expected the name of a worker",
     ),
     "certificate without a key": (
-        ("[target]", "[bus]\ntls = {ca = 'ca', certificate = 'c'}\n[target]"),
+        {"bus": {"tls": {"ca": "ca", "certificate": "c"}}},
         "bus.tls.key: missing",
     ),
     "deadline that is none": (
-        ("[target]", "[bus]\ndeadline = 0\n[target]"),
+        {"bus": {"deadline": 0}},
         "bus.deadline: expected greater than 0, got 0",
     ),
-    "misspelt key": (("alpha", "alhpa"), "algorithm.alhpa: unknown key; did you mean 'alpha'?"),
-    "missing key": (("alpha = 0.9", ""), "algorithm.alpha: missing"),
-    "unknown table": (("[target]", "[goal]"), "goal: unknown key"),
-    "text for a number": (("alpha = 0.9", "alpha = '0.9'"), "algorithm.alpha: expected a valid"),
-    "truth for a number": (("alpha = 0.9", "alpha = true"), "got True"),
-    "negative gain": (("alpha = 0.9", "alpha = -0.9"), "algorithm.alpha: expected greater than 0"),
+    "misspelt key": (
+        {"algorithm.alpha": None, "algorithm.alhpa": 0.9},
+        "algorithm.alhpa: unknown key; did you mean 'alpha'?",
+    ),
+    "missing key": ({"algorithm.alpha": None}, "algorithm.alpha: missing"),
+    "unknown table": ({"target": None, "goal": {"axes": []}}, "goal: unknown key"),
+    "text for a number": ({"algorithm.alpha": "0.9"}, "algorithm.alpha: expected a valid"),
+    "truth for a number": ({"algorithm.alpha": True}, "got True"),
+    "negative gain": ({"algorithm.alpha": -0.9}, "algorithm.alpha: expected greater than 0"),
     "zero period": (
-        ("sampling_period = 0.1", "sampling_period = 0"),
+        {"run.sampling_period": 0},
         "run.sampling_period: expected greater than 0, got 0",
     ),
     "negative period": (
-        ("sampling_period = 0.1", "sampling_period = -0.1"),
+        {"run.sampling_period": -0.1},
         "run.sampling_period: expected greater than 0, got -0.1",
     ),
     "period between nanoseconds": (
-        ("sampling_period = 0.1", "sampling_period = 0.1234567891"),
+        {"run.sampling_period": 0.1234567891},
         "run.sampling_period: expected a whole number of nanoseconds",
     ),
     "output step that does not divide": (
-        ("output_step = 0.02", "output_step = 0.03"),
+        {"run.output_step": 0.03},
         "run.output_step: expected a step that divides the sampling period of 0.1 s, such as "
         "0.025 or 0.05, got 0.03 s",
     ),
     "duration that is no whole number": (
-        ("duration = 30.0", "duration = 30.05"),
+        {"run.duration": 30.05},
         "run.duration: expected a whole number of sampling periods of 0.1 s, such as 30.0 or 30.1, "
         "got 30.05 s",
     ),
-    "infinite duration": (("duration = 30.0", "duration = inf"), "expected a finite number"),
-    "fractional seed": (("seed = 1", "seed = 1.5"), "run.seed: expected a whole number, got 1.5"),
+    "infinite duration": ({"run.duration": float("inf")}, "expected a finite number"),
+    "fractional seed": ({"run.seed": 1.5}, "run.seed: expected a whole number, got 1.5"),
     "no path from the target": (
-        ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 0, 0, 0, 1]"),
+        {"network.pinning": [0, 0, 0, 0, 0, 1]},
         "no path leads from the target to robots 1-5",
     ),
     "short row": (
-        ("[1, 0, 0, 0, 0, 0]", "[1, 0]"),
+        {"network.adjacency.1": [1, 0]},
         "network.adjacency[1]: expected 6 weights, got 2",
     ),
     "long pinning": (
-        ("pinning = [0, 0, 1, 0, 0, 0]", "pinning = [0, 0, 1, 0, 0, 0, 1]"),
+        {"network.pinning": [0, 0, 1, 0, 0, 0, 1]},
         "network.pinning: expected 6 weights, got 7",
     ),
     "robot that hears itself": (
-        ("[1, 0, 0, 0, 0, 0]", "[1, 1, 0, 0, 0, 0]"),
+        {"network.adjacency.1": [1, 1, 0, 0, 0, 0]},
         "network.adjacency[1][1]: expected 0, robot 2 cannot hear itself",
     ),
     "negative weight": (
-        ("[1, 0, 0, 0, 0, 0]", "[-1, 0, 0, 0, 0, 0]"),
+        {"network.adjacency.1": [-1, 0, 0, 0, 0, 0]},
         "network.adjacency[1][0]: expected greater than or equal to 0, got -1",
     ),
     "gains for three joints": (
-        ("kp = 200.0", "kp = [1, 2, 3]"),
+        {"controller.kp": [1, 2, 3]},
         "controller.kp: expected 2 entries, one for each of the target's axes, got 3",
     ),
     "ragged gain": (
-        ("kp = 200.0", "kp = [[1, 2], [3]]"),
+        {"controller.kp": [[1, 2], [3]]},
         "controller.kp[1]: expected 2 numbers, one for each of the target's axes, got 1",
     ),
     "disturbance on one axis": (
-        ("  { sines = [{ amplitude = 2.0, frequency = 1.0 }] }, ", "# "),
+        {"disturbance.axes": [{"cosines": [{"amplitude": 2.0, "frequency": 2.0}]}]},
         "disturbance.axes: expected 2 axes, one for each of the target's axes, got 1",
     ),
     "initial rows": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = [[1, 2]]"),
+        {"initial.q": [[1, 2]]},
         "initial.q: expected 2 numbers for each robot, or 6 x 2, a row for each, got 1 rows",
     ),
     "initial numbers": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = [1, 2, 3]"),
+        {"initial.q": [1, 2, 3]},
         "initial.q: expected 2 numbers for each robot, or 6 x 2, a row for each, got 3 numbers",
     ),
     "initial row": (
-        ("q = { uniform = [-25.0, 25.0] }", f"q = {[[0, 0]] * 5 + [[0]]}"),
+        {"initial.q": [[0, 0]] * 5 + [[0]]},
         "initial.q[5]: expected 2 numbers, one for each of the target's axes, got 1",
     ),
     "initial number": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = '3'"),
+        {"initial.q": "3"},
         "initial.q: expected a number, a list of numbers, a list of lists of numbers or {uniform = "
         "[low, high]}, got '3'",
     ),
     "reversed range": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = { uniform = [25.0, -25.0] }"),
+        {"initial.q.uniform": [25.0, -25.0]},
         "initial.q.uniform: expected [low, high] with low <= high, got [25.0, -25.0]",
     ),
     "robot that there is not": (
-        ("# [[robots]]", "[[robots]]\nid = 7\n#"),
+        {"robots": [{"id": 7}]},
         "robots[0].id: expected 1 to 6, got 7",
     ),
     "robot given twice": (
-        ("# [[robots]]", "[[robots]]\nid = 3\n[[robots]]\nid = 3\n#"),
+        {"robots": [{"id": 3}, {"id": 3}]},
         "robots[1].id: robot 3 has been given before",
     ),
     "one robot's initial state": (
-        ("# [[robots]]", "[[robots]]\nid = 3\ninitial.q = [1, 2, 3]\n#"),
+        {"robots": [{"id": 3, "initial": {"q": [1, 2, 3]}}]},
         "robots[0].initial.q: expected 2 numbers, one for each of the target's axes, got 3",
     ),
     "weights beyond all numbers": (
-        ("[0, 1, 1, 0, 0, 0]", "[0, 1e308, 1e308, 0, 0, 0]"),
+        {"network.adjacency.0": [0, 1e308, 1e308, 0, 0, 0]},
         "network.adjacency[0]: expected weights whose sum is a finite number",
     ),
     "longer than the clock": (
-        ("duration = 30.0", "duration = 1e11"),
+        {"run.duration": 1e11},
         "run.duration: expected less than 2^63 ns (292 years), got 100000000000.0 s",
     ),
-    "number without end": (("seed = 1", "seed = " + "1" * 5000), "not valid TOML: "),
-    "nested without end": (("seed = 1", "seed = " + "[" * 5000), "not valid TOML: nested too"),
     "name for no quantity": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.velocty_ref = "v"'),
+        {"plant.variables": {"velocty_ref": "v"}},
         "plant.variables.velocty_ref: no quantity of ours; did you mean 'velocity_ref'?",
     ),
     "parameter that has a table": (
-        ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { kp = 7.0 }\n#"),
+        {"plant.parameters": {"kp": 7.0}},
         "plant.parameters.kp: give it as controller.kp instead",
     ),
     "unknown algorithm": (
-        ('name = "dcea1"', 'name = "dcea0"'),
+        {"algorithm.name": "dcea0"},
         "algorithm.name: expected one of dcea1, dcea2, ",
     ),
     "variable's name": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = 3'),
+        {"plant.variables": {"q": 3}},
         "plant.variables.q: expected a valid string, got 3",
     ),
     "no variable's name": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = []'),
+        {"plant.variables": {"q": []}},
         "plant.variables.q: expected at least one name, got []",
     ),
     "pattern without an index": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nvariables.q = { pattern = "q" }'),
+        {"plant.variables": {"q": {"pattern": "q"}}},
         "plant.variables.q.pattern: expected a name with {i} for the index, and {j} for a second",
     ),
     "pattern's base": (
-        ('fmu = "two_link_arm"', 'fmu = "a"\nvariables.q = { pattern = "q{i}", base = 2 }'),
+        {"plant.fmu": "a", "plant.variables": {"q": {"pattern": "q{i}", "base": 2}}},
         "plant.variables.q.base: expected 0 or 1, got 2",
     ),
     "pattern's key": (
-        ('fmu = "two_link_arm"', 'fmu = "a"\nvariables.q = { pattern = "q{i}", bse = 0 }'),
+        {"plant.fmu": "a", "plant.variables": {"q": {"pattern": "q{i}", "bse": 0}}},
         "plant.variables.q.bse: unknown key; did you mean 'base'?",
     ),
     "infinite parameter": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = inf'),
+        {"plant.parameters": {"m1": float("inf")}},
         "plant.parameters.m1: expected a finite number, got inf",
     ),
     "table for a parameter": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = [1, { a = 2 }]'),
+        {"plant.parameters": {"m1": [1, {"a": 2}]}},
         "plant.parameters.m1[1]: expected a valid number, got {'a': 2}",
     ),
     "ragged parameter": (
-        ('fmu = "two_link_arm"', 'fmu = "two_link_arm"\nparameters.m1 = [1, [2]]'),
+        {"plant.parameters": {"m1": [1, [2]]}},
         "plant.parameters.m1[0]: expected a list, got 1",
-    ),
-    "TOML": (("[run]", "[run"), "paper.toml: not valid TOML: Expected ']'"),
-    "key twice": (("seed = 1", "seed = 1\nseed = 2"), "line 8: 'seed = 2' gives a key a second"),
-    "table twice": (("[run]", "[algorithm]\n[run]"), "'[algorithm]' gives a key a second time"),
-    "inline twice": (
-        ("q = { uniform = [-25.0, 25.0] }", "q = { uniform = [-1, 1], uniform = [-2, 2] }"),
-        "gives a key a second time; keep one",
     ),
 }
 
 
 @pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_scenario(paper, change, message):
+def test_bad_scenario(change, message):
     with pytest.raises(ScenarioError) as error:
         paper(change)
     assert message in str(error.value)
@@ -209,14 +206,42 @@ def test_bad_scenario(paper, change, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("[controller]", "[controler]"), "controler: unknown key; did you mean 'controller'?"),
-        (("alpha", "alhpa"), "algorithm.alhpa: unknown key; did you mean 'alpha'?"),
+        (
+            {"controller": None, "controler": {"kp": 200.0, "kd": 300.0}},
+            "controler: unknown key; did you mean 'controller'?",
+        ),
+        (
+            {"algorithm.alpha": None, "algorithm.alhpa": 0.9},
+            "algorithm.alhpa: unknown key; did you mean 'alpha'?",
+        ),
     ],
 )
-def test_what_is_misspelt_is_not_missing_too(paper, change, message):
+def test_what_is_misspelt_is_not_missing_too(change, message):
     with pytest.raises(ScenarioError) as error:
         paper(change)
     assert str(error.value).splitlines() == [f"paper.toml: {message}"]
+
+
+NO_TOML = {
+    "number without end": ("seed = " + "1" * 5000, "not valid TOML: "),
+    "nested without end": ("seed = " + "[" * 5000, "not valid TOML: nested too"),
+    "bracket without end": ("[run", "not valid TOML: Expected ']'"),
+    "key twice": ("[run]\nseed = 1\nseed = 2\n", "line 3: 'seed = 2' gives a key a second"),
+    "table twice": ("[algorithm]\n[run]\n[algorithm]\n", "'[algorithm]' gives a key a second time"),
+    "inline twice": (
+        "q = { uniform = [-1, 1], uniform = [-2, 2] }",
+        "gives a key a second time; keep one",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), NO_TOML.values(), ids=NO_TOML.keys())
+def test_a_text_that_is_not_toml_is_refused_in_one_line(text, message):
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(text, "s", SCENARIOS, "s.toml")
+    assert str(error.value).startswith("s.toml: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n"])
@@ -229,9 +254,9 @@ def test_an_empty_file_is_one_line(text):
     )
 
 
-def test_all_faults_are_told_at_once(paper):
+def test_all_faults_are_told_at_once():
     with pytest.raises(ScenarioError) as error:
-        paper(("alpha", "alhpa"), ("seed = 1", "seed = -1"))
+        paper({"algorithm.alpha": None, "algorithm.alhpa": 0.9, "run.seed": -1})
     assert [line.split(": ")[1] for line in str(error.value).splitlines()] == [
         "run.seed",
         "algorithm.alhpa",
@@ -248,7 +273,7 @@ def test_missing_and_unreadable_files(tmp_path):
         read_scenario(tmp_path / "binary.toml")
 
 
-def test_a_scenario_cannot_be_changed(paper):
+def test_a_scenario_cannot_be_changed():
     scenario = paper().scenario
     with pytest.raises(ValueError, match="frozen"):
         scenario.run.seed = 2
@@ -268,7 +293,7 @@ CASES = {  # the paper's Examples 1 to 3: algorithm, alpha, beta, h
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_nine_cases_of_the_paper_differ_in_their_gains_and_period_only(case, paper):
+def test_the_nine_cases_of_the_paper_differ_in_their_gains_and_period_only(case):
     scenario = read_scenario(SCENARIOS / f"paper_example_{case}.toml").scenario
     choice = scenario.algorithm
     assert (choice.name, *choice.parameters.values(), scenario.run.sampling_period) == CASES[case]
@@ -293,14 +318,21 @@ def test_the_schema_knows_every_key():
         assert f'"{key}"' in schema
 
 
-def test_a_plant_names_variables_and_gives_parameters_in_many_forms(paper):
+def test_a_plant_names_variables_and_gives_parameters_in_many_forms():
     plant = paper(
-        (
-            'fmu = "two_link_arm"',
-            'fmu = "two_link_arm"\n'
-            'parameters = { a = true, b = "text", c = [1, 2.0, false], d = [[1, 2], [3, 4]] }\n'
-            'variables = { q = "x[0:2]", qd = ["w1", "w2"], tau = { pattern = "u{i}", base = 0 } }',
-        )
+        {
+            "plant.parameters": {
+                "a": True,
+                "b": "text",
+                "c": [1, 2.0, False],
+                "d": [[1, 2], [3, 4]],
+            },
+            "plant.variables": {
+                "q": "x[0:2]",
+                "qd": ["w1", "w2"],
+                "tau": {"pattern": "u{i}", "base": 0},
+            },
+        }
     ).scenario.plant
     assert plant.parameters == {"a": True, "b": "text", "c": (1, 2.0, False), "d": ((1, 2), (3, 4))}
     assert [type(number) for number in plant.parameters["c"]] == [int, float, bool]
@@ -311,7 +343,7 @@ def test_a_plant_names_variables_and_gives_parameters_in_many_forms(paper):
     }
 
 
-def test_draws_depend_on_seed_purpose_and_robot_alone(paper):
+def test_draws_depend_on_seed_purpose_and_robot_alone():
     uniform = Uniform(uniform=(-25.0, 25.0))
     assert draw(1, "q", 3, uniform, (2,)).tolist() == draw(1, "q", 3, uniform, 2).tolist()
     others = [
@@ -335,9 +367,9 @@ def test_draws_fill_their_range():
     assert abs(numbers.mean()) < 3 * 50 / np.sqrt(12 * len(numbers))
 
 
-def test_one_robots_own_values_leave_the_others_alone(paper):
-    own = "[[robots]]\nid = 3\ninitial.q = [1.5, -2]\ncontroller = { kp = 1, kd = [2, 3] }\n#"
-    changed, example = paper(("# [[robots]]", own)).bodies(), paper().bodies()
+def test_one_robots_own_values_leave_the_others_alone():
+    own = {"id": 3, "initial": {"q": [1.5, -2]}, "controller": {"kp": 1, "kd": [2, 3]}}
+    changed, example = paper({"robots": [own]}).bodies(), paper().bodies()
     assert changed[2].q.tolist() == [1.5, -2]
     assert changed[2].kd.tolist() == [[2, 0], [0, 3]]
     assert changed[2].qd.tolist() == example[2].qd.tolist()
@@ -346,21 +378,17 @@ def test_one_robots_own_values_leave_the_others_alone(paper):
         assert changed[i].kp.tolist() == [[200, 0], [0, 200]]
 
 
-def test_a_robots_own_table_changes_the_keys_that_it_gives_and_keeps_the_others(paper):
-    own = """[[robots]]
-id = 2
-controller = { kp = 20 }
-plant.parameters = { m2 = 3.0 }
-[[robots]]
-id = 3
-disturbance.axes = []
-[[robots]]
-id = 4
-disturbance = {}
-plant = { fmu = "two_link_arm", variables = { q = "q" } }
-#"""
-    shared = ("# parameters = { m1 = 0.5, m2 = 1.5 }", "parameters = { m1 = 0.25 }\n#")
-    scenario = paper(("# [[robots]]", own), shared)
+def test_a_robots_own_table_changes_the_keys_that_it_gives_and_keeps_the_others():
+    robots = [
+        {"id": 2, "controller": {"kp": 20}, "plant": {"parameters": {"m2": 3.0}}},
+        {"id": 3, "disturbance": {"axes": []}},
+        {
+            "id": 4,
+            "disturbance": {},
+            "plant": {"fmu": "two_link_arm", "variables": {"q": "q"}},
+        },
+    ]
+    scenario = paper({"plant.parameters": {"m1": 0.25}, "robots": robots})
     made = scenario.bodies()
     assert made[1].kp.tolist() == [[20, 0], [0, 20]]
     assert made[1].kd.tolist() == [[300, 0], [0, 300]]
@@ -380,37 +408,36 @@ plant = { fmu = "two_link_arm", variables = { q = "q" } }
 @pytest.mark.parametrize(
     ("given", "row"),
     [
-        ("", [0.0, 0.0]),
-        ("initial.q = 0.5", [0.5, 0.5]),
-        ("initial.q = [0.5, -1]", [0.5, -1.0]),
-        (f"initial.q = {[[0.5, -1]] * 6}", [0.5, -1.0]),
+        ({}, [0.0, 0.0]),
+        ({"q": 0.5}, [0.5, 0.5]),
+        ({"q": [0.5, -1]}, [0.5, -1.0]),
+        ({"q": [[0.5, -1]] * 6}, [0.5, -1.0]),
     ],
 )
-def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(paper, given, row):
-    text = paper().text
-    start, end = text.index("[initial]"), text.index("# [[robots]]")
-    made = parse_scenario(f"{given}\n{text[:start]}", "s", SCENARIOS, "s").bodies()
+def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(given, row):
+    made = paper({"initial": given}).bodies()
     assert [body.q.tolist() for body in made] == [row] * 6
     for body in made:
         assert body.qd.tolist() == body.position.tolist() == body.velocity.tolist() == [0.0, 0.0]
-    if "[[" not in given:  # one robot's own is the same, without the rows
-        own = (text[start:end], f"[initial]\nq = 9\n[[robots]]\nid = 2\n{given}\n")
-        q = [body.q.tolist() for body in paper(own).bodies()]
-        assert q == [[9.0, 9.0], row if given else [9.0, 9.0], *[[9.0, 9.0]] * 4]
 
 
-def test_a_missing_table_names_the_keys_that_it_must_have(paper):
-    text = paper().text
-    for table in ("run", "controller", "algorithm", "disturbance"):
-        start = text.index(f"[{table}]")
-        text = text[:start] + text[text.index("\n[", start + 1) :]
+@pytest.mark.parametrize(
+    ("given", "row"), [({}, [9.0, 9.0]), ({"q": 0.5}, [0.5, 0.5]), ({"q": [0.5, -1]}, [0.5, -1.0])]
+)
+def test_a_robots_own_initial_state_takes_the_place_of_that_of_all(given, row):
+    scenario = paper({"initial": {"q": 9}, "robots": [{"id": 2, "initial": given}]})
+    q = [body.q.tolist() for body in scenario.bodies()]
+    assert q == [[9.0, 9.0], row, *[[9.0, 9.0]] * 4]
+
+
+def test_a_missing_table_names_the_keys_that_it_must_have():
     with pytest.raises(ScenarioError) as error:
-        parse_scenario(text.replace("[plant]\nfmu", "[plant]\n# fmu"), "s", SCENARIOS, "s.toml")
-    assert str(error.value).splitlines() == [
-        "s.toml: run: missing, it has no default; give run.duration and run.sampling_period",
-        "s.toml: algorithm: missing, it has no default; give algorithm.name",
-        "s.toml: controller: missing, it has no default; give controller.kp and controller.kd",
-        "s.toml: plant.fmu: missing, it has no default",
+        paper({"run": None, "controller": None, "algorithm": None, "plant": {}})
+    assert [line.removeprefix("paper.toml: ") for line in str(error.value).splitlines()] == [
+        "run: missing, it has no default; give run.duration and run.sampling_period",
+        "algorithm: missing, it has no default; give algorithm.name",
+        "controller: missing, it has no default; give controller.kp and controller.kd",
+        "plant.fmu: missing, it has no default",
     ]
 
 
@@ -420,7 +447,7 @@ def test_gains_as_a_number_a_vector_and_a_matrix():
     assert gain(((1.0, 2.0), (3.0, 4.0)), 2).tolist() == [[1, 2], [3, 4]]
 
 
-def test_target_is_the_papers(paper):
+def test_target_is_the_papers():
     motion = paper().target.at(np.array([0.0, 0.3, 12.5]))
     for row, t in enumerate((0.0, 0.3, 12.5)):
         position, velocity = target(t)
@@ -440,8 +467,8 @@ def test_times_are_whole_nanoseconds():
     assert list(clock.outputs(3)) == [225, 250, 275, 300]
 
 
-def test_workers_on_other_machines_have_certificates_and_robots(paper):
+def test_workers_on_other_machines_have_certificates_and_robots():
     assert paper().scenario.bus.tls is None
-    bus = paper(("[target]", TLS % "left = '1-3', right = '4,5,6'")).scenario.bus
+    bus = paper(tls(left="1-3", right="4,5,6")).scenario.bus
     assert bus.deadline == 30.0
     assert bus.tls.workers == {"left": "1-3", "right": "4,5,6"}

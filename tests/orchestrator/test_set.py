@@ -12,14 +12,13 @@ from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import PAPER_FILE, write
 
-PAPER = SCENARIOS / "paper_first_order.toml"
 SHORT = "run.duration=1.0"
 
 
 def read(*changes):
-    return read_scenario(PAPER, [Change.of("--set", text) for text in changes])
+    return read_scenario(PAPER_FILE, [Change.of("--set", text) for text in changes])
 
 
 def digest(path):
@@ -28,32 +27,29 @@ def digest(path):
 
 
 def ran(path, *options):
-    done = nrs("run", PAPER, "-o", path, *options)
+    done = nrs("run", PAPER_FILE, "-o", path, *options)
     assert done.returncode == 0, done.stderr
     return digest(path)
 
 
 def test_a_run_with_changes_is_that_of_a_file_with_them(tmp_path):
-    text = PAPER.read_text("utf-8")
-    for old, new in (("duration = 30.0", "duration = 1.0"), ("alpha = 0.9", "alpha = 0.7")):
-        assert old in text
-        text = text.replace(old, new)
-    file = tmp_path / "changed.toml"
-    file.write_text(text, "utf-8")
+    file = write(tmp_path / "changed.toml", {"run.duration": 1.0, "algorithm.alpha": 0.7})
     assert nrs("run", file, "-o", tmp_path / "file.mcap").returncode == 0
     options = ("--set", SHORT, "--set", "algorithm.alpha=0.7")
     assert ran(tmp_path / "set.mcap", *options) == digest(tmp_path / "file.mcap")
     assert ran(
         tmp_path / "both.mcap", "--set", f"{SHORT},algorithm.alpha=0.7", "--workers", "2"
     ) == (digest(tmp_path / "file.mcap"))
-    checked = [nrs("check", *command, "--json").stdout for command in ([file], [PAPER, *options])]
+    checked = [
+        nrs("check", *command, "--json").stdout for command in ([file], [PAPER_FILE, *options])
+    ]
     assert checked[0] == checked[1]
 
 
 def test_standard_input_is_a_scenario(tmp_path, monkeypatch):
     given = ran(tmp_path / "file.mcap", "--set", SHORT)
     for command in (["run", "-", "-o", tmp_path / "in.mcap"], ["check", "-"]):
-        stdin = SimpleNamespace(buffer=io.BytesIO(PAPER.read_bytes()), isatty=lambda: False)
+        stdin = SimpleNamespace(buffer=io.BytesIO(PAPER_FILE.read_bytes()), isatty=lambda: False)
         monkeypatch.setattr("sys.stdin", stdin)
         done = nrs(*command, "--set", SHORT)
         assert done.returncode == 0, done.stderr
@@ -81,14 +77,14 @@ def test_what_is_wrong_with_standard_input_names_it(monkeypatch, data, words):
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_run_prints_the_result_that_info_prints_and_nothing_else(tmp_path, workers):
     path = tmp_path / "run.mcap"
-    done = nrs("run", PAPER, "-o", path, "--set", SHORT, "--json", "--workers", workers)
+    done = nrs("run", PAPER_FILE, "-o", path, "--set", SHORT, "--json", "--workers", workers)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == json.loads(nrs("info", path, "--json").stdout)
 
 
 def test_a_run_that_fails_prints_its_result_and_exits_1(tmp_path):
     path = tmp_path / "run.mcap"
-    done = nrs("run", PAPER, "-o", path, "--set", "run.divergence_limit=1e-3", "--json")
+    done = nrs("run", PAPER_FILE, "-o", path, "--set", "run.divergence_limit=1e-3", "--json")
     result = json.loads(done.stdout)
     assert (done.returncode, result["status"]) == (1, "failed")
     assert result == json.loads(nrs("info", path, "--json").stdout)
@@ -109,7 +105,7 @@ def test_a_run_that_fails_prints_its_result_and_exits_1(tmp_path):
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_what_is_wrong_with_a_change_is_named(tmp_path, command, change, words):
     where = ["-o", tmp_path / "run.mcap"] if command == "run" else []
-    done = nrs(command, PAPER, *where, "--set", change)
+    done = nrs(command, PAPER_FILE, *where, "--set", change)
     assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
     assert words in done.stderr
 
@@ -168,7 +164,7 @@ def test_a_completed_run_goes_on_for_longer_as_if_it_had_been_so_from_the_first(
 def test_a_run_that_failed_at_a_limit_goes_on_with_a_higher_one(tmp_path):
     failed, whole = tmp_path / "failed.mcap", tmp_path / "whole.mcap"
     limit = "run.divergence_limit=27"
-    assert nrs("run", PAPER, "-o", failed, "--set", limit).returncode == 1
+    assert nrs("run", PAPER_FILE, "-o", failed, "--set", limit).returncode == 1
     done = nrs("resume", failed, "-o", whole, "--set", "run.divergence_limit=1e5")
     assert done.returncode == 0, done.stderr
     assert digest(whole) == ran(tmp_path / "paper.mcap")

@@ -10,8 +10,8 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.orchestrator.scenario.smoothness import expect_smooth
 from nrs_cosim.plant_fmu.errors import FmuError
-from tests.orchestrator.conftest import SCENARIOS
 from tests.plant_fmu import hinge
+from tests.scenarios import write
 
 
 def compared(motion, step=0.1, end=2.0):
@@ -91,18 +91,14 @@ def test_a_velocity_of_something_else_is_to_be_named(step):
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_an_fmu_that_bounces_off_a_wall_is_no_target(tmp_path, fmi):
     hinge.build(fmi, tmp_path)
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    start, end = text.index("[target]"), text.index("[plant]")
-    table = f"""[target]
-kind = "fmu"
-fmu = "hinge{fmi}.fmu"
-variables = {{ position = "q", velocity = "qd" }}
-parameters = {{ wall = 1.0, q = 1.0, qd = -0.8 }}
-
-"""
-    (tmp_path / "s.toml").write_text(text[:start] + table + text[end:])
+    target = {
+        "kind": "fmu",
+        "fmu": f"hinge{fmi}.fmu",
+        "variables": {"position": "q", "velocity": "qd"},
+        "parameters": {"wall": 1.0, "q": 1.0, "qd": -0.8},
+    }
     with pytest.raises(ScenarioError) as error:
-        read_scenario(tmp_path / "s.toml")
+        read_scenario(write(tmp_path / "s.toml", {"target": target}))
     message = str(error.value)
     assert f"s.toml: target.fmu: {tmp_path}/hinge{fmi}.fmu: velocity_1 at t = " in message
     assert "velocity_1 jumps from -0.8 to 0.4 at t = 1.2" in message

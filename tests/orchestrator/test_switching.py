@@ -1,7 +1,6 @@
 """Networks in turn, and apart for positions and velocities: files, runs, and what is promised."""
 
 import json
-import tomllib
 
 import numpy as np
 import pytest
@@ -23,27 +22,18 @@ from nrs_cosim.recordings.export.tables import samples
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.local_runs import digest, switching
 from tests.estimator_agents.paper import second_order
-from tests.orchestrator.conftest import SCENARIOS
-from tests.orchestrator.test_networks import AFTER, BEFORE, PAPERS
-from tests.orchestrator.test_networks import experiment_of as networked
-
-PAPER = f"edge_list = {[list(edge) for edge in PAPERS]}"
-PATH = 'generator = { kind = "path", n = 6 }'
-
-
-def phases(*entries, repeat=None):
-    """Return a network of (from, form) in turn."""
-    head = "" if repeat is None else f"repeat = {repeat}\n"
-    tables = (f"[[network.switching]]\nfrom = {since}\n{form}\n" for since, form in entries)
-    return head + "".join(tables)
-
-
-def apart(position, velocity, under="network"):
-    return f"[{under}.position]\n{position}\n[{under}.velocity]\n{velocity}\n"
-
-
-def edges(topology):
-    return {*zip(topology.source.tolist(), topology.sink.tolist(), strict=True)}
+from tests.orchestrator.networks import (
+    PAPER,
+    PAPERS,
+    PATH,
+    edges,
+    generator,
+    on,
+    phases,
+    read_on,
+    separate,
+)
+from tests.scenarios import SCENARIOS, example, paper, tables
 
 
 def compared(path, file):
@@ -55,8 +45,8 @@ def compared(path, file):
 
 
 def test_turns_may_have_any_form_and_digraphs_of_their_own():
-    network = phases((1, PAPER), (4, apart(PATH, PAPER, "network.switching")), repeat=9)
-    scenario = networked(network)
+    network = phases((1, PAPER), (4, separate(PATH, PAPER)), repeat=9)
+    scenario = on(network)
     topologies = scenario.topologies
     path = {(i, i + 1) for i in range(6)}
     assert [topologies.at(k) for k in (1, 3, 4, 9, 10)] == [0, 0, 1, 1, 0]
@@ -69,10 +59,10 @@ def test_turns_may_have_any_form_and_digraphs_of_their_own():
 
 
 def test_what_a_turn_draws_depends_on_its_place():
-    random = 'generator = { kind = "random_k_in", n = 40, k = 3 }'
-    one, two = networked(phases((1, random), (2, random))).topologies.exchanges
+    random = generator(kind="random_k_in", n=40, k=3)
+    one, two = on(phases((1, random), (2, random))).topologies.exchanges
     assert edges(one.position) != edges(two.position)
-    again = networked(phases((1, random), (5, random), repeat=7)).topologies
+    again = on(phases((1, random), (5, random), repeat=7)).topologies
     assert edges(again.exchanges[1].position) == edges(two.position)
 
 
@@ -81,94 +71,121 @@ def test_files_of_edges_of_each_turn_go_with_the_text(tmp_path):
         lines = ["source,sink", *(f"{j},{i}" for j, i in rows)]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines), "utf-8")
     network = phases(
-        (1, 'edges = "a.csv"'),
-        (3, apart('edges = "b.csv"', 'edges = "a.csv"', "network.switching")),
-        (8, 'edges = "b.csv"'),
+        (1, {"edges": "a.csv"}),
+        (3, separate({"edges": "b.csv"}, {"edges": "a.csv"})),
+        (8, {"edges": "b.csv"}),
     )
-    path = tmp_path / "s.toml"
-    path.write_text(BEFORE + "[network]\n" + network + AFTER, "utf-8")
-    file = read_scenario(path)
+    file = read_on(network, tmp_path)
     again = parse_scenario(file.text, "again", SCENARIOS / "nowhere", "again", file.assets)
     assert again.scenario == file.scenario
     assert len(file.assets) == 4
     first, second, third = file.topologies.exchanges
     assert edges(first.position) == edges(second.velocity) == set(PAPERS)
     assert edges(second.position) == edges(third.position) == {(i, i + 1) for i in range(6)}
-    path.write_text(BEFORE + "[network]\n" + network.replace("a.csv", "c.csv") + AFTER, "utf-8")
+    (tmp_path / "a.csv").unlink()
     with pytest.raises(
-        ScenarioError, match=r"network\.switching\[0\]\.edges: c\.csv: no such file"
+        ScenarioError, match=r"network\.switching\[0\]\.edges: a\.csv: no such file"
     ):
-        read_scenario(path)
+        read_on(network, tmp_path)
 
 
 @pytest.mark.parametrize(
     ("network", "result"),
     [
-        (phases((2, PAPER)), "network.switching[0].from: expected 1, the first tick, in the first"),
-        (phases((1, PAPER), (1, PATH)), "network.switching[1].from: expected more than 1, as entr"),
+        (
+            phases((2, PAPER)),
+            "network.switching[0].from: expected 1, the first tick, in the first",
+        ),
+        (
+            phases((1, PAPER), (1, PATH)),
+            "network.switching[1].from: expected more than 1, as entri",
+        ),
         (
             phases((1, PAPER), (10, PATH), (11, PAPER), (2100, PATH), repeat=2100),
             "network.switching[2].from: expected at most 10, the last tick of the run, got 11; ",
         ),
-        (phases((1, PAPER), (9, PATH), repeat=8), "network.repeat: expected at least 9, where the"),
-        (f"repeat = 3\n{PAPER}", "network.repeat: is of network.switching, got 3; leave it out"),
-        (phases((1, PAPER), repeat=0), "network.repeat: expected greater than or equal to 1, got"),
-        (phases((0, PAPER)), "network.switching[0].from: expected greater than or equal to 1, got"),
-        (phases((1.5, PAPER)), "network.switching[0].from: expected a whole number, got 1.5"),
-        ("[[network.switching]]\n" + PAPER, "network.switching[0].from: missing, it has no defaul"),
-        ("switching = []", "network.switching: expected at least one, got []"),
-        (phases((1, "")), "network.switching[0]: expected one of adjacency (with pinning), genera"),
-        (PAPER + "\n" + phases((1, PAPER)), "got edge_list and switching; keep one of them"),
         (
-            phases((1, PAPER), (5, 'generator = { kind = "path", n = 5 }')),
+            phases((1, PAPER), (9, PATH), repeat=8),
+            "network.repeat: expected at least 9, where the",
+        ),
+        ({"repeat": 3, **PAPER}, "network.repeat: is of network.switching, got 3; leave it out"),
+        (
+            phases((1, PAPER), repeat=0),
+            "network.repeat: expected greater than or equal to 1, got 0",
+        ),
+        (
+            phases((0, PAPER)),
+            "network.switching[0].from: expected greater than or equal to 1, got",
+        ),
+        (phases((1.5, PAPER)), "network.switching[0].from: expected a whole number, got 1.5"),
+        ({"switching": [PAPER]}, "network.switching[0].from: missing, it has no defaul"),
+        ({"switching": []}, "network.switching: expected at least one, got []"),
+        (
+            phases((1, {})),
+            "network.switching[0]: expected one of adjacency (with pinning), generat",
+        ),
+        (PAPER | phases((1, PAPER)), "got edge_list and switching; keep one of them"),
+        (
+            phases((1, PAPER), (5, {"generator": {"kind": "path", "n": 5}})),
             "network.switching[1]: expected 6 robots, as network.switching[0] has, got 5",
         ),
         (
-            phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]")),
+            phases(
+                (1, PAPER), (5, {"edge_list": [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]})
+            ),
             "network.switching[1]: expected a spanning tree rooted at the target (assumption A2), "
             "but no path leads from the target to robots 5-6; let one of them hear the target (an ",
         ),
-        (phases((1, PAPER), (5, "edge_list = [[0, 1], [1, 1]]")), "switching[1].edge_list[1]: exp"),
-        (phases((1, PAPER), (5, "edge_lst = [[0, 1]]")), "network.switching[1].edge_lst: unknown "),
-        (f"[network.position]\n{PAPER}", "network.velocity: missing, it has no default beside net"),
-        (apart(PAPER, ""), "network.velocity: expected one of adjacency (with pinning), generator"),
         (
-            apart(PAPER, 'generator = { kind = "path", n = 5 }'),
+            phases((1, PAPER), (5, {"edge_list": [[0, 1], [1, 1]]})),
+            "switching[1].edge_list[1]: expe",
+        ),
+        (
+            phases((1, PAPER), (5, {"edge_lst": [[0, 1]]})),
+            "network.switching[1].edge_lst: unknown k",
+        ),
+        ({"position": PAPER}, "network.velocity: missing, it has no default beside net"),
+        (
+            separate(PAPER, {}),
+            "network.velocity: expected one of adjacency (with pinning), generator",
+        ),
+        (
+            separate(PAPER, {"generator": {"kind": "path", "n": 5}}),
             "network.velocity: expected 6 robots, as network.position has, got 5",
         ),
         (
-            apart(PAPER, 'generator = { kind = "path", n = 6, pinned = [2] }'),
+            separate(PAPER, {"generator": {"kind": "path", "n": 6, "pinned": [2]}}),
             "network.velocity: expected a spanning tree rooted at the target (assumption A2), but "
             "no path leads from the target to robot 1; let one of them hear the target (network.ve",
         ),
-        (apart(PAPER, "edges = 'a.csv'"), "network.velocity.edges: 'a.csv' is read where a scena"),
+        (
+            separate(PAPER, {"edges": "a.csv"}),
+            "network.velocity.edges: 'a.csv' is read where a scena",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, result):
     with pytest.raises(ScenarioError) as error:
-        networked(network)
+        on(network)
     assert result in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "gains"),
-    [
-        ("dcea2", "alpha = 1.1\nbeta = 0.9"),
-        ("pd_like", "alpha = 1.1\nbeta = 1.0"),
-        ("impulsive", "alpha = 0.5\nbeta = 0.5"),
-    ],
+    ("name", "alpha", "beta"), [("dcea2", 1.1, 0.9), ("pd_like", 1.1, 1.0), ("impulsive", 0.5, 0.5)]
 )
-def test_two_digraphs_are_refused_where_an_algorithm_has_use_for_one(name, gains):
-    text = (SCENARIOS / "hetero_information.toml").read_text("utf-8")
-    text = text.replace('name = "dcea1"\nalpha = 0.9\nbeta = 1.5', f'name = "{name}"\n{gains}')
+def test_two_digraphs_are_refused_where_an_algorithm_has_use_for_one(name, alpha, beta):
     with pytest.raises(ScenarioError) as error:
-        parse_scenario(text, "a", SCENARIOS, "a.toml")
+        example("hetero_information", {"algorithm": {"name": name, "alpha": alpha, "beta": beta}})
     assert str(error.value) == (
-        f"a.toml: network.velocity: {name} receives positions and velocities over one digraph; "
-        "give network one digraph, or take dcea1"
+        f"hetero_information.toml: network.velocity: {name} receives positions and velocities over "
+        "one digraph; give network one digraph, or take dcea1"
     )
-    sliding = text.replace(f'"{name}"', '"sliding"').replace(gains, "alpha = 0.5\nbeta = 0.5")
-    assert check(parse_scenario(sliding, "a", SCENARIOS, "a.toml")).phases[0].digraphs[1:]
+
+
+def test_sliding_uses_separate_digraphs_for_positions_and_velocities():
+    sliding = {"name": "sliding", "alpha": 0.5, "beta": 0.5}
+    checked = check(example("hetero_information", {"algorithm": sliding}))
+    assert len(checked.phases[0].digraphs) == 2
 
 
 def test_the_schema_knows_turns():
@@ -193,12 +210,8 @@ def test_the_schema_knows_turns():
 @pytest.mark.parametrize("name", ["switching", "hetero_information"])
 def test_recorded_samples_are_those_of_dense_matrices_in_turn(tmp_path, name):
     """x(t_{k+1}) from x(t_k) by the digraphs of k, read from the file by themselves."""
-    text = (
-        (SCENARIOS / f"{name}.toml").read_text("utf-8").replace("duration = 30.0", "duration = 4")
-    )
-    file = parse_scenario(text, name, SCENARIOS, name)
-    path = run(file, tmp_path / "run.mcap").path
-    given = tomllib.loads(text)
+    given = tables({"run.duration": 4.0}, base=name)
+    path = run(example(given), tmp_path / "run.mcap").path
     alpha, beta, h = given["algorithm"]["alpha"], given["algorithm"]["beta"], 0.1
 
     def share(form):
@@ -285,17 +298,14 @@ def test_a_period_is_promised_and_kept(tmp_path):
 
 def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
     """Now robot 1 and now robot 2 hears the target: docs/theory.md has the numbers."""
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-    start, end = text.index("[network]"), text.index("[target]")
-    pair = phases(
-        (1, "edge_list = [[0, 1], [1, 2]]"), (2, "edge_list = [[0, 2], [2, 1]]"), repeat=2
-    )
-    text = text[:start] + "[network]\n" + pair + text[end:]
-    for gain, settles in (("0.97", True), ("1.03", False)):
-        new = text.replace("alpha = 0.9", f"alpha = {gain}").replace("beta = 1.1", f"beta = {gain}")
-        new = new.replace("output_step = 0.02", "output_step = 0.1")
-        new = new.replace("duration = 30.0", "duration = 60.0")
-        file = parse_scenario(new, "pair", SCENARIOS, "pair")
+    first, second = {"edge_list": [[0, 1], [1, 2]]}, {"edge_list": [[0, 2], [2, 1]]}
+    pair = {
+        "network": phases((1, first), (2, second), repeat=2),
+        "run.output_step": 0.1,
+        "run.duration": 60.0,
+    }
+    for gain, settles in ((0.97, True), (1.03, False)):
+        file = paper(pair, {"algorithm.alpha": gain, "algorithm.beta": gain})
         checked = check(file)
         assert all(condition.holds for condition in checked.conditions)
         assert (checked.spectral_radius < 1) == settles
@@ -313,9 +323,9 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
 
 
 def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_path):
-    text = (SCENARIOS / "switching.toml").read_text("utf-8").replace("repeat = 25", "")
-    file = parse_scenario(text, "once", SCENARIOS, "once")
-    last = networked("edge_list = [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]")
+    once = {"network.repeat": None}
+    file = example("switching", once)
+    last = on({"edge_list": [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]})
     checked = check(file)
     assert checked.spectral_radius == pytest.approx(0.2)
     assert check(last).alpha_beta_bound == pytest.approx(2)
@@ -324,8 +334,7 @@ def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_
     assert found.quantities[0].measured == pytest.approx(
         found.quantities[0].bound.steady_state, rel=0.02
     )
-    late = text.replace("from = 21", "from = 270")
-    file = parse_scenario(late, "late", SCENARIOS, "late")
+    file = example("switching", once, {"network.switching.2.from": 270})
     found = compared(run(file, tmp_path / "late.mcap").path, file)
     assert [row.against_bound for row in found.quantities] == ["unknown"] * 4
 
@@ -348,8 +357,7 @@ def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
 
 
 def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
-    text = (SCENARIOS / "switching.toml").read_text("utf-8").replace('"dcea1"', '"dcea2"')
-    scenario = parse_scenario(text, "second", SCENARIOS, "second")
+    scenario = example("switching", {"algorithm.name": "dcea2"})
     checked = check(scenario)
     assert all(condition.holds for phase in checked.phases for condition in phase.conditions)
     assert (checked.spectral_radius < 1, checked.any_order.status) == (True, "refuted")
@@ -373,10 +381,7 @@ def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
     ],
 )
 def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles):
-    text = (SCENARIOS / f"{name}.toml").read_text("utf-8")
-    text = text.replace('"dcea1"', f'"{algorithm}"')
-    text = text.replace("sampling_period = 0.1", "sampling_period = 0.1\nsampling_jitter = 0.2")
-    scenario = parse_scenario(text, "jitter", SCENARIOS, "jitter")
+    scenario = example(name, {"algorithm.name": algorithm, "run.sampling_jitter": 0.2})
     checked = check(scenario)
     ultimate = ultimate_bounds(scenario, checked.rho)
     assert ultimate.why_not.endswith(why_not)

@@ -17,7 +17,7 @@ from rich.table import Column
 from nrs_cosim.orchestrator.cli.tables import findings_table, table
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.orchestrator.conftest import SCENARIOS, SHORT
+from tests.scenarios import SHORT, write
 
 WIDTHS = (60, 120)
 COLUMNS = (Column("what"), Column("value", justify="right"), Column(), Column("paper"))
@@ -69,9 +69,7 @@ def test_the_text_of_a_finding_hangs_beside_its_name_or_below(width):
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
     """Return a short run of the paper's example, whose bounds on tracking are unproven."""
-    path = tmp_path_factory.mktemp("terminal") / "s.toml"
-    path.write_text((SCENARIOS / "paper_first_order.toml").read_text("utf-8").replace(*SHORT))
-    return path
+    return write(tmp_path_factory.mktemp("terminal") / "s.toml", SHORT)
 
 
 def screen_of(width, command):

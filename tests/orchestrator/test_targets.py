@@ -24,28 +24,16 @@ from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.input_tables import file_columns
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.orchestrator.arms import target
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import PAPER_FILE, paper, toml, write
 
-TEXT = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
-START, END = TEXT.index("[target]"), TEXT.index("[plant]")
 TIMES = np.arange(0, 30.04, 0.05)
 SAMPLES = np.array([np.concatenate(target(t)) for t in TIMES])
 NAMES = ["position_1", "position_2", "velocity_1", "velocity_2"]
-INLINE = "kind = 'sampled'\ntimes = {}\npositions = {}\n"
+FROM_FILE = {"kind": "sampled", "file": "track.csv"}
 
 
-def scenario(table: str, *replacements: tuple[str, str]) -> str:
-    """Return the paper's example with another target."""
-    text = TEXT[:START] + table + "\n" + TEXT[END:]
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new, 1)
-    return text
-
-
-def inline(times, positions, *replacements):
-    table = "[target]\n" + INLINE.format(list(times), [list(row) for row in positions])
-    return parse_scenario(scenario(table, *replacements), "inline", SCENARIOS, "inline.toml")
+def sampled(times, positions):
+    return {"kind": "sampled", "times": times, "positions": positions}
 
 
 def csv_of(columns: dict) -> str:
@@ -57,13 +45,11 @@ def table(times=TIMES, names=NAMES, samples=SAMPLES) -> dict:
     return {"t": times.tolist()} | {name: samples[:, i].tolist() for i, name in enumerate(names)}
 
 
-def read(folder, text=None, name="track.csv", columns=None):
-    """Write a scenario and the file of its target, and read them."""
+def read(folder, target=FROM_FILE, columns=None):
+    """Write the paper's example with another target, and perhaps its file, and read them."""
     if columns is not None:
-        (folder / name).write_text(csv_of(columns), "utf-8")
-    text = text or scenario(f"[target]\nkind = 'sampled'\nfile = '{name}'\n")
-    (folder / "sampled.toml").write_text(text, "utf-8")
-    return read_scenario(folder / "sampled.toml")
+        (folder / "track.csv").write_text(csv_of(columns), "utf-8")
+    return read_scenario(write(folder / "sampled.toml", {"target": target}))
 
 
 @pytest.mark.parametrize(
@@ -76,8 +62,11 @@ def read(folder, text=None, name="track.csv", columns=None):
     ],
 )
 def test_the_samples_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path, form):
-    text = scenario(form) if form[0] == "[" else f"{form}\n" + TEXT[:START] + TEXT[END:]
-    file = read(tmp_path, text, columns=table())
+    rest = toml({"target": None})
+    text = f"{rest}\n{form}" if form[0] == "[" else f"{form}\n{rest}"
+    (tmp_path / "track.csv").write_text(csv_of(table()), "utf-8")
+    (tmp_path / "sampled.toml").write_text(text, "utf-8")
+    file = read_scenario(tmp_path / "sampled.toml")
     (tmp_path / "track.csv").unlink()
     again = parse_scenario(file.text, "again", tmp_path / "elsewhere", "again", file.assets)
     assert again.scenario == file.scenario
@@ -90,14 +79,14 @@ def test_the_samples_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path, 
 def test_parquet_is_read_as_csv_is(tmp_path):
     pyarrow.parquet.write_table(pyarrow.table(table()), tmp_path / "track.parquet")
     other = read(tmp_path, columns=table())
-    assert read(tmp_path, name="track.parquet").scenario == other.scenario
+    assert read(tmp_path, FROM_FILE | {"file": "track.parquet"}).scenario == other.scenario
 
 
 def test_lines_of_blanks_are_no_samples(tmp_path):
     expected = read(tmp_path, columns=table()).scenario
-    (tmp_path / "track.csv").write_text(csv_of(table()).replace("\n", "\n  \t\n\n"), "utf-8")
-    text = (tmp_path / "sampled.toml").read_text("utf-8")
-    assert read(tmp_path, text).scenario == expected
+    lines = csv_of(table()).splitlines()
+    (tmp_path / "track.csv").write_text("\n  \t\n\n".join(lines) + "\n  \t\n\n", "utf-8")
+    assert read(tmp_path).scenario == expected
 
 
 def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
@@ -106,11 +95,11 @@ def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
     with pytest.raises(
         ScenarioError, match=r"target.file: .*\.parquet file needs pyarrow, which is not"
     ):
-        read(tmp_path, name="track.parquet")
+        read(tmp_path, FROM_FILE | {"file": "track.parquet"})
 
 
 def test_a_scenario_without_a_file_is_left_as_it_is():
-    assert read_scenario(SCENARIOS / "paper_first_order.toml").text == TEXT
+    assert read_scenario(PAPER_FILE).text == PAPER_FILE.read_text("utf-8")
 
 
 BAD_FILES = {
@@ -175,52 +164,54 @@ def test_velocities_decide_nothing_and_a_target_at_rest_has_some(tmp_path):
 
 
 def test_a_file_beside_times(tmp_path):
-    text = scenario("[target]\nkind = 'sampled'\nfile = 'track.csv'\ntimes = [0, 1]\n")
     with pytest.raises(ScenarioError, match=r"target.file: got 'track.csv' and target.times too"):
-        read(tmp_path, text, columns=table())
+        read(tmp_path, FROM_FILE | {"times": [0, 1]}, columns=table())
 
 
 BAD_TABLES = {
     "kind": (
-        "kind = 'spline'",
+        {"kind": "spline"},
         "target.kind: expected 'harmonic', 'sampled' or 'fmu', got 'spline'",
     ),
     "key of the other kind": (
-        "kind = 'sampled'\naxes = []",
+        {"kind": "sampled", "axes": []},
         "target.axes: unknown key; there are kind, file, times, positions",
     ),
-    "misspelt": ("kind = 'sampled'\ntime = []", "target.time: unknown key; did you mean 'times'?"),
-    "nothing": ("kind = 'sampled'", "target.times: expected two times at least, got 0; give"),
-    "unread file": ("kind = 'sampled'\nfile = 'a.csv'", "target.file: 'a.csv' is read where"),
-    "rows": (INLINE.format("[0, 40]", "[[1]]"), "target.positions: expected 2 rows"),
+    "misspelt": (
+        {"kind": "sampled", "time": []},
+        "target.time: unknown key; did you mean 'times'?",
+    ),
+    "nothing": ({"kind": "sampled"}, "target.times: expected two times at least, got 0; give"),
+    "unread file": ({"kind": "sampled", "file": "a.csv"}, "target.file: 'a.csv' is read where"),
+    "rows": (sampled([0, 40], [[1]]), "target.positions: expected 2 rows"),
     "row": (
-        INLINE.format("[0, 40]", "[[1, 2], [1]]"),
+        sampled([0, 40], [[1, 2], [1]]),
         "target.positions[1]: expected 2 numbers, as in the first row, got 1",
     ),
-    "no axes": (INLINE.format("[0, 40]", "[[], []]"), "target.positions[0]: expected"),
+    "no axes": (sampled([0, 40], [[], []]), "target.positions[0]: expected"),
     "equal times": (
-        INLINE.format("[0, 1, 1.0, 40]", "[[1], [1], [1], [1]]"),
+        sampled([0, 1, 1.0, 40], [[1], [1], [1], [1]]),
         "target.times[2]: expected times that increase, got 1.0 after 1.0",
     ),
-    "no number": (INLINE.format("[0, nan]", "[[1], [2]]"), "target.times[1]: expected a finite"),
+    "no number": (sampled([0, float("nan")], [[1], [2]]), "target.times[1]: expected a finite"),
     "late": (
-        INLINE.format("[0.5, 40]", "[[1], [2]]"),
+        sampled([0.5, 40], [[1], [2]]),
         "target.times: expected times that cover 0 to 30.0 s, the end of the run, got 0.5 to 40.0",
     ),
     "early": (
-        INLINE.format("[0, 29]", "[[1], [2]]"),
+        sampled([0, 29], [[1], [2]]),
         "target.times: expected times that cover 0 to 30.0 s",
     ),
     "beyond floats": (
-        INLINE.format("[0, 1e-9, 40]", "[[-1e308], [1e308], [0]]"),
+        sampled([0, 1e-9, 40], [[-1e308], [1e308], [0]]),
         "target.positions: expected a motion of finite velocity",
     ),
     "too near": (
-        INLINE.format("[0, 5e-324, 1e-323, 40]", "[[1], [2], [3], [4]]"),
+        sampled([0, 5e-324, 1e-323, 40], [[1], [2], [3], [4]]),
         "target.positions: expected a motion of finite velocity",
     ),
     "axes of others": (
-        INLINE.format("[0, 40]", "[[1, 2, 3], [1, 2, 3]]"),
+        sampled([0, 40], [[1, 2, 3], [1, 2, 3]]),
         "disturbance.axes: expected 3 axes, one for each of the target's axes, got 2",
     ),
 }
@@ -230,8 +221,8 @@ BAD_TABLES = {
 def test_errors_of_tables_name_the_field_and_the_value(case):
     given, message = BAD_TABLES[case]
     with pytest.raises(ScenarioError) as error:
-        parse_scenario(scenario(f"[target]\n{given}\n"), "bad", SCENARIOS, "bad.toml")
-    assert f"bad.toml: {message}" in str(error.value)
+        paper({"target": given})
+    assert f"paper.toml: {message}" in str(error.value)
 
 
 def test_schema_has_both_kinds():
@@ -244,7 +235,7 @@ def test_schema_has_both_kinds():
 def ran(tmp_path_factory):
     """The paper's run, and the same with its target sampled densely: recordings."""
     folder = tmp_path_factory.mktemp("targets")
-    run(read_scenario(SCENARIOS / "paper_first_order.toml"), folder / "harmonic.mcap")
+    run(read_scenario(PAPER_FILE), folder / "harmonic.mcap")
     run(read(folder, columns=table()), folder / "sampled.mcap")
     with Reader(folder / "harmonic.mcap") as one, Reader(folder / "sampled.mcap") as other:
         yield one, other
@@ -307,12 +298,12 @@ def test_promises_are_of_any_target_and_are_kept(ran):
 
 def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
     """The same run judged by a target that stood still: what it did was not allowed."""
-    still = inline([0, 40], [[0, 0], [0, 0]])
+    still = paper({"target": sampled([0, 40], [[0, 0], [0, 0]])})
     assert still.target.bounds() == (0, 0)
     compared = compare_to_theory(ran[1], still, measure(ran[1], experiment_of(ran[1])))
     assert compared.quantities[0].against_bound == "exceeds"
 
 
 def test_duration_may_end_with_the_samples():
-    short = ("duration = 30.0", "duration = 0.3")
-    assert inline([0.0, 0.1, 0.2, 0.3], [[0, 0]] * 4, short).scenario.m == 2
+    target = sampled([0.0, 0.1, 0.2, 0.3], [[0, 0]] * 4)
+    assert paper({"run.duration": 0.3, "target": target}).scenario.m == 2

@@ -10,15 +10,12 @@ from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli import summary_text
 from nrs_cosim.orchestrator.cli.theory_text import _complex, convergence_rows
 from nrs_cosim.orchestrator.report.subject import subject_of
-from nrs_cosim.orchestrator.scenario.changes import Change
-from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
-from tests.orchestrator.conftest import SCENARIOS
-from tests.orchestrator.test_networks import experiment_of as networked
-from tests.orchestrator.test_networks import text_of
-from tests.orchestrator.test_switching import phases
+from tests.orchestrator.networks import on, phases
+from tests.scenarios import SCENARIOS, example
 
-PATH = 'generator = { kind = "path", n = 30 }'
+PATH = {"generator": {"kind": "path", "n": 30}}
 
 
 def said(scenario):
@@ -26,9 +23,7 @@ def said(scenario):
 
 
 def along_a_path(gain):
-    text = text_of(PATH, 1).replace("alpha = 0.9", f"alpha = {gain}")
-    text = text.replace("beta = 1.1", f"beta = {gain}")
-    return parse_scenario(text, "path", SCENARIOS, "path.toml")
+    return on(PATH, {"algorithm.alpha": gain, "algorithm.beta": gain})
 
 
 def table(scenario):
@@ -55,12 +50,10 @@ def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
 
 def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
-    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
-    text = text.replace("sampling_period = 0.1", "sampling_period = 0.4")
-    plain = check(parse_scenario(text, "h", SCENARIOS, "h.toml"))
+    period = {"run.sampling_period": 0.4}
+    plain = check(example("paper_example_3a", period))
     assert (plain.convergence, plain.as_json()["of"]) == ("converges", "the links as they are")
-    text += "\n[[faults.links]]\ndelay = 1\n"
-    scenario = parse_scenario(text, "delayed", SCENARIOS, "delayed.toml")
+    scenario = example("paper_example_3a", period, {"faults.links": [{"delay": 1}]})
     checked = check(scenario)
     result = checked.as_json()
     assert (result["convergence"], result["of"]) == ("unknown", "links without faults")
@@ -76,12 +69,7 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
 
 
 def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faults():
-    text = (
-        (SCENARIOS / "paper_lossy_links.toml")
-        .read_text("utf-8")
-        .replace("alpha = 0.9", "alpha = 5")
-    )
-    warnings = check(parse_scenario(text, "lossy", SCENARIOS, "lossy.toml")).warnings()
+    warnings = check(example("paper_lossy_links", {"algorithm.alpha": 5})).warnings()
     assert warnings
     assert all(line.startswith("of links without faults: ") for line in warnings)
 
@@ -110,9 +98,7 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
 
 
 def test_of_a_bound_below_0_no_interval_is_told():
-    text = (SCENARIOS / "paper_example_3a.toml").read_text("utf-8")
-    text = text.replace("beta = 0.9", "beta = 1.9")
-    warnings = check(parse_scenario(text, "beta", SCENARIOS, "beta.toml")).warnings()
+    warnings = check(example("paper_example_3a", {"algorithm.beta": 1.9})).warnings()
     assert any(line.startswith("no sampling_period above 0 is within the") for line in warnings)
     assert "(0, -" not in " ".join(warnings)
 
@@ -122,41 +108,53 @@ def test_digits_that_are_rounding_are_not_shown_of_an_eigenvalue():
     assert _complex(0.5 + 1e-17j) == "0.5"
 
 
-UNDECIDED = """
-[[network.switching]]
-from = 1
-adjacency = [[0, 6.537718247713378, 2.0870878045586156], [0, 0, 0.21751134499774766], [0, 0, 0]]
-pinning = [0, 0, 0.4635780459912557]
-[[network.switching]]
-from = 3
-adjacency = [[0, 0.10072298714206508, 0], [0, 0, 3.724074243181288], [0, 0, 0]]
-pinning = [0, 1.0785707615413929, 0.20099230474081026]
-[[network.switching]]
-from = 4
-adjacency = [[0, 0.22661238721856536, 0], [5.439090048080515, 0, 2.279450304638899],
-  [0, 4.587390490030428, 0]]
-pinning = [0, 0.3743103727606542, 0]
-"""
+UNDECIDED = phases(
+    (
+        1,
+        {
+            "adjacency": [
+                [0, 6.537718247713378, 2.0870878045586156],
+                [0, 0, 0.21751134499774766],
+                [0, 0, 0],
+            ],
+            "pinning": [0, 0, 0.4635780459912557],
+        },
+    ),
+    (
+        3,
+        {
+            "adjacency": [[0, 0.10072298714206508, 0], [0, 0, 3.724074243181288], [0, 0, 0]],
+            "pinning": [0, 1.0785707615413929, 0.20099230474081026],
+        },
+    ),
+    (
+        4,
+        {
+            "adjacency": [
+                [0, 0.22661238721856536, 0],
+                [5.439090048080515, 0, 2.279450304638899],
+                [0, 4.587390490030428, 0],
+            ],
+            "pinning": [0, 0.3743103727606542, 0],
+        },
+    ),
+)
 
 
 def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_near_enough():
-    text = text_of(PATH, 1)
-    head, _, tail = text.partition("[network]")
-    text = head + "[network]" + UNDECIDED + tail[tail.index("\n[") :]
-    file = parse_scenario(text, "near", SCENARIOS, "near.toml")
-    algorithm = "algorithm={name='impulsive',alpha=0.294,beta=0.349}"
-    period = "run={sampling_period=0.05,output_step=0.05}"
-    found = check(changed(file, [Change.of("--set", f"{algorithm},{period}")])).any_order
+    gains = {"algorithm": {"name": "impulsive", "alpha": 0.294, "beta": 0.349}}
+    times = {"run": {"duration": 1.0, "sampling_period": 0.05}}
+    found = check(on(UNDECIDED, gains, times)).any_order
     assert found.status == "proven"
     assert 0.999 < found.lower <= found.upper <= 0.9994
 
 
 def test_one_is_no_plural_and_nothing_is_said_twice():
-    result = said(networked("edge_list = [[0, 1], [2, 1], [1, 2]]"))
+    result = said(on({"edge_list": [[0, 1], [2, 1], [1, 2]]}))
     assert result["components"].startswith("1, strongly connected; of several robots: robots 1-2")
     assert "at most 2 links leads" in result["network"]
-    assert "at most 1 link leads" in said(networked("edge_list = [[0, 1], [0, 2]]"))["network"]
-    long = said(networked(phases((1, PATH), (5, PATH))))["k >= 5"]
+    assert "at most 1 link leads" in said(on({"edge_list": [[0, 1], [0, 2]]}))["network"]
+    long = said(on(phases((1, PATH), (5, PATH))))["k >= 5"]
     assert "; spectrum 30 eigenvalues, 0 to 0, all real; alone" in long
 
 

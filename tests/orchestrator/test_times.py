@@ -27,24 +27,16 @@ from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.page import page_data
 from nrs_cosim.recordings.report.text import lead
 from tests.orchestrator.arms import along
-from tests.orchestrator.conftest import SECOND_ORDER
 from tests.orchestrator.test_run import rows_of
+from tests.scenarios import SECOND_ORDER, SHORT, paper
 
 quick = settings(max_examples=60, deadline=None, derandomize=True, database=None)
-PERIOD = "sampling_period = 0.1     # s, the paper's h"
-JITTER = (PERIOD, f"{PERIOD}\nsampling_jitter = 0.35")
-DURATION = "duration = 30.0           # s; a whole number of sampling periods"
-STEP = "output_step = 0.02        # s; divides sampling_period; how often plant states are recorded"
+JITTER = {"run.sampling_jitter": 0.35}
 
 
-def listed(times, *more, step=None, duration=None):
+def listed(times, **run):
     """Return changes of the paper's example to a list of sampling times."""
-    return (
-        (DURATION, "" if duration is None else f"duration = {duration}"),
-        (PERIOD, f"sampling_times = {times}"),
-        (STEP, "" if step is None else f"output_step = {step}"),
-        *more,
-    )
+    return {"run": {"sampling_times": times, "seed": 1, **run}}
 
 
 clocks = st.builds(
@@ -85,7 +77,7 @@ def test_outputs_are_equal_parts_to_the_ns_and_end_at_t_k(clock, k):
     assert np.diff(outputs).min() > 0
 
 
-def test_jitter_is_drawn_for_each_sampling_time_alone(paper):
+def test_jitter_is_drawn_for_each_sampling_time_alone():
     clock = paper(JITTER).clock
     early = np.array([100_000_000 * k - clock.t(k) for k in range(1, 4 * BLOCK)])
     assert 0 <= early.min() < 1e6
@@ -94,28 +86,31 @@ def test_jitter_is_drawn_for_each_sampling_time_alone(paper):
     assert abs(np.corrcoef(early[1:], early[:-1])[0, 1]) < 4 / np.sqrt(len(early))
     backwards = [100_000_000 * k - clock.t(k) for k in range(4 * BLOCK - 1, 0, -1)]
     assert early.tolist() == backwards[::-1]
-    longer = paper(JITTER, ("duration = 30.0", "duration = 300.0")).clock
+    longer = paper(JITTER, {"run.duration": 300.0}).clock
     assert early.tolist() == [100_000_000 * k - longer.t(k) for k in range(1, 4 * BLOCK)]
-    other = paper(JITTER, ("seed = 1", "seed = 2")).clock
+    other = paper(JITTER, {"run.seed": 2}).clock
     assert early[7] != 800_000_000 - other.t(8)
 
 
-def test_no_jitter_is_periodic_sampling(paper):
+def test_no_jitter_is_periodic_sampling():
     periodic = paper().clock
-    assert paper((PERIOD, f"{PERIOD}\nsampling_jitter = 0")).clock == periodic
-    assert paper(*listed([0.1], duration=30, step=0.02)).clock == periodic
+    assert paper({"run.sampling_jitter": 0}).clock == periodic
+    assert paper(listed([0.1], duration=30, output_step=0.02)).clock == periodic
 
 
 BAD = {
     "both": (
-        ((PERIOD, f"{PERIOD}\nsampling_times = [0.1]"),),
+        {"run.sampling_times": [0.1]},
         "run.sampling_times: give these or run.sampling_period, not both",
     ),
-    "neither": (((PERIOD, ""),), "run.sampling_period: missing; give it, or run.sampling_times"),
+    "neither": (
+        {"run.sampling_period": None},
+        "run.sampling_period: missing; give it, or run.sampling_times",
+    ),
     "no times": (listed([]), "run.sampling_times: expected at least one, got []"),
-    "no duration": (((DURATION, ""),), "run.duration: missing, it has no default"),
+    "no duration": ({"run.duration": None}, "run.duration: missing, it has no default"),
     "jittered list": (
-        listed([0.1], ("seed = 1", "seed = 1\nsampling_jitter = 0.1")),
+        listed([0.1], sampling_jitter=0.1),
         "run.sampling_jitter: expected none beside run.sampling_times, got 0.1",
     ),
     "times that fall": (
@@ -135,52 +130,49 @@ BAD = {
     ),
     "no whole turns": (listed([0.1, 0.4], duration=1.0), "such as 0.8 or 1.2; got 1.0 s"),
     "nearest periods": (
-        (
-            ("duration = 30.0", "duration = 25.0"),
-            ("sampling_period = 0.1", "sampling_period = 0.15"),
-        ),
+        {"run.duration": 25.0, "run.sampling_period": 0.15},
         "periods of 0.15 s, such as 24.9 or 25.05, got 25.0 s",
     ),
     "shorter than a period": (
-        (("duration = 30.0", "duration = 0.05"),),
+        {"run.duration": 0.05},
         "of 0.1 s, such as 0.1, got 0.05 s",
     ),
     "60 Hz": (
-        (("sampling_period = 0.1", "sampling_period = 0.016666666666666666"),),
+        {"run.sampling_period": 0.016666666666666666},
         "no whole number of nanoseconds; the nearest is 0.016666667 s",
     ),
     "a third": (
-        (("sampling_period = 0.1", "sampling_period = 0.3333333333333333"),),
+        {"run.sampling_period": 0.3333333333333333},
         "no whole number of nanoseconds; the nearest is 0.333333333 s",
     ),
     "neither period nor duration": (
-        ((DURATION, ""), ("sampling_period = 0.1", "#")),
+        {"run.duration": None, "run.sampling_period": None},
         "paper.toml: run.duration: missing, it has no default\n"
         "paper.toml: run.sampling_period: missing; give it, or run.sampling_times",
     ),
     "more parts than ns": (
-        listed([1e-9, 1.0], step=0.25),
+        listed([1e-9, 1.0], output_step=0.25),
         "run.output_step: expected 1 parts of each interval at most, which is as many as the "
         "shortest has ns, got 0.25 s, which makes 4",
     ),
     "jitter of a whole period": (
-        ((PERIOD, f"{PERIOD}\nsampling_jitter = 1.0"),),
+        {"run.sampling_jitter": 1.0},
         "run.sampling_jitter: expected less than 1, got 1.0",
     ),
     "jitter that leaves no room": (
-        ((PERIOD, f"{PERIOD}\nsampling_jitter = 0.99999999"),),
+        {"run.sampling_jitter": 0.99999999},
         "run.sampling_jitter: expected a part that leaves every interval 5 ns at least, one for "
         "each output step, got 0.99999999",
     ),
     "text": (listed(["0.1"]), "run.sampling_times[0]: expected a valid number, got '0.1'"),
-    "one time": ((*listed(0.1),), "run.sampling_times: expected a list, got 0.1"),
+    "one time": (listed(0.1), "run.sampling_times: expected a list, got 0.1"),
 }
 
 
-@pytest.mark.parametrize(("changes", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_times(paper, changes, message):
+@pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_times(change, message):
     with pytest.raises(ScenarioError) as error:
-        paper(*changes)
+        paper(change)
     assert message in str(error.value)
 
 
@@ -191,9 +183,9 @@ START = "reference_position", "reference_velocity", "position", "velocity"
 
 
 @pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
-def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(paper, tmp_path, order):
-    changes = listed(TIMES, *([SECOND_ORDER] if order == 2 else []), duration=2.0, step=0.05)
-    outcome = run(paper(*changes), tmp_path / "run.mcap")
+def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(tmp_path, order):
+    times = listed(TIMES, duration=2.0, output_step=0.05)
+    outcome = run(paper(times, SECOND_ORDER if order == 2 else {}), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 25)
     turns = [turn * 400_000_000 for turn in range(5)]
     exact = [turn + t for turn in turns for t in (70e6, 100e6, 250e6, 333_333_333, 400e6)]
@@ -212,13 +204,13 @@ def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(paper, tmp_path, order)
         np.testing.assert_allclose(sampled[name][:, 1:], estimates[1:, ours], atol=1e-12 * scale)
 
 
-def test_a_list_without_a_duration_is_the_whole_run(paper, tmp_path):
-    outcome = run(paper(*listed(TIMES)), tmp_path / "run.mcap")
+def test_a_list_without_a_duration_is_the_whole_run(tmp_path):
+    outcome = run(paper(listed(TIMES)), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 5)
 
 
-def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
-    path = run(paper(*listed(TIMES, duration=0.8, step=0.05)), tmp_path / "run.mcap").path
+def test_a_report_draws_what_was_at_its_times(tmp_path):
+    path = run(paper(listed(TIMES, duration=0.8, output_step=0.05)), tmp_path / "run.mcap").path
     with Reader(path) as reader:
         drawn, recorded = story_of(reader), rows_of(states(reader), 6)
         sampled, duration = (
@@ -234,21 +226,20 @@ def test_a_report_draws_what_was_at_its_times(paper, tmp_path):
     assert "samples 0.03 to 0.15 s after one another and" in lead(drawn)
 
 
-def test_a_page_has_no_factor_where_there_is_none(paper, tmp_path):
-    changes = (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 1.0"))
-    with Reader(run(paper(*changes), tmp_path / "run.mcap").path) as reader:
+def test_a_page_has_no_factor_where_there_is_none(tmp_path):
+    with Reader(run(paper(JITTER, SECOND_ORDER, SHORT), tmp_path / "run.mcap").path) as reader:
         (page,) = page_data([story_of(reader)])["runs"]
     assert page["spectral_radius"] is None
     assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in page["lead"]
     json.dumps(page, allow_nan=False)
 
 
-def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
+def test_runs_of_all_kinds_of_times_keep_what_is_promised(tmp_path):
     """Of both algorithms, and of a list: what is measured is within what is proven."""
     for name, changes in {
-        "first": (JITTER, ("duration = 30.0", "duration = 12.0")),
-        "second": (JITTER, SECOND_ORDER, ("duration = 30.0", "duration = 12.0")),
-        "list": listed(TIMES, SECOND_ORDER, duration=12.0),
+        "first": (JITTER, {"run.duration": 12.0}),
+        "second": (JITTER, SECOND_ORDER, {"run.duration": 12.0}),
+        "list": (listed(TIMES, duration=12.0), SECOND_ORDER),
     }.items():
         file = paper(*changes)
         with Reader(run(file, tmp_path / f"{name}.mcap").path) as reader:
@@ -261,8 +252,8 @@ def test_runs_of_all_kinds_of_times_keep_what_is_promised(paper, tmp_path):
             assert 0.1 * row.bound.worst_case < row.measured or row.bound.name.startswith("|q")
 
 
-def test_a_measurement_beyond_the_bound_is_told_with_its_tick(paper, tmp_path):
-    file = paper(*listed(TIMES, duration=4.0))
+def test_a_measurement_beyond_the_bound_is_told_with_its_tick(tmp_path):
+    file = paper(listed(TIMES, duration=4.0))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         broken = SteadyState(1e3, 0.0, 0.0, 0.0, (3_700_000_001, 0, 0, 0))
         compared = compare_to_theory(reader, file, broken)
@@ -270,7 +261,7 @@ def test_a_measurement_beyond_the_bound_is_told_with_its_tick(paper, tmp_path):
     assert compared.quantities[0].tick == 5 * 9 + 2
 
 
-def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
+def test_the_theory_is_told_in_json_as_of_old_and_more():
     periodic, jittered = (check(paper(*more)).as_json() for more in ((), (JITTER,)))
     assert jittered.keys() - periodic.keys() == {"aperiodic"}
     assert periodic.keys() <= jittered.keys()
@@ -282,39 +273,38 @@ def test_the_theory_is_told_in_json_as_of_old_and_more(paper):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("times", "words"),
     [
-        ((SECOND_ORDER, (PERIOD, "sampling_period = 0.5")), "the estimates diverge: their error"),
-        ((SECOND_ORDER, (PERIOD, "sampling_times = [0.5]")), "the estimates diverge: their error"),
+        ({"run.sampling_period": 0.5}, "the estimates diverge: their error"),
+        (listed([0.5], duration=30.0), "the estimates diverge: their error"),
         (
-            (SECOND_ORDER, (PERIOD, "sampling_period = 0.5\nsampling_jitter = 0.2")),
+            {"run.sampling_period": 0.5, "run.sampling_jitter": 0.2},
             "some jitter lets the estimates diverge",
         ),
     ],
 )
-def test_what_does_not_settle_is_warned_of(paper, changes, words):
-    scenario = paper(*changes, (STEP, ""))
+def test_what_does_not_settle_is_warned_of(times, words):
+    scenario = paper(SECOND_ORDER, {"run.output_step": None}, times)
     assert words in check(scenario).warnings()[-1]
     assert "diverge" in ultimate_bounds(scenario).why_not
 
 
-def test_an_fmu_for_steps_of_one_length_is_refused_by_name(paper, tmp_path):
+def test_an_fmu_for_steps_of_one_length_is_refused_by_name(tmp_path):
     old = build("two_link_arm", 3)
     with ZipFile(old) as archive, ZipFile(tmp_path / "even.fmu", "w") as new:
         for name in archive.namelist():
             data = archive.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")
             new.writestr(name, data)
-    plant = f"fmu = '{tmp_path}/even.fmu'\ncontrol = 'hold'"
-    scenario = paper(JITTER, ('fmu = "two_link_arm"', plant))
+    plant = {"fmu": str(tmp_path / "even.fmu"), "control": "hold"}
+    scenario = paper(JITTER, {"plant": plant})
     with ExitStack() as stack, pytest.raises(FmuError, match="canHandleVariableCommunicationStep"):
         open_fleet(stack, group_by_archive(scenario), scenario.bodies())
 
 
-def test_a_jittered_run_goes_on_where_it_was_cut(paper, tmp_path):
+def test_a_jittered_run_goes_on_where_it_was_cut(tmp_path):
     file = paper(
         JITTER,
-        ("duration = 30.0", "duration = 3.0"),
-        ("seed = 1", "seed = 1\ncheckpoint_every = 10"),
+        {"run.duration": 3.0, "run.checkpoint_every": 10},
     )
     whole = run(file, tmp_path / "whole.mcap").path
     with Reader(whole) as reader:

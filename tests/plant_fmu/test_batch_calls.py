@@ -27,7 +27,7 @@ from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.native.batch_calls import NativeRounds, load_native
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.isolation.worker import AnnouncedLibrary
-from tests.plant_fmu.conftest import FAULTS
+from tests.plant_fmu.faulty_fmu import FAULTS
 from tests.plant_fmu.test_drives import DRIVES, bodies, each_version, play, wandering
 
 Array = NDArray[np.float64]

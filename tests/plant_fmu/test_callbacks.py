@@ -13,40 +13,30 @@ import pytest
 
 from tests.guard import GUARD
 from tests.plant_fmu.talker import build_talker
+from tests.scenarios import tables, write
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
 NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.__main__ import main; main()"]
 
-SCENARIO = """
-[run]
-duration = 1.0
-sampling_period = 0.1
-seed = 1
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-[controller]
-kp = 20.0
-kd = 10.0
-[network]
-adjacency = [[0, 1], [1, 0]]
-pinning = [1, 0]
-[target]
-axes = [{{ offset = 0.2, sines = [{{ amplitude = 0.3, frequency = 1.0 }}] }}]
-[plant]
-fmu = "talker.fmu"
-isolate = {isolate}
-[initial]
-position = {{ uniform = [0.0, 0.5] }}
-velocity = {{ uniform = [-0.5, 0.5] }}
-q = {{ uniform = [0.0, 0.5] }}
-qd = {{ uniform = [-0.5, 0.5] }}
-[[robots]]
-id = 1
-plant = {{ fmu = "talker.fmu", isolate = {isolate}, parameters = {{ refuses = {refuses} }} }}
-"""
+
+def two_robots(*, isolate, refuses=0.0):
+    """Return the tables of two robots that hear each other; the first may refuse a step."""
+    plant = {"fmu": "talker.fmu", "isolate": isolate}
+    up, around = {"uniform": [0.0, 0.5]}, {"uniform": [-0.5, 0.5]}
+    return tables(
+        {
+            "run": {"duration": 1.0, "sampling_period": 0.1, "seed": 1},
+            "controller": {"kp": 20.0, "kd": 10.0},
+            "network": {"adjacency": [[0, 1], [1, 0]], "pinning": [1, 0]},
+            "target.axes": [{"offset": 0.2, "sines": [{"amplitude": 0.3, "frequency": 1.0}]}],
+            "plant": plant,
+            "disturbance": None,
+            "initial": {"position": up, "velocity": around, "q": up, "qd": around},
+            "robots": [{"id": 1, "plant": {**plant, "parameters": {"refuses": refuses}}}],
+        }
+    )
+
 
 BEGIN = """
 import json, sys
@@ -206,9 +196,8 @@ def place(talker, tmp_path_factory):
     """Return a folder with the FMU, and a scenario of two robots that have it."""
     folder = tmp_path_factory.mktemp("place")
     shutil.copy(talker(2), folder / "talker.fmu")
-    for isolate in ("true", "false"):
-        text = SCENARIO.format(isolate=isolate, refuses=0)
-        (folder / f"isolate_{isolate}.toml").write_text(text)
+    for isolate in (True, False):
+        write(folder / f"isolate_{isolate}.toml".lower(), base=two_robots(isolate=isolate))
     return folder
 
 
@@ -239,28 +228,28 @@ def test_no_command_dies_of_an_fmu_that_logs_to_its_end(place, arguments):
         assert "(sampled, " in done.stdout
 
 
-@pytest.mark.parametrize("isolate", ["true", "false"])
+@pytest.mark.parametrize("isolate", [True, False])
 def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
-    (place / "refused.toml").write_text(SCENARIO.format(isolate=isolate, refuses=0.55))
+    write(place / "refused.toml", base=two_robots(isolate=isolate, refuses=0.55))
     done = nrs(place, "run", "refused.toml", "-o", f"refused_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
     assert "robot 1 (talker.fmu) at t = 0.5" in done.stderr
     assert "ended with Error: refused as no. 7, 0.25" in done.stderr
 
 
-@pytest.mark.parametrize("isolate", ["true", "false"])
+@pytest.mark.parametrize("isolate", [True, False])
 def test_nothing_is_called_after_a_fatal_step(place, isolate):
-    (place / "fatal.toml").write_text(SCENARIO.format(isolate=isolate, refuses=-0.55))
+    write(place / "fatal.toml", base=two_robots(isolate=isolate, refuses=-0.55))
     done = nrs(place, "run", "fatal.toml", "-o", f"fatal_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
     assert "ended with Fatal: refused as no. 7, 0.25" in done.stderr
 
 
-@pytest.mark.parametrize("isolate", ["true", "false"])
+@pytest.mark.parametrize("isolate", [True, False])
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_what_an_fmu_prints_is_no_part_of_our_output(tmp_path, isolate, command):
     build_talker(tmp_path / "talker.fmu", prints=True)
-    (tmp_path / "s.toml").write_text(SCENARIO.format(isolate=isolate, refuses=0))
+    write(tmp_path / "s.toml", base=two_robots(isolate=isolate))
     options = ["--json"] if command == "check" else ["-o", "run.mcap"]
     done = subprocess.run(
         [*NRS, command, "s.toml", *options],
@@ -272,7 +261,7 @@ def test_what_an_fmu_prints_is_no_part_of_our_output(tmp_path, isolate, command)
     )
     assert done.returncode == 0, done.stderr
     assert "printed by an FMU" not in done.stdout
-    assert ("printed by an FMU" in done.stderr) is (isolate == "false")
+    assert ("printed by an FMU" in done.stderr) is not isolate
     if command == "check":
         assert "spectral_radius" in json.loads(done.stdout)
     else:

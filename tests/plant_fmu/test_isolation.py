@@ -21,7 +21,6 @@ import pytest
 
 from nrs_cosim.orchestrator.engine.plants import Group, open_fleet
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import find_archive, open_archive
 from nrs_cosim.plant_fmu.bundled import builder
@@ -35,54 +34,14 @@ from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD, LIMIT
-from tests.plant_fmu.conftest import FAULTS
+from tests.plant_fmu.faulty_fmu import three_robots
+from tests.scenarios import example, write
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
 NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.cli.main import main; main()"]
 LATE = f"the FMU did not return within {LIMIT:g} s (plant.deadline)"
 BEFORE_THE_RUN = -1.0
-
-SCENARIO = """
-[run]
-duration = 1.0
-sampling_period = 0.1
-seed = 1
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-[controller]
-kp = 10.0
-kd = 10.0
-[network]
-adjacency = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-pinning = [1, 0, 0]
-[target]
-axes = [{{ rate = 2.0 }}, {{ rate = -2.0 }}]
-[plant]
-fmu = "{fmu}"
-{plant}
-[initial]
-position = {{ uniform = [-1.0, 1.0] }}
-velocity = {{ uniform = [-1.0, 1.0] }}
-q = {{ uniform = [-1.0, 1.0] }}
-qd = {{ uniform = [-1.0, 1.0] }}
-[[robots]]
-id = 2
-[robots.plant]
-fmu = "{fmu}"
-parameters = {{ {parameters} }}
-{plant}
-"""
-
-
-def scenario(fault="none", at=0.55, plant="", fmu="faulty.fmu"):
-    """Return three robots' text; the second has a fault in the step that ends after a time."""
-    parameters = ""
-    if fault != "none":
-        parameters = f"fault = {FAULTS.index(fault)}, fault_time = {at}"
-    return SCENARIO.format(fmu=fmu, plant=plant, parameters=parameters)
 
 
 class Life:
@@ -131,8 +90,8 @@ def start(place):
     """Return a function that starts the command on a scenario; it records into run.mcap."""
     with ExitStack() as stack:
 
-        def started(text):
-            (place / "s.toml").write_text(text, "utf-8")
+        def started(scenario):
+            write(place / "s.toml", base=scenario)
             command = subprocess.Popen(
                 [*NRS, "run", "s.toml", "-o", "run.mcap"],
                 cwd=place,
@@ -152,8 +111,8 @@ def run_here(place, monkeypatch):
     """Return a function that runs the command on a scenario; the FMU has a process of its own."""
     monkeypatch.setattr(tempfile, "tempdir", str(place / "temporary"))
 
-    def ran(text):
-        (place / "s.toml").write_text(text, "utf-8")
+    def ran(scenario):
+        write(place / "s.toml", base=scenario)
         return nrs("run", "s.toml", "-o", "run.mcap", cwd=place)
 
     return ran
@@ -190,8 +149,8 @@ def nothing_left(place, words):
     ],
 )
 def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at, cause):
-    deadline = f"deadline = {LIMIT}" if fault == "hang" else ""
-    done = run_here(scenario(fault, plant=deadline))
+    deadline = {"deadline": LIMIT} if fault == "hang" else {}
+    done = run_here(three_robots(fault, **deadline))
     assert done.returncode == 1
     expected = f"robot 2 (faulty.fmu) at t = {at} s: {cause}"
     assert f"failed: {expected}" in done.stderr
@@ -207,7 +166,7 @@ def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at
 def test_a_crash_is_named_too_where_nothing_can_be_compiled(run_here, tmp_path, life, monkeypatch):
     monkeypatch.setenv("CC", "none-such")
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "nothing"))
-    errors = run_here(scenario("segfault")).stderr
+    errors = run_here(three_robots("segfault")).stderr
     assert "robot 2 (faulty.fmu) at t = 0.5 s: the FMU crashed with SIGSEGV, in step" in errors
     assert life.until(None)
 
@@ -224,7 +183,7 @@ def test_a_crash_is_named_too_where_nothing_can_be_compiled(run_here, tmp_path, 
     ],
 )
 def test_a_fault_before_the_run_is_bad_input(run_here, place, life, fault, cause):
-    done = run_here(scenario(fault, at=BEFORE_THE_RUN, plant=f"deadline = {LIMIT}"))
+    done = run_here(three_robots(fault, at=BEFORE_THE_RUN, deadline=LIMIT))
     assert done.returncode == 2
     assert cause in done.stderr
     assert done.stderr.startswith("error: s.toml: plant: faulty.fmu: ")
@@ -235,7 +194,7 @@ def test_a_fault_before_the_run_is_bad_input(run_here, place, life, fault, cause
 
 def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
-    done = run_here(scenario())
+    done = run_here(three_robots())
     assert done.returncode == 2
     result = "plant: faulty.fmu: robots 1-3: the FMU aborted (SIGABRT), in loading"
     assert done.stderr == f"error: s.toml: {result}\n"
@@ -259,7 +218,7 @@ def test_a_crash_before_the_run_is_told_with_the_tool_that_the_fmu_needs(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
 def test_a_killed_parent_leaves_no_worker_behind(start, life):
-    command = start(scenario("hang", plant="deadline = 3600"))
+    command = start(three_robots("hang", deadline=3600))
     words = life.until("hangs")
     command.kill()
     command.communicate(timeout=GUARD)
@@ -269,7 +228,7 @@ def test_a_killed_parent_leaves_no_worker_behind(start, life):
 
 
 def test_without_isolation_the_fmu_runs_in_the_process_of_the_command(start, life):
-    command = start(scenario("exit", plant="isolate = false"))
+    command = start(three_robots("exit", isolate=False))
     command.communicate(timeout=GUARD)
     assert command.returncode == 7
     assert life.until(None) == [str(command.pid)]
@@ -287,11 +246,11 @@ def test_isolation_changes_no_bit(tmp_path, fmi):
     foreign(tmp_path / "arm.fmu", fmi)
     assert not open_archive(tmp_path / "arm.fmu").ours
     digests = []
-    for isolate in ("true", "false"):
-        text = scenario(fmu="arm.fmu", plant=f"isolate = {isolate}")
-        text = text.replace("seed = 1", "seed = 1\noutput_step = 0.05")
+    for isolate in (True, False):
+        arms = three_robots(fmu="arm.fmu", isolate=isolate)
         path = tmp_path / f"{isolate}.mcap"
-        assert run(parse_scenario(text, "s", tmp_path, "s"), path).status == "completed"
+        file = example(arms, {"run.output_step": 0.05}, folder=tmp_path)
+        assert run(file, path).status == "completed"
         with Reader(path, verify=True) as reader:
             digests.append(reader.digest)
     assert digests[0] == digests[1]
@@ -384,7 +343,7 @@ def test_a_checkpoint_that_is_refused_apart_says_why(faulty):
 
 def test_once_per_process_needs_isolation(place, monkeypatch):
     monkeypatch.setattr("nrs_cosim.plant_fmu.archives.archive.Archive.once_per_process", True)
-    file = parse_scenario(scenario(plant="isolate = false"), "s", place, "s")
+    file = example(three_robots(isolate=False), folder=place)
     with pytest.raises(FmuError, match=r"only once per process, but 3 robots have it"):
         run(file, place / "run.mcap")
 

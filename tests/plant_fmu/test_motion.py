@@ -18,7 +18,7 @@ from tests.guard import LIMIT
 from tests.orchestrator.arms import target
 from tests.plant_fmu import hinge
 from tests.plant_fmu.archives import renamed, rewritten
-from tests.plant_fmu.conftest import FAULTS
+from tests.plant_fmu.faulty_fmu import FAULTS
 from tests.plant_fmu.robots import Robot
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

@@ -16,7 +16,7 @@ from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.plant_fmu.archives import rewritten
-from tests.plant_fmu.conftest import FAULTS
+from tests.plant_fmu.faulty_fmu import FAULTS
 from tests.plant_fmu.test_check import changed
 
 pytestmark = [

@@ -22,7 +22,6 @@ from scipy.spatial.transform import Rotation
 
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
@@ -35,6 +34,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.equations import Equations
 from tests.plant_fmu.test_rigid_body import TURNING_SLIDER
+from tests.scenarios import paper
 
 Array = NDArray[np.float64]
 CHECK_BUILT = built.check_built
@@ -355,47 +355,42 @@ def test_a_rebuild_is_the_same_bytes(tmp_path: Path) -> None:
 
 # The arm among others
 
-SCENARIO = """
-[run]
-duration = 12.0
-sampling_period = 0.1
-output_step = 0.05
-seed = 1
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-[controller]
-kp = [6000, 12000, 4000, 6000, 1000, 1000, 200]
-kd = [600, 1200, 300, 400, 50, 30, 3]
-[network]
-adjacency = [[0, 1, 0], [0, 0, 0], [1, 0, 0]]
-pinning = [0, 1, 0]
-[target]
-kind = "harmonic"
-axes = [
-  { sines = [{ amplitude = 0.5, frequency = 0.4 }] },
-  { offset = 0.5, sines = [{ amplitude = 0.2, frequency = 0.5 }] },
-  { cosines = [{ amplitude = 0.3, frequency = 0.3 }] },
-  { offset = -1.2, sines = [{ amplitude = 0.3, frequency = 0.4 }] },
-  { sines = [{ amplitude = 0.4, frequency = 0.6 }] },
-  { offset = 0.8 },
-  { rate = 0.1 },
-]
-[plant]
-fmu = "arm.fmu"
-[initial]
-position = { uniform = [-0.5, 0.5] }
-velocity = { uniform = [-0.1, 0.1] }
-q = { uniform = [-0.5, 0.5] }
-qd = { uniform = [-0.1, 0.1] }
-"""
+
+def sine(amplitude: float, frequency: float) -> dict[str, list[dict[str, float]]]:
+    return {"sines": [{"amplitude": amplitude, "frequency": frequency}]}
+
+
+ARMS = {
+    "run": {"duration": 12.0, "sampling_period": 0.1, "output_step": 0.05, "seed": 1},
+    "controller": {
+        "kp": [6000, 12000, 4000, 6000, 1000, 1000, 200],
+        "kd": [600, 1200, 300, 400, 50, 30, 3],
+    },
+    "network": {"adjacency": [[0, 1, 0], [0, 0, 0], [1, 0, 0]], "pinning": [0, 1, 0]},
+    "target.axes": [
+        sine(0.5, 0.4),
+        {"offset": 0.5, **sine(0.2, 0.5)},
+        {"cosines": [{"amplitude": 0.3, "frequency": 0.3}]},
+        {"offset": -1.2, **sine(0.3, 0.4)},
+        sine(0.4, 0.6),
+        {"offset": 0.8},
+        {"rate": 0.1},
+    ],
+    "plant.fmu": "arm.fmu",
+    "disturbance": None,
+    "initial": {
+        "position": {"uniform": [-0.5, 0.5]},
+        "velocity": {"uniform": [-0.1, 0.1]},
+        "q": {"uniform": [-0.5, 0.5]},
+        "qd": {"uniform": [-0.1, 0.1]},
+    },
+}
 
 
 def test_the_arm_runs_under_the_papers_algorithm(tmp_path: Path) -> None:
     """The gains hold the arm against gravity to some hundredths of a radian: |e| <= |G| / kp."""
     (tmp_path / "arm.fmu").write_bytes(build_urdf(read_urdf(IIWA)).read_bytes())
-    outcome = run(parse_scenario(SCENARIO, "arms", tmp_path, "arms.toml"), tmp_path / "run.mcap")
+    outcome = run(paper(ARMS, folder=tmp_path), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 120)
     with Reader(outcome.path) as reader:
         measured = measure(reader, experiment_of(reader))

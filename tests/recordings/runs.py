@@ -21,39 +21,27 @@ from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
+from tests.scenarios import tables, toml
 
 H = 100_000_000  # ns
 
 
-def scenario(n: int, m: int, ticks: int) -> str:
-    """The scenario of a run of n robots with m joints: a chain that hears a target at rest."""
-    chain = ", ".join(f"[{robot - 1}, {robot}]" for robot in range(1, n + 1))
-    return f"""
-[run]
-duration = {ticks * H / 1e9}
-sampling_period = {H / 1e9}
-output_step = {H / 2e9}
-seed = 1
+def chain(n: int, m: int, ticks: int) -> dict[str, Any]:
+    """The tables of n robots with m joints, of which each hears the one before it, from the target.
 
-[algorithm]
-name = "dcea1"
-alpha = 0.9
-beta = 1.1
-
-[controller]
-kp = 200.0
-kd = 300.0
-
-[network]
-edge_list = [{chain}]
-
-[target]
-kind = "harmonic"
-axes = [{", ".join(["{ offset = 1.0 }"] * m)}]
-
-[plant]
-fmu = "two_link_arm"
-"""
+    The target is at rest.
+    """
+    return tables(
+        {
+            "run.duration": ticks * H / 1e9,
+            "run.sampling_period": H / 1e9,
+            "run.output_step": H / 2e9,
+            "network": {"edge_list": [[robot - 1, robot] for robot in range(1, n + 1)]},
+            "target.axes": [{"offset": 1.0}] * m,
+            "disturbance": None,
+            "initial": None,
+        }
+    )
 
 
 def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
@@ -116,7 +104,7 @@ def create(
     """A writer of such a run."""
     codecs = codecs or Codecs.of(Sizes(m))
     used: list[Channel] = channels(codecs, n, faulty, False)
-    attachments = {"scenario.toml": ("application/toml", scenario(n, m, ticks).encode())}
+    attachments = {"scenario.toml": ("application/toml", toml(base=chain(n, m, ticks)).encode())}
     head = {
         "channels": used,
         "schemas": schemas(used, codecs),

@@ -38,7 +38,8 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
-from tests.recordings.runs import about, create, recorded, scenario, tick
+from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.scenarios import toml
 
 ROOT = Path(__file__).parents[2]
 MIB = 2**20
@@ -179,7 +180,7 @@ def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path
 def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
     """Write a run with right seals and checksums that says of itself what it is asked to."""
     used = channels(Codecs.of(Sizes(M)), N, (), False)
-    attachments = {"scenario.toml": ("application/toml", scenario(N, M, TICKS).encode())}
+    attachments = {"scenario.toml": ("application/toml", toml(base=chain(N, M, TICKS)).encode())}
     metadata = about(N, M, TICKS)
     metadata[RUN]["joints"] = str(m)
 

@@ -24,7 +24,8 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.recorder import channels
 from nrs_cosim.recordings.schemas import FIELDS, fields_record
-from tests.recordings.runs import about, create, recorded, scenario, tick
+from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.scenarios import toml
 
 N, M, TICKS, FAULTY = 4, 2, 7, (2, 3)
 SIZES = Sizes(M, N, 3)
@@ -292,7 +293,7 @@ def test_a_schema_that_no_run_writes_is_refused_by_name(tmp_path, name, schema, 
         channels=used,
         schemas=[Schema(*one) for one in data.items()],
         metadata=about(2, M, 2),
-        attachments={"scenario.toml": ("application/toml", scenario(2, M, 2).encode())},
+        attachments={"scenario.toml": ("application/toml", toml(base=chain(2, M, 2)).encode())},
     ) as writer:
         for k in range(3):
             writer.write(tick(k, 2, M))
@@ -348,7 +349,7 @@ def test_what_is_said_of_fields_and_cannot_be_is_refused_by_name(tmp_path, recor
         channels=used,
         schemas=[Schema(kind.name, kind.descriptor()) for kind in codecs.types],
         metadata={**about(2, M, 2), **said},
-        attachments={"scenario.toml": ("application/toml", scenario(2, M, 2).encode())},
+        attachments={"scenario.toml": ("application/toml", toml(base=chain(2, M, 2)).encode())},
     ) as writer:
         for k in range(3):
             writer.write(tick(k, 2, M, (), codecs))
@@ -371,7 +372,7 @@ def test_one_kind_of_messages_has_one_schema(tmp_path: Path) -> None:
         channels=other,
         schemas=[Schema(kind.name, kind.descriptor()) for kind in codecs.types],
         metadata=about(2, M, 2),
-        attachments={"scenario.toml": ("application/toml", scenario(2, M, 2).encode())},
+        attachments={"scenario.toml": ("application/toml", toml(base=chain(2, M, 2)).encode())},
     ) as writer:
         writer.write(tick(0, 2, M))
         writer.finish("completed")

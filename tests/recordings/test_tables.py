@@ -20,7 +20,8 @@ from nrs_cosim.recordings.mcap.columns import columns
 from nrs_cosim.recordings.mcap.container import DamageError, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from tests.recordings.runs import about, create, recorded, scenario, tick
+from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.scenarios import toml
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
 KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
@@ -93,7 +94,7 @@ def test_only_the_chunks_of_a_range_are_read(run, monkeypatch: pytest.MonkeyPatc
 
 def test_a_recording_says_what_it_is(run) -> None:
     with Recording(run[0]) as recording, Reader(run[0]) as reader:
-        assert recording.scenario == scenario(N, M, TICKS)
+        assert recording.scenario == toml(base=chain(N, M, TICKS))
         assert recording.metadata == about(N, M, TICKS)
         assert (recording.status, recording.reason, recording.damage) == ("completed", "", [])
         assert (recording.digest, recording.ticks) == (reader.digest, TICKS)

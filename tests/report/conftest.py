@@ -1,16 +1,14 @@
 """Recordings to report on, and a browser to look at reports with."""
 
 import shutil
-from pathlib import Path
 
 import pytest
 
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.report.subject import story_of
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
-
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
+from tests.scenarios import PAPER, PAPER_FILE, SCENARIOS, example
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +19,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="session")
 def paper(folder):
     """Return the recording of the paper's example, whole."""
-    return run(read_scenario(SCENARIOS / "paper_first_order.toml"), folder / "paper.mcap").path
+    return run(read_scenario(PAPER_FILE), folder / "paper.mcap").path
 
 
 @pytest.fixture(scope="session")
@@ -32,15 +30,10 @@ def lossy(folder):
 
 @pytest.fixture(scope="session")
 def recorded(folder):
-    """Return a function that records the paper's example with some of its text replaced."""
-    text = (SCENARIOS / "paper_first_order.toml").read_text("utf-8")
+    """Return a function that records the paper's example with other values."""
 
-    def record(name, *replacements):
-        new = text
-        for old, replacement in replacements:
-            assert old in new
-            new = new.replace(old, replacement)
-        file = parse_scenario(new, name, SCENARIOS, "paper.toml")
+    def record(name, *changes):
+        file = example(PAPER, *changes, name=name)
         return run(file, folder / f"{name.replace('/', '')}.mcap").path
 
     return record

@@ -26,7 +26,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report import server as server_module
 from nrs_cosim.recordings.report.server import LiveServer
 from tests.guard import GUARD
-from tests.report.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 nrs = CliRunner()
 FIRST_ORDER = SCENARIOS / "paper_first_order.toml"

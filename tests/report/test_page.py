@@ -43,7 +43,7 @@ def table_of(path, read):
 
 
 def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
-    path = recorded("fine", ("output_step = 0.02", "output_step = 0.005"))
+    path = recorded("fine", {"run.output_step": 0.005})
     data, rows = sentences_of(page([story(path)])), table_of(path, states)
     seen = 0
     for figure, name in (("estimates", "reference_position"), ("estimates", "reference_velocity")):
@@ -236,7 +236,7 @@ def test_a_run_whose_first_tick_is_to_come_has_a_page(empty):
 
 
 def test_names_from_a_recording_cannot_leave_the_data(recorded):
-    path = recorded("</script><b>{{plotly}}", ("duration = 30.0", "duration = 1.0"))
+    path = recorded("</script><b>{{plotly}}", {"run.duration": 1.0})
     text = page([story(path)])
     assert "</script><b>" not in text
     assert sentences_of(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
