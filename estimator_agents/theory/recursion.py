@@ -18,16 +18,11 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.matrices import Matrix, identity_like, kron
 from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps, modes, name_of
+from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps, name_of
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 
 Array = NDArray[np.float64]
-
-TRIED = (0.0, 0.5, -0.9, 0.3 + 0.4j)
-"""Eigenvalues of D that an algorithm's modes are looked at for."""
-NEAR = 1e-9
-"""Relative: how near they are to be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,45 +116,6 @@ def linear_jump(algorithm: Algorithm) -> tuple[Array, Array] | None:
     if not np.allclose(_jump(algorithm, tried), matrix @ tried, rtol=1e-12, atol=1e-12):
         return None
     return matrix[:, :2], matrix[:, 2:]
-
-
-@np.errstate(all="ignore")
-def expect_modes(algorithm: Algorithm, h: float) -> None:
-    """Raise `AlgorithmError` where an algorithm's modes are not those of its own jump.
-
-    Of an eigenvalue s of D the modes are the two eigenvalues of F (K + (s − 1) G). Their sum and
-    product are compared, which rounding does little to. One that gives none says nothing wrong.
-    """
-    found = linear_jump(algorithm)
-    if not jumps(algorithm):
-        return
-    if found is None:
-        if len(modes(algorithm, (np.zeros(1, np.complex128),), h)):
-            raise AlgorithmError(
-                f"algorithm {name_of(algorithm)}: its jump is not linear, so that it has no modes; "
-                "let modes return an empty array"
-            )
-        return
-    keep, gain = found
-    flow = np.array([[1.0, h], [0.0, 1.0]])
-    for s in TRIED:
-        given = modes(algorithm, (np.array([s], np.complex128),), h)
-        A = flow @ (keep + (s - 1) * gain)
-        size = np.abs(A).sum()
-        if not len(given) or not np.isfinite(size**2):
-            continue
-        wrong = abs(given.sum() - A.trace()) > NEAR * size
-        wrong |= abs(given.prod() - np.linalg.det(A)) > NEAR * size**2
-        if len(given) != 2 or wrong or not np.isfinite(given).all():
-            true = np.linalg.eigvals(A)
-            raise AlgorithmError(
-                f"algorithm {name_of(algorithm)}: modes of s = {s:g} at h = {h:g} s are "
-                f"{_listed(given)}, but its jump has {_listed(true)}"
-            )
-
-
-def _listed(numbers: NDArray[np.complex128]) -> str:
-    return " and ".join(f"{z.real:.6g}" if z.imag == 0 else f"{z:.6g}" for z in numbers)
 
 
 def _jump(algorithm: Algorithm, given: Array) -> Array:

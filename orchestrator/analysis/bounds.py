@@ -22,6 +22,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case,
     worst_case_always,
 )
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
@@ -40,6 +41,9 @@ from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTar
 
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.theory.design import Design
+
+
+_FEWER = "of agents that keep more than a position and a velocity there are bounds "
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +81,8 @@ class UltimateBounds:
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
+    settled: SteadyMotion | None
+    """The same of an algorithm whose agents keep more, of which a run's beginning is not known."""
     worst_case: EstimateBounds | None
     paper: PaperBound | None
     robots: list[Bounded]
@@ -85,7 +91,8 @@ class UltimateBounds:
     @property
     def steady_state(self) -> EstimateBounds | None:
         """The largest that the estimates' errors come to, for this target."""
-        return self.motion.bound if self.motion else None
+        motion = self.motion or self.settled
+        return motion.bound if motion else None
 
     @property
     def sampled(self) -> bool:
@@ -189,8 +196,13 @@ def ultimate_bounds(
         rho = rho_of(algorithm, topologies, spectra_of(topologies), periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
-    why_not = _why_not(experiment, recursions, recursion, rho)
-    motion, worst, always, paper = None, None, None, None
+    step = None
+    if not recursions and periods.constant_period is not None and len(topologies.digraphs) == 1:
+        step = linear_step(algorithm, periods.constant_period)
+    why_not = _why_not(experiment, recursions, recursion, step, rho)
+    motion, settled, worst, always, paper = None, None, None, None, None
+    if step is not None and isinstance(target, Harmonic) and not why_not:
+        settled = step.steady_motion(topologies.digraphs[0].D, target)
     if recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
@@ -227,6 +239,7 @@ def ultimate_bounds(
         1 if topologies.repeat else topologies.since[-1],
         rho.radius,
         motion,
+        settled,
         worst,
         paper,
         robots,
@@ -279,6 +292,7 @@ def _why_not(
     experiment: Experiment,
     recursions: list[Recursion],
     lasting: Recursion | None,
+    step: LinearStep | None,
     rho: RadiusBounds,
 ) -> str:
     topologies, periods = experiment.topologies, periods_of(experiment)
@@ -288,8 +302,19 @@ def _why_not(
         why_unknown(experiment.algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _not_converging(rho): rho.status != "proven",
-        "the algorithm does not jump linearly": not recursions,
-        "a period of turns is too long for bounds on so many robots": lasting is None,
+        _FEWER + "on one digraph, at a constant period": (
+            not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
+        ),
+        "the algorithm is not known to be linear": not recursions and step is None,
+        _FEWER + "for a target of sines": (
+            not recursions and not isinstance(experiment.target, Harmonic)
+        ),
+        "the target's sample is not that of an agent which is right": (
+            step is not None and not step.agrees
+        ),
+        "a period of turns is too long for bounds on so many robots": (
+            bool(recursions) and lasting is None
+        ),
         "of digraphs in turn there are bounds at periodic sampling times alone": (
             topologies.switching and periods.constant_period is None
         ),

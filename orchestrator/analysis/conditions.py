@@ -10,8 +10,9 @@ import numpy as np
 from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
+from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
-from nrs_cosim.estimator_agents.theory.recursion import Recursion, expect_modes
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until

@@ -11,8 +11,9 @@ import numpy as np
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, modes
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, jumps
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds, radius_bounds
+from nrs_cosim.estimator_agents.theory.linear_step import linear_step, modes_of, radius_of_list
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import period, period_radius
@@ -74,15 +75,24 @@ def rho_of(
 def rho_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> RadiusBounds:
     """Return bounds on the factor of one digraph, or of two, which then no period matters to."""
     if periods.constant_period is None and len(spectra) == 1:
-        return radius_bounds(algorithm, spectra[0], periods)
-    radius = spectral_radius(modes(algorithm, spectra, periods.mean))
+        if jumps(algorithm) or periods.early:
+            return radius_bounds(algorithm, spectra[0], periods)
+        radius = radius_of_list(algorithm, spectra[0], periods.gaps)
+    else:
+        radius = spectral_radius(modes_of(algorithm, spectra, periods.mean))
     return RadiusBounds(radius, radius)
 
 
 def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Periods) -> str:
     """Return why there is no factor, where there is none."""
     if linear_jump(algorithm) is None:
-        return "the algorithm does not jump linearly"
+        if jumps(algorithm):
+            return "the algorithm does not jump linearly"
+        if linear_step(algorithm, periods.mean) is None:
+            return "the algorithm is not known to be linear"
+        if topologies.switching or periods.early:
+            of = "digraphs in turn" if topologies.switching else "sampling times that are drawn"
+            return f"of {of} it is computed where agents keep a position and a velocity alone"
     if topologies.switching and periods.constant_period is None and not for_any_periods(algorithm):
         return "of digraphs in turn at times that are not periodic it is not computed"
     return "it is not found: of so large digraphs in turn, or numbers out of all proportion"

@@ -8,7 +8,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm
-from nrs_cosim.estimator_agents.theory.recursion import expect_modes
+from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
 from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.command import nrs

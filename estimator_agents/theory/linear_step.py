@@ -1,0 +1,242 @@
+"""One sampling period of a linear algorithm, whatever its agents keep and send: asked of the code.
+
+Let x be what an agent keeps, s fields on one axis of m, and σ = S x what it sends. Where the law is
+linear in x and in the weighted mean of what is received, one period takes x(t_k) to
+
+    x_i(t_{k+1}) = F (K x_i + Σ_j w_ij/ϖ_i G σ_j)
+
+and of all robots A = F K ⊗ I + F G S ⊗ D. Of an eigenvalue s_i of D the modes are those of
+F (K + s_i G S). A state on which neither position nor velocity ever depends is left out: whatever
+it does, the robot does not see it.
+
+Fields of x that stand for a quantity of the target are E z, z = [ε_0; υ_0; a_0], where an agent is
+right; the others are then 0. Where an agent that is right sends what the target sends, the error
+x − 1 ⊗ E z obeys x(t_{k+1}) = A x(t_k) + 1 ⊗ [F (K + G S) E z(t_k) − E z(t_{k+1})], of which the
+steady state is found as in `theory.estimates`.
+
+K, G and S are found by letting one robot send and receive once, the axes of m being the cases that
+are tried; and by other cases it is seen whether that is all there is to the law: at other times, of
+other sizes, with several in-neighbours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.fields import TRUTHS, Fields
+from nrs_cosim.bus.matrices import Matrix, identity_like, kron
+from nrs_cosim.estimator_agents.algorithm import (
+    Algorithm,
+    Spectra,
+    Spectrum,
+    class_of,
+    modes,
+    overrides,
+)
+from nrs_cosim.estimator_agents.now import Now
+from nrs_cosim.estimator_agents.received import Received
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.estimates import SteadyMotion
+from nrs_cosim.estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.values import Values
+
+Array = NDArray[np.float64]
+
+NEAR = 1e-9
+"""Relative: how near to linear is linear."""
+TRIED = ((1, 1.0), (1000, 1e-6), (4097, 1e6))
+"""Sampling times, and sizes of the numbers, at which it is tried whether a law is linear."""
+CASES = 8
+"""Of random numbers at each; one more is all zeros."""
+WEIGHTS = np.array([[0.5], [0.2], [0.3]])
+"""Of three in-neighbours, one of them the target, whom others are tried with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearStep:
+    """A sampling period of one robot, on one axis."""
+
+    h: float
+    """s"""
+    fields: tuple[str, ...]
+    """What an agent keeps, s fields."""
+    own: Array
+    """(s, s) F K"""
+    received: Array
+    """(s, s) F G S"""
+    truth: Array
+    """(s, 3) E"""
+    agrees: bool
+    """Whether G S E z is what the target's own sample comes to."""
+
+    def modes(self, spectrum: Spectrum) -> Spectrum:
+        """Return the eigenvalues of the recursion, of those of D."""
+        return np.linalg.eigvals(self.blocks(spectrum)).ravel().astype(np.complex128)
+
+    def blocks(self, spectrum: Spectrum) -> Spectrum:
+        """Return F (K + s_i G S) of what is seen, for each eigenvalue of D."""
+        seen = self._seen()
+        of = self.own + spectrum[:, None, None] * self.received
+        found: Spectrum = of[:, seen][:, :, seen]
+        return found
+
+    def steady_motion(self, D: Matrix, target: Harmonic) -> SteadyMotion | None:
+        """Return what the errors settle to on a digraph, where ρ < 1; None where it is not known.
+
+        It is not where the target sends what no agent does, and where agents that are right do not
+        stay so at a target that rests.
+        """
+        n, s, h = D.shape[0], len(self.fields), self.h
+        E, agreed = self.truth, self.own + self.received
+        rest, ramp = agreed @ E[:, 0] - E[:, 0], agreed @ E[:, 1] - E[:, 1] - h * E[:, 0]
+        if not self.agrees or not np.allclose(rest, 0, atol=NEAR):
+            return None
+        eye = identity_like(D)
+        A = kron(self.own, eye) + kron(self.received, D)
+        unit = kron(np.eye(s), eye)
+        at = [self.fields.index(name) for name in ("position", "velocity")]
+        frequency, waves = target.phasors()
+        phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)
+        for w, omega in enumerate(frequency):
+            phase = np.exp(1j * omega * h)
+            given = (agreed - phase * np.eye(s)) @ E @ [1, 1j * omega, -(omega**2)]
+            X = solve(phase * unit - A, np.kron(given, np.ones(n))).reshape(s, n, 1)
+            phasor[w] = X[at] * waves[w]
+        constant = np.zeros((2, n, waves.shape[1]))
+        if not np.allclose(ramp, 0, atol=NEAR):
+            X = solve(unit - A, np.kron(ramp, np.ones(n))).reshape(s, n, 1)
+            constant = X[at] * target.rate
+        return SteadyMotion(h, 1, constant, frequency, phasor)
+
+    def _seen(self) -> NDArray[np.intp]:
+        """Return which fields position and velocity depend on, sooner or later."""
+        depends = (self.own != 0) | (self.received != 0)
+        seen = np.isin(self.fields, ("position", "velocity"))
+        for _ in self.fields:
+            seen = seen | depends[seen].any(axis=0)
+        return np.flatnonzero(seen)
+
+
+def linear_step(algorithm: Algorithm, h: float) -> LinearStep | None:
+    """Return a period of h, s, of an algorithm; None where it is not known to be of that form.
+
+    Of fields of other shapes than a position's, of own measurements, of what is kept of each
+    in-neighbour and of those that decide when to send it is not known.
+    """
+    kind = class_of(algorithm)
+    fields = [*algorithm.STATE.values(), *algorithm.SENT.values()]
+    others = algorithm.LINK or algorithm.TRIGGERED or algorithm.ARRIVALS != "newest"
+    measures = overrides(kind, "measure") or overrides(kind, "observe")
+    if others or measures or any(field.shape != ("m",) for field in fields):
+        return None
+    try:
+        return _found(algorithm, h)
+    except Exception:  # it may be made for one m alone; what is wrong with it, a run will say
+        return None
+
+
+def modes_of(algorithm: Algorithm, spectra: Spectra, h: float) -> Spectrum:
+    """Return an algorithm's modes, or those of its code where it declares none; else none."""
+    declared = modes(algorithm, spectra, h)
+    if len(declared) or len(spectra) > 1:
+        return declared
+    step = linear_step(algorithm, h)
+    return declared if step is None else step.modes(spectra[0])
+
+
+def radius_of_list(algorithm: Algorithm, spectrum: Spectrum, gaps: Sequence[float]) -> float:
+    """Return max ρ of a product of periods, over and over, as a factor per period.
+
+    It is not a number where a period is not known.
+    """
+    steps = [linear_step(algorithm, h) for h in gaps]
+    known = [step for step in steps if step is not None]
+    if len(known) < len(steps):
+        return nan
+    blocks = [step.blocks(spectrum) for step in known]
+    product, size = np.eye(blocks[0].shape[1], dtype=complex), np.zeros(len(spectrum))
+    for block in blocks:
+        product = block @ product
+        most = np.abs(product).max(axis=(1, 2))
+        product, size = product / most[:, None, None], size + np.log(most)
+    radii = np.abs(np.linalg.eigvals(product)).max(axis=1)
+    return float(np.exp((size + np.log(radii)) / len(gaps)).max())
+
+
+def _found(algorithm: Algorithm, h: float) -> LinearStep | None:
+    s, q = len(algorithm.STATE), len(algorithm.SENT)
+    units, one = np.eye(s + q), np.ones((1, 1))
+    F = _flow(algorithm, np.eye(s), h)
+    E, T = _truth(algorithm.STATE), _truth(algorithm.SENT)
+    R, S = _send(algorithm, np.eye(s), 1, h)
+    after = _receive(algorithm, units[:s], units[None, s:], one, 1, h)
+    K, G = after[:, :s] @ R, after[:, s:]
+    rng = np.random.Generator(np.random.Philox(6))
+    for k, size in TRIED:
+        x = size * np.column_stack([rng.normal(size=(s, CASES)), np.zeros(s)])
+        samples = size * rng.normal(size=(len(WEIGHTS), q, CASES + 1))
+        samples[:, :, -1] = 0
+        left, message = _send(algorithm, x, k, h)
+        after = _receive(algorithm, left, samples, WEIGHTS, k, h)
+        mean = (WEIGHTS[:, :, None] * samples).sum(axis=0)
+        for found, expected in (
+            (message, S @ x),
+            (after, K @ x + G @ mean),
+            (_flow(algorithm, after, h), F @ after),
+        ):
+            if not np.allclose(found / size, expected / size, rtol=NEAR, atol=NEAR):
+                return None
+    agrees = bool(np.allclose(G @ S @ E, G @ T, rtol=NEAR, atol=NEAR))
+    return LinearStep(h, tuple(algorithm.STATE), F @ K, F @ G @ S, E, agrees)
+
+
+def _truth(fields: Fields) -> Array:
+    """Return what of z each field is, (fields, 3)."""
+    return np.array([[field.truth == name for name in TRUTHS] for field in fields.values()], float)
+
+
+def _send(algorithm: Algorithm, x: Array, k: int, h: float) -> tuple[Array, Array]:
+    """Return the state afterwards, (s, c), and what is sent, (q, c), of c cases."""
+    state, messages, _ = algorithm.send(_now(k, h, 1), _values(algorithm.STATE, x[:, None]))
+    return _array(state, algorithm.STATE), _array(messages, algorithm.SENT)
+
+
+def _receive(
+    algorithm: Algorithm, x: Array, samples: Array, weights: Array, k: int, h: float
+) -> Array:
+    """Return the state right after t_k, (s, c), of c cases; samples are (d, q, c) of d nodes."""
+    d = len(samples)
+    received = Received(
+        np.zeros(d, np.intp),
+        np.zeros(1, np.intp),
+        np.arange(d) if d > 1 else np.array([2]),
+        weights,
+        _values(algorithm.SENT, samples.swapaxes(0, 1)),
+        Values(),
+    )
+    after = algorithm.receive(_now(k, h, d), _values(algorithm.STATE, x[:, None]), received)
+    assert isinstance(after, Values)
+    return _array(after, algorithm.STATE)
+
+
+def _flow(algorithm: Algorithm, x: Array, h: float) -> Array:
+    after = algorithm.flow(_values(algorithm.STATE, x[:, None]), h)
+    return _array(after, algorithm.STATE)
+
+
+def _now(k: int, h: float, d: int) -> Now:
+    """Return t_k as a robot sees it that receives from d nodes, the target if from several."""
+    nodes = np.arange(d) if d > 1 else np.array([2])
+    edges = np.zeros(d, np.intp), nodes
+    return Now(k, k * h, h, np.array([1]), np.ones((1, 1)), edges, np.array([d > 1]))
+
+
+def _values(fields: Fields, numbers: Array) -> Values:
+    return Values(zip(fields, numbers, strict=True))
+
+
+def _array(values: Values, fields: Fields) -> Array:
+    return np.concatenate([values[name] for name in fields])

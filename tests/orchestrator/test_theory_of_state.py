@@ -1,0 +1,95 @@
+"""Of an algorithm that keeps more than an estimate, and declares no modes, its code is asked."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from tests.command import nrs
+from tests.estimator_agents.paper import ONE, D
+from tests.orchestrator.conftest import SCENARIOS
+
+PAPER = SCENARIOS / "paper_first_order.toml"
+MODULE = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+import nrs_cosim as nrs
+from nrs_cosim.bus.fields import ESTIMATE, Field
+
+
+@dataclass(frozen=True)
+class Remembering(nrs.Algorithm):
+    STATE: ClassVar = {**ESTIMATE, "last": Field(doc="the disagreement at the time before")}
+    alpha: float
+    beta: float
+    gamma: float = nrs.parameter("gain on the last disagreement", 0.1)
+
+    def receive(self, now, x, received):
+        position = received.disagreement("position", x.position)
+        velocity = received.disagreement("velocity", x.velocity)
+        return x.replace(
+            position=x.position + self.alpha * position + self.gamma * x["last"],
+            velocity=x.velocity + self.beta * velocity,
+            last=position,
+        )
+"""
+OURS = 'name = "dcea1"            # dcea1 | dcea2 | the name of a plug-in\nalpha = 0.9\nbeta = 1.1'
+THEIRS = 'name = "remembering"\nalpha = 0.9\nbeta = 1.1'
+
+
+@pytest.fixture
+def remembering(tmp_path, monkeypatch):
+    """Return the paper's example with an algorithm that an installer has put there."""
+    (tmp_path / "remembering.py").write_text(MODULE, "utf-8")
+    about = tmp_path / "remembering-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: remembering\nVersion: 1.0\n")
+    entry = "remembering = remembering:Remembering"
+    (about / "entry_points.txt").write_text(f"[nrs.algorithms]\n{entry}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    text = PAPER.read_text("utf-8")
+    assert OURS in text
+    (tmp_path / "s.toml").write_text(text.replace(OURS, THEIRS), "utf-8")
+    yield tmp_path / "s.toml"
+    sys.modules.pop("remembering", None)
+
+
+def matrix(alpha, beta, gamma, h=0.1):
+    """Return A of [ε̄; ῡ; what is remembered], by hand."""
+    L, P, none = ONE - D, ONE - beta * (ONE - D), 0 * ONE
+    return np.block([[ONE - alpha * L, h * P, gamma * ONE], [none, P, none], [-L, none, none]])
+
+
+@pytest.mark.parametrize("gamma", [0.1, -0.2, 0.6])
+def test_its_spectral_radius_is_that_of_the_matrix_by_hand(remembering, gamma):
+    done = nrs("check", remembering, "--set", f"algorithm.gamma={gamma}", "--json")
+    result = json.loads(done.stdout)
+    radius = max(abs(np.linalg.eigvals(matrix(0.9, 1.1, gamma))))
+    assert result["spectral_radius"] == pytest.approx(radius, rel=1e-6)
+    assert result["convergence"] == ("converges" if radius < 1 else "diverges")
+    assert result["parameters"]["gamma"] == gamma
+
+
+def test_its_steady_state_is_what_a_run_comes_to(remembering, tmp_path):
+    done = nrs("run", remembering, "-o", tmp_path / "run.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    position, velocity = json.loads(done.stdout)["theory"]["quantities"][:2]
+    for row in (position, velocity):
+        assert row["measured"] == pytest.approx(row["bounds"]["steady_state"], rel=1e-3)
+        assert row["measured"] <= row["bounds"]["steady_state"] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ("run={sampling_jitter=0.5}", "of sampling times that are drawn it is computed where"),
+        ("algorithm={name='kalman_consensus',q=1,r=1}", "the algorithm is not known to be linear"),
+        ("algorithm={name='sliding',alpha=1,beta=1}", "the algorithm does not jump linearly"),
+    ],
+)
+def test_where_nothing_is_known_it_is_said_why(remembering, change, why):
+    done = nrs("check", remembering, "--set", change)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert why in " ".join(done.stdout.split())
