@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Matrix: TypeAlias = "NDArray[Any] | sparse.csr_array"
 
 FEW = 100
-"""Robots up to which matrices are dense."""
+"""Robots up to which matrices are dense: computed with sooner than SciPy is loaded."""
 
 
 def matrix_of(
@@ -31,7 +31,7 @@ def matrix_of(
 
 
 def as_array(A: Matrix) -> NDArray[Any]:
-    """Return a matrix as an array."""
+    """Return a matrix (r, c) as an array (r, c)."""
     return A if isinstance(A, np.ndarray) else A.toarray()
 
 
@@ -45,7 +45,7 @@ def identity_like(A: Matrix) -> Matrix:
 
 
 def kron(small: NDArray[np.float64], A: Matrix) -> Matrix:
-    """Return the Kronecker product of an array with a matrix, of the matrix's kind."""
+    """Return small ⊗ A, (a r, b c), for an array (a, b) and a matrix (r, c), of A's kind."""
     if isinstance(A, np.ndarray):
         return np.kron(small, A)
     from scipy import sparse  # noqa: PLC0415, see above
@@ -61,12 +61,13 @@ def nonzeros(A: Matrix) -> int:
 def components(A: Matrix) -> list[NDArray[np.intp]]:
     """Return the strongly connected components of the digraph with an edge where A is not 0.
 
-    Each is an array of rows, ascending. In a dense matrix two rows are of one component where each
-    reaches the other, by paths whose length doubles at each squaring.
+    Each is an array (size,) of rows of A (n, n), ascending. In a dense matrix two rows are of one
+    component where each reaches the other, by paths whose length doubles at each squaring.
     """
     if isinstance(A, np.ndarray) and len(A) <= 2 * FEW:
         reached = ((A != 0) | np.eye(len(A), dtype=bool)).astype(np.float64)
         for _ in range(len(A).bit_length()):
+            # Doubles, for which products are quick; at most 1, for numbers of paths would overflow.
             reached = np.minimum(reached @ reached, 1.0)
         first = ((reached > 0) & (reached.T > 0)).argmax(axis=1)
         return [np.flatnonzero(first == row) for row in np.flatnonzero(first == np.arange(len(A)))]
