@@ -72,20 +72,7 @@ def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, change, bound):
     outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
-        table = np.concatenate(list(states(reader)))
-    table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
-    first = table[0]
-    _, q, _ = simulate(
-        1,
-        0.9,
-        1.1,
-        0.1,
-        3,
-        first["reference_position"],
-        first["reference_velocity"],
-        first["position"],
-        first["velocity"],
-    )
+        table, q = beside_the_oracle(reader, 3)
     assert np.abs(table["position"] - q).max() < bound
 
 
@@ -117,7 +104,7 @@ def test_six_robots_on_five_different_fmus(tmp_path):
     outcome = run(fleet, tmp_path / "run.mcap")
     assert outcome.status == "completed", outcome.reason
     with Reader(outcome.path) as reader:
-        table = np.concatenate(list(states(reader)))
+        table, q = beside_the_oracle(reader, 2)
         plants = {tuple(p["robots"]): p for p in json.loads(reader.metadata["nrs.run"]["plants"])}
     assert {robots: plant["drive"].split(" for ")[0] for robots, plant in plants.items()} == {
         (1,): "reference-driven Co-Simulation",
@@ -128,23 +115,22 @@ def test_six_robots_on_five_different_fmus(tmp_path):
         (6,): "Model Exchange, RK4 step 0.005 s",
     }
     assert len({plant["sha256"] for plant in plants.values()}) == 6
-    table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
-    first = table[0]
-    _, q, _ = simulate(
-        1,
-        0.9,
-        1.1,
-        0.1,
-        2,
-        first["reference_position"],
-        first["reference_velocity"],
-        first["position"],
-        first["velocity"],
-    )
     error = np.abs(table["position"] - q).max(axis=(0, 2))
     bounds = {1: 1e-7, 3: 5e-3, 4: 1e-6, 5: 1e-6, 6: 1e-6}
     assert all(error[robot - 1] < bound for robot, bound in bounds.items()), error
     assert np.abs(table["position"][:, 1] - point_mass(table[:, 1])).max() < 1e-7
+
+
+def beside_the_oracle(reader, seconds):
+    """Return the states at t_k, (ticks + 1, robots), beside q of the paper's arms.
+
+    These start as the robots do, and are integrated by DOP853: (ticks + 1, robots, 2).
+    """
+    table = np.concatenate(list(states(reader)))
+    table = table[np.lexsort((table["robot"], table["time_ns"]))].reshape(-1, 6)[::5]
+    names = ("reference_position", "reference_velocity", "position", "velocity")
+    _, q, _ = simulate(1, 0.9, 1.1, 0.1, seconds, *(table[0][name] for name in names))
+    return table, q
 
 
 def point_mass(rows):
