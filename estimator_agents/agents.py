@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import Cause, InputError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.links.links import Links, Ticks
 from nrs_cosim.bus.random_streams import random_stream
@@ -130,9 +130,8 @@ class Agents:
                 f"algorithm {name_of(self._algorithm)}: send says who sends, which an algorithm "
                 "may that declares TRIGGERED = True"
             )
-        for name, values in messages.items():
-            if values is not left.get(name):
-                self._expect_finite(k, "send", name, values)
+        new = ((name, values) for name, values in messages.items() if values is not left.get(name))
+        self._expect_finite(k, "send", [(name, values, self.robots) for name, values in new])
         if silent := self.silent(k):
             out = np.isin(self.robots, silent)
             who = ~out if who is None else who & ~out
@@ -148,14 +147,14 @@ class Agents:
         over_velocities = None if velocities is positions else self._received(k, velocities)
         received = self._received(k, positions, over_velocities)
         after = self._algorithm.receive(self._now(k), left, received)
-        if isinstance(after, tuple):
-            after, links = after
-            for name, values in links.items():
-                self._expect_finite(k, "receive", name, values, self.robots[positions.row])
-                self._links[name][positions.place] = values
+        after, links = after if isinstance(after, tuple) else (after, {})
+        of_links = self.robots[positions.row] if links else self.robots
+        fields = [(name, values, of_links) for name, values in links.items()]
+        fields += [(name, values, self.robots) for name, values in after.items()]
+        self._expect_finite(k, "receive", fields)
+        for name, values in links.items():
+            self._links[name][positions.place] = values
         self.state = after
-        for name, values in after.items():
-            self._expect_finite(k, "receive", name, values)
 
     def silent(self, k: int) -> list[int]:
         """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
@@ -307,20 +306,25 @@ class Agents:
         return sends | np.isin(source, self.silent(k))
 
     def _expect_finite(
-        self,
-        k: int,
-        method: str,
-        name: str,
-        values: Array,
-        robots: NDArray[np.integer] | None = None,
+        self, k: int, method: str, fields: Sequence[tuple[str, Array, NDArray[np.integer]]]
     ) -> None:
-        """Raise `AlgorithmError` for what is no number: a plant would be blamed for it."""
-        if not np.isfinite(values).all():
-            bad = np.argwhere(~np.isfinite(values))[0]
-            robot = (self.robots if robots is None else robots)[bad[0]]
+        """Raise `AlgorithmError` for what is no number: a plant would be blamed for it.
+
+        Of fields, each with the robots of its rows, it names the first robot's first, so that it is
+        the same robot however they are spread over workers.
+        """
+        wrong = []
+        for name, values, robots in fields:
+            if not (finite := np.isfinite(values)).all():
+                places = np.argwhere(~finite)
+                first = places[robots[places[:, 0]].argmin()]
+                wrong.append((int(robots[first[0]]), name, values[tuple(first)]))
+        if wrong:
+            robot, name, value = min(wrong, key=lambda one: one[0])
             raise AlgorithmError(
-                f"algorithm {name_of(self._algorithm)}: {method} returned a {name} of "
-                f"{values[tuple(bad)]} for robot {robot} at tick {k}"
+                f"algorithm {name_of(self._algorithm)}: {method} returned a {name} of {value} for "
+                f"robot {robot} at tick {k}",
+                Cause("algorithm", tick=k, robot=robot, quantity=name),
             )
 
 

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from math import isfinite
+from math import ceil, inf, isfinite, nextafter
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from nrs_cosim.bus.text import quoted
@@ -152,6 +152,9 @@ def _parameter(kind: type, name: str, one: "Field[Any]") -> Parameter:
     if declared.bounds and type_ not in {float, int}:
         raise _wrong(kind, name, one.name, f"bounds are of numbers, and this is a {_called(type_)}")
     made = Parameter(one.name, type_, choices, default, declared)
+    if _is_empty(declared.bounds, whole=type_ is int):
+        asked = " and ".join(f"{RELATIONS[name][0]} {b:g}" for name, b in declared.bounds.items())
+        raise _wrong(kind, name, one.name, f"there is no number {asked}")
     if not made.required:
         try:
             made.value(default)
@@ -159,6 +162,19 @@ def _parameter(kind: type, name: str, one: "Field[Any]") -> Parameter:
             fault = f"its default: expected {expected}, got {quoted(default)}"
             raise _wrong(kind, name, one.name, fault) from None
     return made
+
+
+def _is_empty(bounds: Mapping[str, float], *, whole: bool) -> bool:
+    """Return whether no number is within all bounds: the first above some is not below the rest."""
+    firsts = [bounds["least"]] if "least" in bounds else []
+    if "above" in bounds:
+        firsts.append(nextafter(bounds["above"], inf))
+    if not firsts:
+        return False
+    first = max(firsts)
+    if whole and isfinite(first):
+        first = ceil(first)
+    return not all(RELATIONS[name][1](first, bound) for name, bound in bounds.items())
 
 
 def _type(kind: type, one: "Field[Any]") -> tuple[Any, tuple[str, ...]]:

@@ -166,7 +166,7 @@ class Check:
 
     def _warnings(self) -> list[str]:
         unmet = [
-            _warning(condition)
+            _warning(condition, self.algorithm)
             for condition in self.conditions
             if not condition.holds and condition.source != TRACKING
         ]
@@ -292,13 +292,13 @@ def _gain_conditions(experiment: Experiment) -> list[Condition]:
     return conditions
 
 
-def _warning(condition: Condition) -> str:
+def _warning(condition: Condition, algorithm: str) -> str:
     if condition.source == "positive definite":
         return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
     if not condition.right > 0:
         return (
-            f"no {condition.name} above 0 is within the bound of {condition.source}, "
-            f"{condition.right:.6g}; got {condition.left:g}"
+            f"algorithm {algorithm}: no {condition.name} above 0 is within the bound of "
+            f"{condition.source}, {condition.right:.6g}; got {condition.left:g}"
         )
     return (
         f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "

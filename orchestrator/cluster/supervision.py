@@ -20,6 +20,7 @@ from nrs_cosim.orchestrator.cluster.worker_state import (
     WITHOUT_WORKER,
     State,
 )
+from nrs_cosim.orchestrator.engine.worker import RECEIVES
 from nrs_cosim.orchestrator.errors import WorkerError
 from nrs_cosim.orchestrator.scenario.robot_ids import named
 from nrs_cosim.recordings.recorder import Recorder
@@ -98,6 +99,8 @@ class Supervision:
         """Raise what workers failed with at tick k, or while they came there.
 
         When each worker is there, or has failed, the first in the order of one process is known.
+        Where the first failed on what it received, all have sent their samples, and so no worker is
+        kept from receiving them too.
         """
         failed = {
             name: slot.report
@@ -107,12 +110,12 @@ class Supervision:
         }
         if not failed:
             return
+        first = min(failed.values(), key=lambda report: (report.tick, report.place))
         missing = self.recorder.missing(k) if self.recorder else {}
-        came = SAMPLES if k else RECORDS
+        came = SAMPLES if k and first.place[1] < RECEIVES else RECORDS
         if at_last or all(
             name in failed or came not in missing.get(name, ()) for name in self.slots
         ):
-            first = min(failed.values(), key=lambda report: (report.tick, report.place))
             raise RunError(str(first.failed), first.cause)
 
     def lose(self, name: str, slot: WorkerSlot) -> None:

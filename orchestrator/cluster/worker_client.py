@@ -43,6 +43,7 @@ from nrs_cosim.orchestrator.cluster.protocol import (
     Welcome,
 )
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
+from nrs_cosim.orchestrator.engine.worker import SENDS
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import named
 
@@ -206,8 +207,10 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
     except (AbandonedError, EndedError):
         raise
     except RunError as error:
-        cause = replace(error.cause, tick=worker.now)
-        report(Report(tick=worker.now, failed=str(error), place=worker.place, cause=cause))
+        cause, place = replace(error.cause, tick=worker.now), worker.place
+        if cause.robot is not None and place[1] >= SENDS:  # an algorithm's, of the whole worker
+            place = *place[:2], cause.robot
+        report(Report(tick=worker.now, failed=str(error), place=place, cause=cause))
     else:
         spent = worker.spent
         report(Report(tick=k, plants=spent.plants, bus=spent.bus, waiting=spent.waiting))

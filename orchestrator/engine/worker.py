@@ -31,6 +31,8 @@ from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
 Watch = Callable[[int], None]
 """Is told each simulated time, ns, that a worker has reached; may raise `Interrupted`."""
 
+SENDS, RECEIVES = 6, 7
+"""What is done in a tick once the plants have moved, in the order of `Worker.place`."""
 
 ReceivedSamples = tuple[int, Records, str]
 """Samples that were heard: k, they, and the worker that put them, or `EVERYONE`."""
@@ -114,6 +116,9 @@ class Worker:
         self.place = (0, 0, 0)
         """Where in a tick it is, and fails: the time, ns, what is done then, and for which robot.
 
+        What is done is 0 as the plants move, 1 to 5 as their states are looked at, then `SENDS` and
+        `RECEIVES`.
+
         In one process what comes first in this order would fail first.
         """
 
@@ -184,7 +189,8 @@ class Worker:
 
         What the robots send is published if it `sends`; their states change by it all the same.
         """
-        left = self.left
+        left, t = self.left, self._clock.t(k)
+        self.place = t, SENDS, int(self.agents.robots[0])
         if self.agents.observes:
             self._await(k, frozenset({TARGET}), listening)
             left = self.agents.observe(k, left)
@@ -194,6 +200,7 @@ class Worker:
         self._await(k, self._needed, listening)
         del self._received[k]
         began = perf_counter()
+        self.place = t, RECEIVES, int(self.agents.robots[0])
         self.agents.jump(k, left)
         self.spent.bus += perf_counter() - began
 

@@ -1,7 +1,7 @@
 """The fields of an algorithm's dataclass are its parameters; a faulty one is one line."""
 
 import inspect
-from dataclasses import KW_ONLY, InitVar, dataclass, field
+from dataclasses import KW_ONLY, InitVar, dataclass, field, make_dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -217,3 +217,37 @@ def test_bundled_algorithms_declare_all_that_they_are_given():
         given: dict[str, Any] = {one.name: 1.0 for one in declared}
         algorithm = load_algorithm(name, given)
         assert {one: getattr(algorithm, one) for one in given} == given
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds", "asked"),
+    [
+        (float, {"above": 1, "below": 1}, "greater than 1 and less than 1"),
+        (float, {"least": 2, "most": 1.5}, "greater than or equal to 2 and less than or equal to"),
+        (float, {"above": 1, "most": 1}, "greater than 1 and less than or equal to 1"),
+        (float, {"above": float("nan")}, "greater than nan"),
+        (int, {"above": 1, "below": 2}, "greater than 1 and less than 2"),
+        (int, {"least": 1.2, "most": 1.8}, "greater than or equal to 1.2 and less than or equal"),
+    ],
+)
+def test_bounds_that_no_number_is_within_are_the_class_s_fault(kind, bounds, asked):
+    narrow = make_dataclass("Narrow", [("alpha", kind, parameter("gain", **bounds))], frozen=True)
+    with pytest.raises(AlgorithmError, match=r"Narrow\.alpha: there is no number " + asked):
+        declared_parameters(narrow, "narrow")
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds"),
+    [
+        (float, {"least": 1, "most": 1}),
+        (float, {"above": 1, "below": 1 + 1e-15}),
+        (int, {"above": 1, "below": 3}),
+        (int, {"above": 0.5, "most": 1}),
+        (float, {"above": 1}),
+        (float, {"below": -1}),
+        (float, {}),
+    ],
+)
+def test_bounds_that_some_number_is_within_are_right(kind, bounds):
+    law = make_dataclass("Law", [("alpha", kind, parameter("gain", **bounds))], frozen=True)
+    assert declared_parameters(law, "law")[0].declared.bounds == bounds
