@@ -36,7 +36,7 @@ def as_array(A: Matrix) -> NDArray[Any]:
 
 
 def identity_like(A: Matrix) -> Matrix:
-    """Return the identity of the order of A, and of its kind."""
+    """Return the identity (n, n) for A (n, n), and of its kind."""
     if isinstance(A, np.ndarray):
         return np.eye(len(A))
     from scipy import sparse  # noqa: PLC0415, see above
@@ -54,7 +54,7 @@ def kron(small: NDArray[np.float64], A: Matrix) -> Matrix:
 
 
 def nonzeros(A: Matrix) -> int:
-    """Return how many entries are not 0."""
+    """Return how many entries of A (r, c) are not 0."""
     return int(np.count_nonzero(A)) if isinstance(A, np.ndarray) else int(A.nnz)
 
 

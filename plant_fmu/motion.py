@@ -27,7 +27,7 @@ def fmu_motion(
     times: Sequence[float],
     deadline: float | None,
 ) -> tuple[Array, Array]:
-    """Return positions and velocities (s, m) at s increasing times, s, the first of them 0.
+    """Return positions and velocities (s, m), in SI, at s increasing times, s, the first of them 0.
 
     With a deadline, s for each of its calls, the FMU runs in a process of its own. `FmuError` says
     what is wrong with it, `StepError` when it failed and why.

@@ -85,8 +85,9 @@ def called(robot: int) -> str:
 class Plants(Protocol):
     """Some robots' plants, at one time; a row a robot.
 
-    `q`, `qd` and `tau` (rows, m) are their positions, velocities and torques then, the torques of
-    the PD law alone; they are views that the next `advance` overwrites.
+    `q`, `qd` and `tau` (rows, m) are their positions, rad or m, velocities, rad/s or m/s, and
+    torques then, N m or N: those of the PD law alone. They are views that the next `advance`
+    overwrites.
     """
 
     q: Array
@@ -94,7 +95,7 @@ class Plants(Protocol):
     tau: Array
 
     def hold(self, position: Array, velocity: Array) -> None:
-        """Take new references (rows, m) from now on: ε_i(t⁺), υ_i(t⁺)."""
+        """Take new references (rows, m) from now on: ε_i(t⁺), υ_i(t⁺), in the units of q and qd."""
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s; `StepError` names the robot, FMU, time and cause."""

@@ -203,6 +203,37 @@ def test_a_public_name_has_one_meaning():
     assert {name for name, files in homes.items() if len(files) > 1} <= SHARED
 
 
+ARRAY = re.compile(r"\b(Array|ArrayLike|Mask|Matrix|NDArray|Nodes|Records)\b")
+SHAPE = re.compile(r"\([^()]*[,…][^()]*\)|; (as|see) `")
+"""As in (n, m), or a reference to where it stands."""
+
+
+def public_functions(module):
+    """Yield the functions of a module, and of its classes, with all that their docstrings say."""
+    for node in ast.parse(module.read_bytes()).body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            functions, about = node.body, ast.get_docstring(node) or ""
+        else:
+            functions, about = [node], ""
+        for one in functions:
+            if isinstance(one, ast.FunctionDef) and (
+                one.name == "__init__" or not one.name.startswith("_")
+            ):
+                yield one, f"{about} {ast.get_docstring(one) or ''}"
+
+
+@pytest.mark.parametrize("folder", ["bus", "plant_fmu", "orchestrator/engine"])
+def test_a_public_function_of_arrays_says_their_shapes(folder):
+    silent = []
+    for module in sorted((ROOT / folder).rglob("*.py")):
+        for one, text in public_functions(module):
+            types = [argument.annotation for argument in (*one.args.args, *one.args.kwonlyargs)]
+            annotations = " ".join(ast.unparse(kind) for kind in (*types, one.returns) if kind)
+            if ARRAY.search(annotations) and not SHAPE.search(text):
+                silent.append(f"{module.relative_to(ROOT)}:{one.lineno} {one.name}")
+    assert silent == []
+
+
 WAITS = {"deadline", "timeout", "wait"}
 """Arguments by which something waits, s; and methods whose first argument is one."""
 WAITERS = {"communicate", "exception", "join", "result", "wait"}

@@ -112,19 +112,19 @@ class MechanicsProbe:
 
     @property
     def start(self) -> Array:
-        """(m,) where the robot starts."""
+        """(m,) where the robot starts, rad or m."""
         return self._body.q
 
     def mobility(self, q: Array, span: float) -> Array:
-        """Return M⁻¹(q), (m, m)."""
+        """Return M⁻¹(q), (m, m), in SI, at q (m,), found over a span in s."""
         return self.from_rest(q, span)[0]
 
     def gravity(self, q: Array, span: float) -> Array:
-        """Return G(q), (m,)."""
+        """Return G(q), (m,), N m or N, at q (m,), found over a span in s."""
         return np.asarray(-np.linalg.solve(*self.from_rest(q, span)), float)
 
     def from_rest(self, q: Array, span: float) -> tuple[Array, Array]:
-        """Return M⁻¹(q), (m, m), and q̈(q, 0, 0), (m,)."""
+        """Return M⁻¹(q), (m, m), and q̈(q, 0, 0), (m,), in SI, at q (m,), found over a span in s."""
         none = np.zeros(len(q))
         rest = self.acceleration(q, none, none, span)
         pushed = [self.acceleration(q, none, push, span) for push in np.diag(self._pushes)]

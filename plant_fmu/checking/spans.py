@@ -107,7 +107,7 @@ def _declared(archive: Archive) -> float:
 def agreeing(
     stairs: Staircase, measure: Callable[[float], Array]
 ) -> tuple[tuple[float, float], Array]:
-    """Return the first pair of spans, s, that find the same array, and that, of whatever shape.
+    """Return the first pair of spans, s, that find the same array (…), and that.
 
     `FmuError` where none do.
     """

@@ -98,7 +98,7 @@ class Exchanged:
         return moved or get(self._handle, indicators, self.indicators.size)
 
     def nominals(self) -> Array:
-        """Return the sizes that the FMU expects its states to have, 1 where that is none.
+        """Return the sizes (states,) that the FMU expects its states to have, 1 where that is none.
 
         They must be positive (FMI 2.0, section 3.2.1; FMI 3.0, section 3.1.1).
         """
@@ -128,7 +128,7 @@ class Exchanged:
         return completed.event
 
     def torque(self) -> Array:
-        """Return the law's torque now, (m,), without the disturbance."""
+        """Return the law's torque now, (m,), N m, without the disturbance."""
         if not self._law:
             return np.zeros(self.state.size // 2)
         torque: Array = self._law.torque(self.time, self.state)[0]

@@ -41,17 +41,17 @@ class Law:
         )
 
     def hold(self, since: float, position: Array, velocity: Array) -> None:
-        """Take references (rows, m) that move on from a time in s."""
+        """Take references (rows, m), rad and rad/s, that move on from a time in s."""
         self.since, self.position, self.velocity = since, position.copy(), velocity.copy()
         self._terms = None
 
     def torque(self, seconds: float, state: Array) -> Array:
-        """Return tau, (rows, m), at the states (rows, 2 m) of q and then qd."""
+        """Return tau (rows, m), N m, at a time in s and the states (rows, 2 m) of q and then qd."""
         terms, since = self._terms or self._find_terms(), seconds - self.since
         return terms.held + since * terms.drift - _times(self._feedback, state)
 
     def effort(self, seconds: float, state: Array) -> Array:
-        """Return tau + tau_d, (rows, m): all that acts on the robots.
+        """Return tau + tau_d, (rows, m), N m: all that acts on the robots; see `torque`.
 
         Waves are added one after the other, so that those of zero change no bit.
         """

@@ -11,7 +11,7 @@ import numpy as np
 from nrs_cosim.plant_fmu.plants import Array
 
 Propagate = Callable[[float, Array], Array]
-"""(T in s, F (m, 2 m)) → Φ (2 m, 2 m)"""
+"""(T in s, F (m, 2 m), 1/s² and 1/s) → Φ (2 m, 2 m)"""
 
 HALVINGS = 30
 """Of what the limit is sought in: it is known to a 10⁹th of that."""
