@@ -29,6 +29,7 @@ from nrs_cosim.orchestrator.engine.run import run as run_scenario
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
+from nrs_cosim.orchestrator.replay.verify import expect_same_types
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
@@ -210,6 +211,7 @@ def resumable(
         raise InputError(f"{output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
+    expect_same_types(reader, experiment)
     find = find_recorded(about(reader).plants, experiment)
     group_by_archive(experiment, find=find)
     return experiment

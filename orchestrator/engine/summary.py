@@ -140,7 +140,9 @@ def experiment_of(reader: Reader) -> Experiment:
         field: Asset.of(record.name, record.source_sha256, *reader.attachments[record.attachment])
         for field, record in about.assets.items()
     }
-    experiment = parse_scenario(about.scenario, run.name, Path(run.folder), origin, assets)
+    experiment = parse_scenario(
+        about.scenario, run.name, Path(run.folder), origin, assets, recorded=True
+    )
     if unnamed := assets.keys() - experiment.assets.keys():
         raise UnreadableError(f"{origin}: names no {min(unnamed)}, of which {ASSETS} has an asset")
     for key, number in told_of(experiment).items():

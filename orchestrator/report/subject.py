@@ -12,6 +12,7 @@ from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -30,7 +31,9 @@ def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
 
 def subject_of(experiment: Experiment, unit: str) -> Subject:
     """Return what a report must know of an experiment, whose joints are in a unit."""
-    checked, choice = check(experiment), experiment.scenario.algorithm
+    choice = experiment.scenario.algorithm
+    # Nothing is proven of an algorithm that is not installed: its recording is drawn all the same.
+    checked = None if isinstance(choice, NotInstalled) else check(experiment)
     return Subject(
         estimator=with_parameters(choice.name, choice.parameters),
         times=experiment.clock,
@@ -40,9 +43,11 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         phases=_phases(experiment.topologies),
         arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
-        conditions=_condition_rows(checked),
-        spectral_radius=None if checked.faulty else finite(checked.spectral_radius),
-        bounds=_bounds(experiment, checked),
+        conditions=_condition_rows(checked) if checked else [],
+        spectral_radius=None
+        if checked is None or checked.faulty
+        else finite(checked.spectral_radius),
+        bounds=_bounds(experiment, checked) if checked else {},
     )
 
 

@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.resolution import Resolution
 from nrs_cosim.orchestrator.scenario.spelling import close, nearest
-from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, table_for
+from nrs_cosim.orchestrator.scenario.tables.algorithms import RECORDED, AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
@@ -78,10 +78,19 @@ def resolve_scenario(
 
 
 def parse_scenario(
-    text: str, name: str, folder: Path, origin: str, assets: Assets = NO_ASSETS
+    text: str,
+    name: str,
+    folder: Path,
+    origin: str,
+    assets: Assets = NO_ASSETS,
+    *,
+    recorded: bool = False,
 ) -> Experiment:
-    """Parse a scenario's text that names no more than there is among the assets; reads no file."""
-    return _resolved(text, name, folder, origin, Resolution(None, assets))
+    """Parse a scenario's text that names no more than there is among the assets; reads no file.
+
+    The algorithm of a recorded one need not be installed: only what asks for it then fails.
+    """
+    return _resolved(text, name, folder, origin, Resolution(None, assets), recorded=recorded)
 
 
 def read_text(path: Path) -> str:
@@ -110,10 +119,16 @@ def tables_of(text: str) -> dict[str, Any]:
 
 
 def _resolved(
-    text: str, name: str, folder: Path, origin: str, resolution: Resolution
+    text: str,
+    name: str,
+    folder: Path,
+    origin: str,
+    resolution: Resolution,
+    *,
+    recorded: bool = False,
 ) -> Experiment:
     """Return the experiment that a text is; `ScenarioError` names all that is wrong with it."""
-    scenario = resolution.tables(_parsed(text, origin))
+    scenario = resolution.tables(_parsed(text, origin, RECORDED if recorded else None))
     _expect_none(resolution.faults, origin)
     experiment = Experiment(scenario, text, name, folder, resolution.assets)
     target = scenario.target
@@ -130,12 +145,12 @@ def _expect_none(faults: Sequence[str], origin: str) -> None:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
 
 
-def _parsed(text: str, origin: str) -> Scenario:
+def _parsed(text: str, origin: str, context: str | None) -> Scenario:
     try:
         tables = tables_of(text)
         if not tables:
             raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
-        return Scenario.model_validate(tables)
+        return Scenario.model_validate(tables, context=context)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: {wrong_toml(text, str(error))}") from None
     except RecursionError:

@@ -12,6 +12,7 @@ from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.orchestrator.scenario.spelling import nearest
+from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
@@ -109,6 +110,8 @@ def _workers_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
 
 def _algorithm_faults(experiment: Experiment) -> Iterator[str]:
     scenario = experiment.scenario
+    if isinstance(scenario.algorithm, NotInstalled):
+        return
     try:
         experiment.algorithm  # noqa: B018, it may not take these parameters together
     except InputError as error:

@@ -17,6 +17,7 @@ from pydantic import (
     GetJsonSchemaHandler,
     JsonValue,
     PlainValidator,
+    ValidationInfo,
     WithJsonSchema,
     create_model,
 )
@@ -70,6 +71,17 @@ class _Unknown(AlgorithmTable):
     name: Annotated[str, Field(strict=True), AfterValidator(_installed)]
 
 
+class NotInstalled(AlgorithmTable):
+    """Of an algorithm that is not here, in a recording: what its run gave, whatever that is."""
+
+    model_config = ConfigDict(extra="allow")
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The values that were given, by name."""
+        return dict(self.model_extra or {})
+
+
 def table_for(value: Any) -> type[AlgorithmTable]:
     """Return the table that a value of `[algorithm]` is to be, by its name."""
     name = value.get("name") if isinstance(value, dict) else None
@@ -114,10 +126,17 @@ def _key(one: Parameter) -> tuple[Any, Any]:
     )
 
 
-def _checked(value: Any) -> AlgorithmTable:
+RECORDED = "recorded"
+"""The context of a validation in which an algorithm need not be installed."""
+
+
+def _checked(value: Any, info: ValidationInfo) -> AlgorithmTable:
     if isinstance(value, AlgorithmTable):
         return value
-    return table_for(value).model_validate(value)
+    table = table_for(value)
+    if table is _Unknown and info.context == RECORDED:
+        table = NotInstalled
+    return table.model_validate(value)
 
 
 class _ByName:
@@ -126,7 +145,7 @@ class _ByName:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(_checked)
+        return core_schema.with_info_plain_validator_function(_checked)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

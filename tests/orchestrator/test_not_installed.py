@@ -1,0 +1,129 @@
+"""A recording of an algorithm that is not installed is read, compared, drawn and exported."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
+from nrs_cosim.bus.messages import STATE
+from nrs_cosim.recordings.mcap.container import Schema
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.writer import Writer
+from tests.command import nrs
+from tests.recordings import runs
+from tests.scenarios import toml
+
+N, M = 3, 2
+SENT = {"position": Field(truth="position"), "P": Field((2, "m")), "level": Field(())}
+KEPT = {**ESTIMATE, "last": Field(("in_degree",))}
+CODECS = Codecs.of(Sizes(M, N, 2), "Mine", SENT, KEPT)
+NOT_HERE = {"algorithm": {"name": "no_such_law", "gain": 0.9, "missing": "hold", "where": "here"}}
+SCENARIO = toml(NOT_HERE, base=runs.chain(N, M, 10))
+
+
+def written(path: Path, ticks=10, schemas=(), status="completed") -> Path:
+    """Write a run of an algorithm that nobody has, with some schemas of its own."""
+    by_name = {kind.name: Schema(kind.name, kind.descriptor()) for kind in CODECS.types}
+    by_name |= {schema.name: schema for schema in schemas}
+    with runs.create(path, N, M, 10, (2,), CODECS) as writer:
+        writer.finish("completed")
+    with Reader(path) as empty:
+        channels, metadata = empty.channels, empty.metadata
+    with Writer(
+        path,
+        version="1",
+        channels=channels,
+        schemas=by_name.values(),
+        metadata=metadata,
+        attachments={"scenario.toml": ("application/toml", SCENARIO.encode())},
+    ) as writer:
+        for k in range(ticks + 1):
+            writer.write(runs.tick(k, N, M, (2,), CODECS))
+        writer.finish(status)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("not_here") / "run.mcap")
+
+
+def test_it_is_told_of_with_what_was_given_to_its_algorithm(run):
+    done = nrs("info", "--json", run)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["algorithm"] == {
+        "name": "no_such_law",
+        "parameters": {"gain": 0.9, "where": "here"},
+    }
+    assert "no_such_law" in found["theory"]["why_not"]
+    assert (found["robots"], found["ticks"], found["damage"]) == (N, 10, [])
+
+
+def test_it_is_exported_compared_drawn_and_recovered(run, tmp_path):
+    for command in (
+        ("export", run, "-o", tmp_path / "tables"),
+        ("report", run, "-o", tmp_path / "run.html"),
+        ("diff", run, run),
+        ("scene", run, "-o", tmp_path / "scene.mcap"),
+        ("recover", run, "-o", tmp_path / "again.mcap"),
+    ):
+        done = nrs(*command)
+        assert done.returncode == 0, (command, done.stderr)
+    names = sorted(path.name for path in (tmp_path / "tables").iterdir())
+    assert names == ["agent_states.csv", "link_events.csv", "samples.csv", "states.csv"]
+    assert "no_such_law (gain = 0.9" in (tmp_path / "run.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("replay", "--verify", "--agents-only"),
+        ("replay", "--algorithm", "gain=1"),
+        ("replay", "--plant", "robots=1,plant.fmu=planar_robot"),
+    ],
+    ids=" ".join,
+)
+def test_what_needs_the_algorithm_names_it_and_writes_nothing(run, tmp_path, command):
+    output = () if "--verify" in command else ("-o", tmp_path / "new.mcap")
+    done = nrs(*command, run, *output)
+    assert done.returncode == 2
+    assert "algorithm.name: expected one of dcea1, " in done.stderr
+    assert "got 'no_such_law'" in done.stderr
+    assert not (tmp_path / "new.mcap").exists()
+
+
+def test_it_cannot_be_resumed_and_says_so(tmp_path):
+    path = written(tmp_path / "half.mcap", ticks=4, status="interrupted")
+    before = path.read_bytes()
+    done = nrs("resume", path)
+    assert done.returncode == 2
+    assert "got 'no_such_law'" in done.stderr
+    assert path.read_bytes() == before
+
+
+def test_a_scenario_may_not_name_such_an_algorithm(tmp_path):
+    (tmp_path / "a.toml").write_text(SCENARIO, "utf-8")
+    done = nrs("check", tmp_path / "a.toml")
+    assert done.returncode == 2
+    assert "algorithm.name: expected one of dcea1, " in done.stderr
+
+
+@pytest.mark.parametrize("name", ["nrs.State", "nrs.Mine.Sample"])
+def test_a_schema_that_no_run_writes_is_one_line_of_every_command(tmp_path, name):
+    odd = Schema(name, STATE.descriptor().replace(b"velocity", b"veloc ty"))
+    path = written(tmp_path / "odd.mcap", schemas=[odd])
+    for command in (
+        ("info", path),
+        ("export", path, "-o", tmp_path / "tables"),
+        ("report", path, "-o", tmp_path / "run.html"),
+        ("diff", path, path),
+        ("scene", path, "-o", tmp_path / "scene.mcap"),
+        ("replay", path, "--verify"),
+    ):
+        done = nrs(*command)
+        assert done.returncode == 2, command
+        assert done.stderr.startswith(f"error: {path}: schema '{name}'"), done.stderr
+        assert "Traceback" not in done.stderr
