@@ -99,8 +99,8 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
 
 def test_of_a_bound_below_0_no_interval_is_told():
     warnings = check(example("paper_example_3a", {"algorithm.beta": 1.9})).warnings()
-    told = "algorithm dcea2: no sampling_period above 0 is within the"
-    assert any(line.startswith(told) for line in warnings)
+    begins = "algorithm dcea2: no sampling_period above 0 is within the"
+    assert any(line.startswith(begins) for line in warnings)
     assert "(0, -" not in " ".join(warnings)
 
 
