@@ -31,7 +31,7 @@ from nrs_cosim.estimator_agents.algorithm import (
     overrides,
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
-from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import ReceiveBuffer
 from nrs_cosim.estimator_agents.received import Received
@@ -44,6 +44,8 @@ from nrs_cosim.estimator_agents.values import (
 )
 
 Mask = NDArray[np.bool_]
+Returned = tuple[Mapping[str, Array], Mapping[str, Array], NDArray[np.integer]]
+"""What a method returned by field, what has the right shapes, and the robots of the rows."""
 _NOTHING = Values()
 
 
@@ -126,12 +128,11 @@ class Agents:
         """Return the state afterwards, the messages, and who sends, (rows,); None for all."""
         x, messages, who = self._algorithm.send(self._now(k), left)
         if who is not None and not self._algorithm.TRIGGERED:
-            raise AlgorithmError(
-                f"algorithm {name_of(self._algorithm)}: send says who sends, which an algorithm "
-                "may that declares TRIGGERED = True"
+            raise self._wrong(
+                "send", "says who sends, which an algorithm may that declares TRIGGERED = True"
             )
-        new = ((name, values) for name, values in messages.items() if values is not left.get(name))
-        self._expect_finite(k, "send", [(name, values, self.robots) for name, values in new])
+        new = {name: values for name, values in messages.items() if values is not left.get(name)}
+        self._expect(k, "send", [(new, self._samples, self.robots)])
         if silent := self.silent(k):
             out = np.isin(self.robots, silent)
             who = ~out if who is None else who & ~out
@@ -147,11 +148,9 @@ class Agents:
         over_velocities = None if velocities is positions else self._received(k, velocities)
         received = self._received(k, positions, over_velocities)
         after = self._algorithm.receive(self._now(k), left, received)
-        after, links = after if isinstance(after, tuple) else (after, {})
+        after, links = after if isinstance(after, tuple) else (after, _NOTHING)
         of_links = self.robots[positions.row] if links else self.robots
-        fields = [(name, values, of_links) for name, values in links.items()]
-        fields += [(name, values, self.robots) for name, values in after.items()]
-        self._expect_finite(k, "receive", fields)
+        self._expect(k, "receive", [(links, self._links, of_links), (after, left, self.robots)])
         for name, values in links.items():
             self._links[name][positions.place] = values
         self.state = after
@@ -305,27 +304,38 @@ class Agents:
         sends: Mask = self._sent_at[source] == k
         return sends | np.isin(source, self.silent(k))
 
-    def _expect_finite(
-        self, k: int, method: str, fields: Sequence[tuple[str, Array, NDArray[np.integer]]]
-    ) -> None:
-        """Raise `AlgorithmError` for what is no number: a plant would be blamed for it.
+    def _expect(self, k: int, method: str, of: Sequence[Returned]) -> None:
+        """Raise `AlgorithmError` for another shape, and for what is no number.
 
-        Of fields, each with the robots of its rows, it names the first robot's first, so that it is
-        the same robot however they are spread over workers.
+        A plant would be blamed for it, or nothing would. It names the first robot's that is wrong,
+        so that it is the same robot however they are spread over workers.
         """
         wrong = []
-        for name, values, robots in fields:
-            if not (finite := np.isfinite(values)).all():
-                places = np.argwhere(~finite)
-                first = places[robots[places[:, 0]].argmin()]
-                wrong.append((int(robots[first[0]]), name, values[tuple(first)]))
+        for fields, like, robots in of:
+            for name, values in fields.items():
+                expected = (len(robots), *like[name].shape[1:])
+                if values.shape != expected:
+                    raise self._wrong(
+                        method, f"returned a {name} of shape {values.shape}, expected {expected}"
+                    )
+                if not (finite := np.isfinite(values)).all():
+                    places = np.argwhere(~finite)
+                    first = places[robots[places[:, 0]].argmin()]
+                    wrong.append((int(robots[first[0]]), name, values[tuple(first)]))
         if wrong:
             robot, name, value = min(wrong, key=lambda one: one[0])
-            raise AlgorithmError(
-                f"algorithm {name_of(self._algorithm)}: {method} returned a {name} of {value} for "
-                f"robot {robot} at tick {k}",
+            raise self._wrong(
+                method,
+                f"returned a {name} of {value} for robot {robot} at tick {k}",
                 Cause("algorithm", tick=k, robot=robot, quantity=name),
             )
+
+    def _wrong(self, method: str, what: str, cause: Cause | None = None) -> AlgorithmError:
+        kind = class_of(self._algorithm)
+        if method == "receive" and not overrides(kind, method):
+            method = "jump"
+        told = f"algorithm {name_of(self._algorithm)}: {method} {what}"
+        return AlgorithmError(f"{told}{written_at(getattr(kind, method))}", cause)
 
 
 def _chosen(first: Mask, one: Values, other: Values) -> Values:

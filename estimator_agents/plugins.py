@@ -3,10 +3,8 @@
 The line names the algorithm, how it was called, the exception, and the place in the package's code.
 """
 
-import inspect
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from typing import Any, Self, TypeVar
@@ -24,7 +22,7 @@ from nrs_cosim.estimator_agents.algorithm import (
 )
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.declarations import DECLARED, wrong_declarations
-from nrs_cosim.estimator_agents.errors import AlgorithmError
+from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
@@ -100,7 +98,7 @@ class ThirdParty(Algorithm):
             return jumped(self, x, received)
 
         def act() -> Values | tuple[Values, Values]:
-            after = self.own.receive(now, x.guarded(), received)
+            after = self.own.receive(now, x.guarded(), received.guarded())
             if not self.LINK:
                 return _as_declared(after, x, "state")
             if not isinstance(after, tuple) or len(after) != 2:
@@ -186,13 +184,6 @@ def _place(error: Exception, source: Any) -> str:
         if step.filename == steps[0].filename:
             return f", at {step.filename}:{step.lineno}"
     return written_at(source)
-
-
-def written_at(source: Any) -> str:
-    """Return where in a package's code a class or method begins; nothing where it is not known."""
-    with suppress(OSError, TypeError):
-        return f", at {inspect.getsourcefile(source)}:{inspect.getsourcelines(source)[1]}"
-    return ""
 
 
 def _named(given: Any, fields: Iterable[str], what: str) -> Values:

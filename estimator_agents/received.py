@@ -5,7 +5,7 @@ robot's edges has a row a robot, (rows, …). A reduction takes a robot's edges 
 depends on the robot alone: it is the same to the last bit however robots are spread over workers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,6 +40,12 @@ class Received:
     """(E,) how many sampling periods ago each sample was sent; None where all are of t_k."""
     velocities: "Received | None" = None
     """The same over the digraph of velocities, where that is another."""
+
+    def guarded(self) -> "Received":
+        """Return the same, whose samples and link fields cannot be written."""
+        velocities = self.velocities and self.velocities.guarded()
+        samples, links = self.samples.guarded(), self.links.guarded()
+        return replace(self, samples=samples, links=links, velocities=velocities)
 
     @cached_property
     def present(self) -> Mask:

@@ -20,17 +20,23 @@ if TYPE_CHECKING:
     from nrs_cosim.api.run import resume, run
     from nrs_cosim.api.scenario import Scenario
     from nrs_cosim.api.theory import Theory, check
+    from nrs_cosim.bus.fields import Field
     from nrs_cosim.estimator_agents.algorithm import Algorithm
+    from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
     from nrs_cosim.estimator_agents.parameters import parameter
+    from nrs_cosim.estimator_agents.values import Values
 
 _HOMES = {
     "Algorithm": "nrs_cosim.estimator_agents.algorithm",
+    "Condition": "nrs_cosim.estimator_agents.condition",
     "Disagreement": "nrs_cosim.estimator_agents.estimate",
     "Estimate": "nrs_cosim.estimator_agents.estimate",
+    "Field": "nrs_cosim.bus.fields",
     "Recording": "nrs_cosim.api.recording",
     "Scenario": "nrs_cosim.api.scenario",
     "Theory": "nrs_cosim.api.theory",
+    "Values": "nrs_cosim.estimator_agents.values",
     "check": "nrs_cosim.api.theory",
     "compare": "nrs_cosim.api.replay",
     "errors": "nrs_cosim.api",
@@ -42,11 +48,14 @@ _HOMES = {
 
 __all__ = [
     "Algorithm",
+    "Condition",
     "Disagreement",
     "Estimate",
+    "Field",
     "Recording",
     "Scenario",
     "Theory",
+    "Values",
     "check",
     "compare",
     "errors",

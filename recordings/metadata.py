@@ -19,6 +19,8 @@ from pydantic import (
     Json,
     RootModel,
     ValidationError,
+    ValidationInfo,
+    field_validator,
 )
 
 from nrs_cosim.bus.errors import Cause
@@ -31,7 +33,7 @@ from nrs_cosim.recordings.mcap.container import Closing
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
 VERSIONS = "nrs.versions"
-SPENT, REJECTED, CAUSE = "spent", "rejected", "cause"
+SPENT, REJECTED, CAUSE, SAMPLES = "spent", "rejected", "cause", "samples"
 """What is said at the end, as JSON: where wall time went, what was rejected, and what ended the
 run early."""
 PARENT = "nrs.parent"
@@ -133,6 +135,16 @@ class EndRecord(_Record):
     part_of: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] | None = None
     """Of what was recovered: the digest of all of the run, empty if unknown."""
     rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
+    samples: Annotated[Whole, Field(ge=0)] | None = None
+    """How many of the messages are samples of robots."""
+
+    @field_validator("samples")
+    @classmethod
+    def _of_messages(cls, samples: int | None, info: ValidationInfo) -> int | None:
+        messages = info.data.get("messages", 0)
+        if samples is not None and samples > messages:
+            raise ValueError(f"expected no more than the {messages} messages")
+        return samples
 
 
 @dataclass(frozen=True, slots=True)

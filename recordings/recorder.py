@@ -130,6 +130,8 @@ class Recorder:
         A batch with a message on a topic that has no channel is refused.
         """
         self.messages = 0
+        self.sent = 0
+        """How many of them are samples of robots."""
         self.rejected: Counter[str] = Counter()
         self.repeated = 0
         self.taken = 0
@@ -274,6 +276,7 @@ class Recorder:
     ) -> None:
         self._writer.put(tick)
         self.messages += sum(len(part.channel) for part in tick)
+        self.sent += sum(int(np.count_nonzero(records["robot"])) for records in samples)
         self.closed = k
         for message in checkpoints:
             self.checkpoints[HEADER.unpack_from(message)[0]] = k, message

@@ -35,7 +35,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.container import MOST_CHANNELS, Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SPENT, VERSIONS
+from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SAMPLES, SPENT, VERSIONS
 from nrs_cosim.recordings.recorder import Recorder, channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
 
@@ -175,7 +175,11 @@ def run(
         rejected = Counter(recorder.rejected) + Counter(workers.rejected)
         in_one_thread = isinstance(workers, InProcess)
         profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
-        extra = {SPENT: json.dumps(profile.as_json()), REJECTED: json.dumps(rejected)}
+        extra = {
+            SPENT: json.dumps(profile.as_json()),
+            REJECTED: json.dumps(rejected),
+            SAMPLES: str(recorder.sent),
+        }
         if cause:
             extra[CAUSE] = json.dumps(asdict(cause))
         writer.finish(status, reason, extra)

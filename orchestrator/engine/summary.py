@@ -28,6 +28,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
     """Return what an experiment's recording says of itself, for JSON; `duration` is simulated."""
     about = about_run(reader)
     run, ending, chosen = about.run, reader.ending, experiment.scenario.algorithm
+    duration = _duration(reader, run.sampling_period_ns)
     return {
         "file": storable(str(reader.path)),
         "name": run.name,
@@ -41,7 +42,8 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
         "robots": run.robots,
         "joints": run.joints,
         "messages": reader.message_count,
-        "duration": _duration(reader, run.sampling_period_ns),
+        "samples": _samples(reader, run.robots, duration),
+        "duration": duration,
         "seed": run.seed,
         "algorithm": {"name": chosen.name, "parameters": chosen.parameters},
         "plants": about.plants,
@@ -65,6 +67,14 @@ def _target(experiment: Experiment) -> dict[str, str] | None:
     if not isinstance(target, FmuMotion):
         return None
     return {"fmu": target.fmu, "sha256": target.sha256}
+
+
+def _samples(reader: Reader, n: int, duration: float) -> dict[str, float] | None:
+    """Return how many samples the robots sent, and how many each a second; None if not known."""
+    if reader.ending is None or reader.ending.samples is None or not duration:
+        return None
+    count = reader.ending.samples
+    return {"count": count, "per_robot_and_second": count / (n * duration)}
 
 
 def _duration(reader: Reader, period_ns: int | None) -> float:
@@ -93,7 +103,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         **led,
         **({"assets": _assets(summary["assets"])} if summary["assets"] else {}),
         "ticks": f"{summary['ticks']} of {summary['ticks_planned']}, t = {summary['duration']:g} s",
-        "messages": f"{summary['messages']}",
+        "messages": f"{summary['messages']}{_sent(summary['samples'])}",
         "estimates": _suprema(
             ("eps - eps_0|inf", measured.position_estimate),
             ("ups - ups_0|inf", measured.velocity_estimate),
@@ -106,6 +116,13 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         "digest": summary["digest"] or _PARTIAL,
         "recording": summary["file"],
     }
+
+
+def _sent(samples: Mapping[str, float] | None) -> str:
+    """Say how much robots sent, where that is known."""
+    if samples is None:
+        return ""
+    return f", with {samples['per_robot_and_second']:.4g} samples of each robot a second"
 
 
 def _assets(assets: Mapping[str, Mapping[str, str]]) -> str:

@@ -31,9 +31,9 @@ class TwoOutputs:
         return [100 * k - 50, 100 * k] if k else [0]
 
 
-def new_wire(signer=SIGNER, silent=lambda _k: np.empty(0, np.int64)):
+def new_wire(signer=SIGNER, silent=lambda _k: np.empty(0, np.int64), **options):
     assignment = {WORKER: np.array(ROBOTS), "right": np.array([1, 3]), TARGET: np.array([0])}
-    return Wire(Codecs.of(Sizes(M)), TwoOutputs(), assignment, signer, silent)
+    return Wire(Codecs.of(Sizes(M)), TwoOutputs(), assignment, signer, silent, **options)
 
 
 def samples_of(wire, k=K, robots=ROBOTS):
@@ -325,3 +325,63 @@ def test_a_tick_without_the_part_of_agent_states_is_rejected():
     payload = signed(RECORDS, joined([states_of(kept_wire()).tobytes(), b""]))
     with pytest.raises(RejectedError, match=r"^size$"):
         kept_wire().unpack_tick(WORKER, payload)
+
+
+class TestRobotsThatDecideWhenTheySend:
+    @pytest.mark.parametrize("robots", [[], [2], [4], [2, 4]])
+    def test_a_batch_may_hold_any_of_its_workers_robots(self, robots):
+        wire = new_wire(triggered=True)
+        records = samples_of(wire, robots=robots)
+        k, accepted = wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, records))
+        assert (k, accepted.tobytes()) == (K, records.tobytes())
+
+    @pytest.mark.parametrize("robots", [[4, 2], [2, 2], [1], [2, 3], [5], [0, 2], [2, 4, 4]])
+    def test_no_others_and_none_twice_or_out_of_order(self, robots):
+        wire = new_wire(triggered=True)
+        payload = wire.pack_samples(WORKER, K, samples_of(wire, robots=robots))
+        with pytest.raises(RejectedError, match=r"^robot$"):
+            wire.unpack_samples(WORKER, payload)
+
+    def test_a_silence_cannot_be_forged(self):
+        wire = new_wire(triggered=True)
+        payload = wire.pack_samples(WORKER, K, samples_of(wire))
+        with pytest.raises(RejectedError, match=r"^signature$"):
+            wire.unpack_samples(WORKER, payload[: -wire.samples.size])
+
+    def test_a_robot_in_an_outage_is_none_that_sends(self):
+        wire = new_wire(silent=lambda _k: np.array([4]), triggered=True)
+        for robots, accepted in (([2], True), ([], True), ([2, 4], False)):
+            payload = wire.pack_samples(WORKER, K, samples_of(wire, robots=robots))
+            if accepted:
+                assert wire.unpack_samples(WORKER, payload)[1]["robot"].tolist() == robots
+            else:
+                with pytest.raises(RejectedError, match=r"^robot$"):
+                    wire.unpack_samples(WORKER, payload)
+
+    @pytest.mark.parametrize(
+        ("change", "why"),
+        [
+            (lambda records: records.__setitem__("k", K + 1), "tick"),
+            (lambda records: records.__setitem__("time_ns", 1), "time"),
+            (lambda records: records.__setitem__("position", np.nan), "value"),
+        ],
+    )
+    def test_what_is_sent_is_looked_at_as_ever(self, change, why):
+        wire = new_wire(triggered=True)
+        records = samples_of(wire, robots=[4])
+        change(records)
+        with pytest.raises(RejectedError, match=rf"^{why}$"):
+            wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, records))
+
+    def test_a_batch_that_is_cut_is_refused(self):
+        wire = new_wire(triggered=True)
+        data = samples_of(wire, robots=[2])
+        payload = SIGNER.sign(wire_key(SAMPLES, WORKER), struct.pack("<I", K) + data.tobytes()[:-1])
+        with pytest.raises(RejectedError, match=r"^size$"):
+            wire.unpack_samples(WORKER, payload)
+
+    def test_the_target_always_sends(self):
+        wire = new_wire(triggered=True)
+        payload = wire.pack_samples(TARGET, K, samples_of(wire, robots=[]))
+        with pytest.raises(RejectedError, match=r"^size$"):
+            wire.unpack_samples(TARGET, payload)

@@ -147,7 +147,7 @@ def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
     )
     with pytest.raises(
         AlgorithmError,
-        match=r"^algorithm Endless: receive returned a velocity of inf for robot 2 at",
+        match=r"^algorithm Endless: jump returned a velocity of inf for robot 2 at",
     ):
         estimates(agents, 0.1, 1)
 
@@ -177,7 +177,7 @@ def lone() -> Agents:
 def test_agents_without_faults_keep_their_estimate_alone():
     agents = lone()
     assert agents.silent(3) == []
-    assert len(agents.link_events) == 0
+    assert agents.link_events is None
     saved = [agents.save(row, agents.state) for row in (0, 1)]
     assert [len(one) for one in saved] == [saved[0].__len__()] * 2
     left = agents.restore(saved)

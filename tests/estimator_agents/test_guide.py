@@ -224,7 +224,7 @@ def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed
     )
     assert done.returncode == 1
     assert re.search(
-        r"algorithm leaky: receive returned a \w+ of \S+ for robot \d+ at tick \d+", done.stderr
+        r"algorithm leaky: jump returned a \w+ of \S+ for robot \d+ at tick \d+", done.stderr
     )
     assert "Traceback" not in done.stderr + done.stdout
     assert "FMU" not in done.stderr

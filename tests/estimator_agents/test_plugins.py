@@ -105,11 +105,13 @@ def run(site, tmp_path):
 
 
 @pytest.mark.parametrize("layout", [(), ("--workers", "2"), ("--workers", "6")], ids=str)
-def test_one_that_returns_no_numbers_is_named_with_robot_and_tick(run, tmp_path, layout):
+def test_one_that_returns_no_numbers_is_named_with_robot_and_tick(run, site, tmp_path, layout):
     done = run("run", "rooted", "-o", "s.mcap", *layout)
-    line = "algorithm rooted: receive returned a position of nan for robot 1 at tick 1"
+    line = "algorithm rooted: jump returned a position of nan for robot 1 at tick 1"
+    of_jump = LAWS.splitlines().index("    def jump(self, estimate, disagreement):") + 1
+    line += f", at {site / 'laws.py'}:{of_jump}"
     assert done.returncode == 1
-    assert done.stderr == f"failed: {line}\n"
+    assert done.stderr.replace("\n", "") == f"failed: {line}"
     with Reader(tmp_path / "s.mcap") as reader:
         assert (reader.status, reader.reason, reader.damage) == ("failed", line, [])
         assert reader.ending.cause == Cause("algorithm", 1, 10**8, 1, "position")

@@ -38,7 +38,17 @@ FIELDS = {
     ],
     VERSIONS: ["numpy"],
     PARENT: ["digest", "change"],
-    END: ["status", "reason", "digest", "ticks", "messages", "spent", "rejected", "part_of"],
+    END: [
+        "status",
+        "reason",
+        "digest",
+        "ticks",
+        "messages",
+        "samples",
+        "spent",
+        "rejected",
+        "part_of",
+    ],
 }
 PLANT = ["fmu", "name", "fmi_version", "kind", "drive", "why", "sha256", "robots"]
 FREE = {"name", "folder", "reason", "numpy", "change", "fmi_version", "kind", "drive", "why", "fmu"}
@@ -64,7 +74,7 @@ class Sealed:
             }
             if scenario is not None:
                 writer_of["attachments"] = scenario(writer_of["attachments"])
-            extra = {"spent": reader.end["spent"], "rejected": reader.end["rejected"]}
+            extra = {name: reader.end[name] for name in ("spent", "rejected", "samples")}
             changed = ending or (lambda fields: fields)
 
             def other(*, fields, **transient):
@@ -143,7 +153,13 @@ def expect_no_worse(path, folder, sealed, key, commands=all_commands):
     key_of_info = "parent" if key in FIELDS[PARENT] else key
     for name in was.keys() - {"file", "theory", key_of_info}:
         if name not in {"status", "reason", "digest", "digest_here", "damage", "duration"}:
-            assert now[name] == was[name] or key in [*PLANT, "numpy", "ticks", "messages"], name
+            assert now[name] == was[name] or key in [
+                *PLANT,
+                "numpy",
+                "ticks",
+                "messages",
+                "samples",
+            ], name
     done, found = tables(path, folder / "tables")
     assert done.returncode == 0
     assert found == tables(sealed.path, folder / "whole")[1]

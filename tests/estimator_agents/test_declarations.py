@@ -1,0 +1,227 @@
+"""What is wrong with a class of another package is one line, which says what and where."""
+
+import sys
+
+import pytest
+
+from nrs_cosim.estimator_agents.declarations import wrong_declarations
+from nrs_cosim.recordings.mcap.reader import Reader
+from tests.command import nrs
+from tests.scenarios import write
+
+MODULE = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from nrs_cosim import Algorithm, Field, Values
+
+
+@dataclass(frozen=True)
+class Faulty(Algorithm):
+    alpha: float = 0.9
+    beta: float = 0.9
+    STATE: ClassVar = {**Algorithm.STATE, "memory": Field(("m",)), "count": Field(())}
+
+    def receive(self, now, x, received):
+        return x
+"""
+
+
+@pytest.fixture
+def faulty(tmp_path, monkeypatch):
+    """Return a call of the command on that class, with some of its lines replaced."""
+    about = tmp_path / "faulty-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[nrs.algorithms]\nfaulty = faulty:Faulty\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    write(tmp_path / "s.toml", {"algorithm.name": "faulty", "run.duration": 0.5})
+
+    def command(name, was, now):
+        assert MODULE.count(was) == 1
+        code = MODULE.replace(was, now)
+        (tmp_path / "faulty.py").write_text(code, "utf-8")
+        sys.modules.pop("faulty", None)
+        output = ["-o", "s.mcap"] if name == "run" else []
+        done = nrs(name, "s.toml", *output, cwd=tmp_path)
+        lines = {line.strip(): i for i, line in enumerate(code.splitlines(), 1)}
+        return done, lambda line: f"at {tmp_path / 'faulty.py'}:{lines[line]}"
+
+    yield command
+    sys.modules.pop("faulty", None)
+
+
+STATE = '    STATE: ClassVar = {**Algorithm.STATE, "memory": Field(("m",)), "count": Field(())}\n'
+RECEIVE = "    def receive(self, now, x, received):\n        return x\n"
+CLASS = "@dataclass(frozen=True)"
+DECLARED = [
+    (
+        "class Faulty(Algorithm):",
+        "class Faulty:",
+        "from 'faulty:Faulty' is no subclass of nrs_cosim.",
+    ),
+    (
+        STATE,
+        STATE + '    SENT: ClassVar = {"meory": Field()}\n',
+        "SENT: meory: is no field of STATE",
+    ),
+    (STATE, STATE + "    SENT: ClassVar = {}\n", "SENT: expected one field at least"),
+    (
+        STATE,
+        STATE + "    LINK: ClassVar = 3\n",
+        "LINK: expected a mapping of names to fields, got 3",
+    ),
+    (
+        STATE,
+        '    STATE: ClassVar = {"position": Field()}\n',
+        "STATE: velocity: expected a field of",
+    ),
+    (
+        STATE,
+        '    STATE: ClassVar = {**Algorithm.STATE, "items": Field()}\n',
+        "STATE: items: is a method of all values; give another name",
+    ),
+    (
+        STATE,
+        '    STATE: ClassVar = {**Algorithm.STATE, "a": Field(("k",))}\n',
+        "STATE: a: shape: expected a tuple of whole numbers > 0 and of m, n, in_degree",
+    ),
+    (
+        STATE,
+        STATE + '    SENT: ClassVar = {"count": Field((), truth="position")}\n',
+        "SENT: count: expected the shape ('m',) of the target's position",
+    ),
+    (
+        STATE,
+        STATE + '    MISSING: ClassVar = ("guess",)\n',
+        "MISSING: expected a tuple of some of hold",
+    ),
+    (STATE, STATE + '    ARRIVALS: ClassVar = "last"\n', "ARRIVALS: expected one of newest, every"),
+    (
+        STATE,
+        STATE + '    ARRIVALS: ClassVar = "every"\n',
+        'MISSING: expected ("drop",): with ARRIVALS',
+    ),
+    (STATE, STATE + "    TRIGGERED: ClassVar = True\n", "TRIGGERED: expected a method send, which"),
+    (STATE, STATE + "    TRIGGERED: ClassVar = 1\n", "TRIGGERED: expected True or False, got 1"),
+    (RECEIVE, "    pass\n", "jump: expected a method jump or receive"),
+    (
+        STATE,
+        STATE + '    LINK: ClassVar = {"had": Field()}\n    SEPARATE_GRAPHS: ClassVar = True\n',
+        "SEPARATE_GRAPHS: expected False, for LINK and ARRIVALS are of one digraph",
+    ),
+]
+
+
+@pytest.mark.parametrize(("was", "now", "why"), DECLARED, ids=[case[2][:24] for case in DECLARED])
+def test_what_it_declares_wrongly_is_one_line_before_anything_runs(faulty, was, now, why):
+    done, at = faulty("check", was, now)
+    line = done.stderr.replace("\n", "")
+    assert line.startswith("error: algorithm.name: faulty")
+    assert why in line
+    assert line.endswith(at(CLASS))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+SEND = "    def send(self, now, x):\n        return {}\n\n" + RECEIVE
+FAILING = [
+    (
+        "        return x\n",
+        "        return x.replace(memry=x.memory)\n",
+        "receive(now, x, received): TypeError: no field memry; the fields here are position, "
+        "velocity, memory, count",
+        "return x.replace(memry=x.memory)",
+    ),
+    (
+        "        return x\n",
+        "        return x.replace(memory=x.memory[0])\n",
+        "receive(now, x, received): ValueError: expected a memory of shape (6, 2), as it was "
+        "given, got (2,)",
+        "def receive(self, now, x, received):",
+    ),
+    (
+        "        return x\n",
+        "        return x.replace(count=x.count > 0)\n",
+        "receive(now, x, received): TypeError: expected a count of doubles in the state, got bool",
+        "def receive(self, now, x, received):",
+    ),
+    (
+        "        return x\n",
+        "        return None\n",
+        "receive(now, x, received): TypeError: expected the state as Values, got NoneType",
+        "def receive(self, now, x, received):",
+    ),
+    (
+        RECEIVE,
+        SEND.format("x, Values(position=x.position), None"),
+        "send(now, x): TypeError: expected the message to have a velocity; it has position",
+        "def send(self, now, x):",
+    ),
+    (
+        RECEIVE,
+        SEND.format("x"),
+        "send(now, x): TypeError: expected the state, the messages, and who sends (None for all)",
+        "def send(self, now, x):",
+    ),
+    (
+        RECEIVE,
+        SEND.format("x, x.at(slice(None)), None"),
+        "send(now, x): TypeError: expected no memory in the message; it has position, velocity",
+        "def send(self, now, x):",
+    ),
+    (
+        "        return x\n",
+        "        received.samples.position[:] = 0\n        return x\n",
+        "receive(now, x, received): ValueError: assignment destination is read-only",
+        "received.samples.position[:] = 0",
+    ),
+]
+
+
+@pytest.mark.parametrize(("was", "now", "why", "line"), FAILING, ids=[c[2][:60] for c in FAILING])
+def test_what_it_returns_wrongly_fails_the_run_with_its_place(
+    faulty, tmp_path, was, now, why, line
+):
+    done, at = faulty("run", was, now)
+    expected = f"algorithm.name: faulty.{why}, {at(line)}"
+    assert done.stderr.replace("\n", "") == f"failed: {expected}"
+    assert done.returncode == 1
+    with Reader(tmp_path / "s.mcap") as reader:
+        assert (reader.status, reader.reason) == ("failed", expected)
+
+
+MESSAGES = [
+    (
+        "x, Values(position=x.position, velocity=x.velocity[:, :1]), None",
+        "send returned a velocity of shape (6, 1), expected (6, 2)",
+    ),
+    (
+        "x, Values(position=x.position + np.inf, velocity=x.velocity), None",
+        "send returned a position of inf for robot 1 at tick 1",
+    ),
+    (
+        "x, Values(position=x.position, velocity=x.velocity), np.ones(6, bool)",
+        "send says who sends, which an algorithm may that declares TRIGGERED = True",
+    ),
+]
+
+
+@pytest.mark.parametrize(("sent", "why"), MESSAGES)
+def test_a_message_that_cannot_travel_fails_the_run(faulty, sent, why):
+    done, at = faulty("run", RECEIVE, SEND.format(sent))
+    assert done.stderr.replace("\n", "") == (
+        f"failed: algorithm faulty: {why}, {at('def send(self, now, x):')}"
+    )
+    assert done.returncode == 1
+
+
+def test_a_class_that_declares_nothing_wrong_is_let_pass(faulty):
+    done, _ = faulty("run", "alpha: float = 0.9", "alpha: float = 0.8")
+    assert (done.returncode, done.stderr) == (0, "")
+    import faulty as module  # noqa: PLC0415
+
+    assert wrong_declarations(module.Faulty) == []
