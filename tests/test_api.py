@@ -36,11 +36,11 @@ def short(paper) -> nrs.Scenario:
 
 
 class TestScenario:
-    def test_of_a_file_it_gives_back_the_users_own_text(self, paper):
+    def test_a_loaded_scenario_keeps_the_users_text(self, paper):
         assert paper.to_toml() == PAPER.read_text("utf-8")
         assert nrs.Scenario.parse(paper.to_toml(), folder=PAPER.parent) == paper
 
-    def test_made_of_tables_it_runs_as_the_file_does(self, paper):
+    def test_a_scenario_made_of_tables_runs_as_the_file(self, paper):
         tables = tomllib.loads(paper.to_toml())
         built = nrs.Scenario(tables, folder=PAPER.parent)
         keywords = nrs.Scenario(**tables, folder=PAPER.parent)
@@ -49,7 +49,7 @@ class TestScenario:
         with nrs.run(built.replace(change)) as one, nrs.run(paper.replace(change)) as other:
             assert one.digest == other.digest
 
-    def test_a_change_is_another_scenario_and_keeps_the_comments(self, paper):
+    def test_replace_gives_another_scenario_and_keeps_comments(self, paper):
         changed = paper.replace({"algorithm.alpha": np.float64(0.5), "run.seed": np.int64(3)})
         assert (changed["algorithm.alpha"], changed["run.seed"]) == (0.5, 3)
         assert paper["algorithm.alpha"] == 0.9
@@ -78,14 +78,14 @@ class TestScenario:
         ],
         ids=["another plant", "some robots", "another form of network", "other times"],
     )
-    def test_it_is_changed_as_by_the_command(self, paper, changes, robots):
+    def test_replace_equals_set_of_the_command(self, paper, changes, robots):
         text = ",".join(f"{key}={json.dumps(value)}" for key, value in changes.items())
         only = f"robots={','.join(map(str, robots))}," if robots else ""
         printed = json.loads(command("check", PAPER, "--set", only + text, "--json").stdout)
         mine = nrs.check(paper.replace(changes, robots=robots)).as_json()
         assert json.loads(json.dumps(mine)) == printed
 
-    def test_all_that_is_wrong_is_named_at_once(self, paper):
+    def test_all_errors_are_named_at_once(self, paper):
         with pytest.raises(nrs.errors.InputError) as refused:
             paper.replace({"algorithm.alfa": 1.0, "run.seed": "x"})
         assert "algorithm.alfa: unknown key; did you mean 'alpha'?" in str(refused.value)
@@ -96,7 +96,7 @@ class TestScenario:
 
 
 class TestTheory:
-    def test_is_the_commands(self, paper):
+    def test_the_theory_is_that_of_the_command(self, paper):
         printed = json.loads(command("check", PAPER, "--json").stdout)
         assert json.loads(json.dumps(nrs.check(paper).as_json())) == printed
 
@@ -107,13 +107,13 @@ class TestRun:
             assert recording.digest.startswith(DIGEST)
             assert recording.path == tmp_path / "run.mcap"
 
-    def test_without_an_output_it_is_gone_when_it_is_closed(self, short):
+    def test_a_run_without_output_is_deleted_when_closed(self, short):
         with nrs.run(short) as recording:
             folder = recording.path.parent
             assert recording.path.is_file()
         assert not folder.exists()
 
-    def test_what_is_there_is_replaced_when_asked_for(self, short, tmp_path):
+    def test_an_existing_recording_is_replaced_by_force(self, short, tmp_path):
         path = tmp_path / "run.mcap"
         nrs.run(short, path).close()
         with pytest.raises(nrs.errors.InputError, match="is there already"):
@@ -135,16 +135,16 @@ class TestRun:
         assert [t for t, _ in seen] == sorted(t for t, _ in seen)
 
     @pytest.mark.parametrize("deadline", [0, -1.0, float("nan")])
-    def test_a_deadline_that_is_none_is_refused(self, short, deadline):
+    def test_an_invalid_deadline_is_refused(self, short, deadline):
         with pytest.raises(nrs.errors.InputError, match="deadline: expected more than 0 s"):
             nrs.run(short, deadline=deadline)
 
     @pytest.mark.parametrize("workers", [0, 7, 1.5, "all"])
-    def test_workers_that_cannot_be_are_refused(self, short, workers):
+    def test_an_impossible_number_of_workers_is_refused(self, short, workers):
         with pytest.raises(nrs.errors.InputError, match="workers: expected auto or 1 to 6"):
             nrs.run(short, workers=workers)
 
-    def test_in_a_thread_and_in_a_loop_of_asyncio(self, short):
+    def test_a_run_works_in_a_thread_and_in_asyncio(self, short):
         with nrs.run(short) as recording:
             expected = recording.digest
         found: list[str] = []
@@ -164,7 +164,7 @@ class TestRun:
         asyncio.run(main())
         assert found == [expected] * 3
 
-    def test_in_a_script_without_a_main_guard(self, tmp_path):
+    def test_a_run_works_in_a_script_without_a_main_guard(self, tmp_path):
         script = tmp_path / "script.py"
         script.write_text(
             "import nrs_cosim as nrs\n"
@@ -201,7 +201,7 @@ class TestRun:
 
 
 class TestResume:
-    def test_a_completed_run_goes_on_for_longer_as_by_the_command(self, short, tmp_path):
+    def test_a_completed_run_is_extended_as_by_the_command(self, short, tmp_path):
         path = tmp_path / "short.mcap"
         with nrs.run(short, path) as begun, nrs.resume(
             begun, tmp_path / "a.mcap", changes={"run.duration": 4.0}
@@ -228,11 +228,11 @@ class TestResume:
         ],
         ids=["nothing", "the same", "shorter", "another key", "a typo", "no number"],
     )
-    def test_what_cannot_be_continued_is_named(self, short, changes, words):
+    def test_a_run_that_cannot_be_continued_is_named(self, short, changes, words):
         with nrs.run(short) as begun, pytest.raises(nrs.errors.InputError, match=words):
             nrs.resume(begun, changes=changes)
 
-    def test_its_own_recording_is_no_output(self, short, tmp_path):
+    def test_the_recording_itself_is_refused_as_output(self, short, tmp_path):
         path = tmp_path / "short.mcap"
         longer = {"run.duration": 4.0}
         with nrs.run(short, path), pytest.raises(nrs.errors.InputError, match="give another name"):
@@ -260,11 +260,11 @@ def recording(paper, tmp_path_factory):
 
 
 class TestRecording:
-    def test_its_analysis_is_what_the_command_prints(self, recording):
+    def test_the_analysis_is_what_the_command_prints(self, recording):
         printed = json.loads(command("info", recording.path, "--json").stdout)
         assert json.loads(json.dumps(recording.analysis())) == printed
 
-    def test_its_errors_are_those_of_the_formula_of_the_target(self, recording):
+    def test_errors_agree_with_the_targets_formula(self, recording):
         states, errors = recording.states(), recording.errors()
         t = states["t"]
         position = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
@@ -332,7 +332,7 @@ class TestRecording:
             (lambda r: r.report("README.md/a.html"), "README.md: is a file and not a folder"),
         ],
     )  # fmt: skip
-    def test_what_is_asked_wrongly_is_named(self, recording, monkeypatch, call, words):
+    def test_a_wrong_selection_is_named(self, recording, monkeypatch, call, words):
         monkeypatch.chdir(ROOT)
         with pytest.raises(nrs.errors.InputError, match=words):
             call(recording)
@@ -350,7 +350,7 @@ class TestRecording:
         assert (frame["velocity_tracking_2"] == rows["velocity_tracking"][:, 1]).all()
         assert list(recording.to_pandas("link_events").columns)[4:6] == ["source", "lost"]
 
-    def test_one_that_is_closed_says_so_and_is_still_shown(self, short):
+    def test_a_closed_recording_still_has_a_repr(self, short):
         with nrs.run(short) as recording:
             pass
         for read in (recording.states, recording.errors, recording.dataset, recording.analysis):
@@ -359,7 +359,7 @@ class TestRecording:
         assert repr(recording).endswith(", closed)")
         assert "20 ticks" in recording._repr_html_()
 
-    def test_it_gives_back_its_scenario(self, recording, paper):
+    def test_a_recording_gives_back_its_scenario(self, recording, paper):
         assert recording.to_scenario() == paper
 
     def test_a_table_of_pandas_has_a_column_for_each_number(self, recording):
@@ -369,7 +369,7 @@ class TestRecording:
         assert list(table.columns[-2:]) == ["reference_velocity_1", "reference_velocity_2"]
         assert (table["position_2"].to_numpy() == recording.states()["position"][:, 1]).all()
 
-    def test_it_says_in_a_line_what_it_is(self, recording):
+    def test_a_recordings_repr_is_one_line(self, recording):
         assert repr(recording) == (
             "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 130b001e)"
         )
@@ -379,7 +379,7 @@ class TestRecording:
         assert recording.report(tmp_path / "a.html").read_text("utf-8").startswith("<!doctype html")
 
 
-def test_the_import_loads_nothing_that_is_not_used():
+def test_importing_the_package_loads_only_what_is_used():
     program = "import sys, nrs_cosim; nrs_cosim.__all__; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
@@ -393,7 +393,7 @@ def leaves(error: type[Exception]) -> set[str]:
     return {error.__name__}.union(*map(leaves, below))
 
 
-def test_errors_are_one_tree_that_is_drawn_as_it_is():
+def test_the_error_classes_are_the_tree_that_is_drawn():
     drawn = re.findall(r"[├└│ ]*── (\w+)|^(CosimError)$", nrs.errors.__doc__, re.MULTILINE)
     names = {name or root for name, root in drawn}
     assert names == set(nrs.errors.__all__)
@@ -421,7 +421,7 @@ class TestReplay:
                 assert found.messages == found.as_json()["messages"] > 500
         assert nrs.replay.verify(tmp_path / "run.mcap").status == "identical"
 
-    def test_what_if_is_what_the_command_makes(self, short, tmp_path):
+    def test_what_if_equals_that_of_the_command(self, short, tmp_path):
         path = tmp_path / "run.mcap"
         with nrs.run(short, path) as recording:
             assert command(
@@ -448,18 +448,18 @@ class TestReplay:
         ],
         ids=["none", "robots of an algorithm", "no robots", "another key", "a typo"],
     )
-    def test_what_cannot_be_changed_is_named(self, short, changes, robots, words):
+    def test_an_impossible_change_is_named(self, short, changes, robots, words):
         with nrs.run(short) as recording, pytest.raises(nrs.errors.InputError, match=words):
             nrs.replay.what_if(recording, changes, robots=robots)
 
-    def test_its_own_output_is_refused(self, short, tmp_path):
+    def test_the_parent_recording_is_refused_as_output(self, short, tmp_path):
         path = tmp_path / "run.mcap"
         with nrs.run(short, path) as recording, pytest.raises(nrs.errors.InputError):
             nrs.replay.what_if(recording, {"controller.kp": 1.0}, path, force=True)
         assert nrs.replay.verify(path, agents_only=True).status == "identical"
 
 
-def test_every_public_name_is_there_with_its_words():
+def test_every_public_name_exists_with_its_docstring():
     for name in nrs.__all__:
         assert getattr(nrs, name).__doc__, name
     assert len(nrs.__all__) <= 13
@@ -467,7 +467,7 @@ def test_every_public_name_is_there_with_its_words():
         nrs.nothing  # noqa: B018
 
 
-def test_a_notebook_runs_and_is_interrupted_as_a_script_is(tmp_path):
+def test_a_notebook_runs_and_can_be_interrupted(tmp_path):
     cells = [
         f"import nrs_cosim as nrs; scenario = nrs.Scenario.load({str(PAPER)!r})",
         "recording = nrs.run(scenario, workers=2); recording",

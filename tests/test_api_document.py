@@ -74,7 +74,7 @@ def test_ten_lines_draw_the_steady_state_error_that_the_theory_has(folder):
         "recordings.recording",
     ],
 )
-def test_the_examples_in_the_docstrings_are_true(module, monkeypatch):
+def test_the_examples_in_the_docstrings_run(module, monkeypatch):
     monkeypatch.chdir(ROOT)
     failed, tried = doctest.testmod(importlib.import_module(f"nrs_cosim.{module}"))
     assert tried > 0

@@ -21,7 +21,7 @@ BIN = Path(sys.executable).parent
     "command",
     ["ruff check .", "ruff format --check .", "mypy", "lint-imports"],
 )
-def test_tools_have_no_complaint(command):
+def test_format_lint_types_and_imports_pass(command):
     program, *arguments = shlex.split(command)
     done = subprocess.run(
         [BIN / program, *arguments], cwd=ROOT, check=False, capture_output=True, text=True
@@ -44,7 +44,7 @@ def test_tools_have_no_complaint(command):
         ),
     ],
 )
-def test_a_process_starts_without_what_it_need_not_wait_for(module, unneeded):
+def test_a_process_starts_without_unneeded_imports(module, unneeded):
     program = f"import sys, {module}; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
@@ -103,7 +103,7 @@ def reader_s_folder(tmp_path):
 
 
 @pytest.mark.parametrize("page", [README, RESULTS], ids=lambda page: page.name)
-def test_a_session_is_true(reader_s_folder, page):
+def test_a_documented_session_prints_what_is_shown(reader_s_folder, page):
     (session,) = blocks(page, "console")
     commands = re.split(r"^\$ ", session, flags=re.MULTILINE)[1:]
     assert len(commands) >= 2
@@ -119,7 +119,7 @@ def test_a_session_is_true(reader_s_folder, page):
         assert [volatile(line) for line in printed] == [volatile(line) for line in expected]
 
 
-def test_the_python_in_the_readme_is_true(reader_s_folder):
+def test_the_python_in_the_readme_runs(reader_s_folder):
     (program,) = blocks(README, "python")
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -129,7 +129,7 @@ def test_the_python_in_the_readme_is_true(reader_s_folder):
     assert done.stdout.splitlines() == ["0.500", "completed True"]
 
 
-def test_the_demo_ends_with_a_sentence_that_the_run_decides():
+def test_the_demos_last_sentence_depends_on_the_run():
     scenario = nrs_cosim.Scenario.load(ROOT / "scenarios/paper_first_order.toml")
     with nrs_cosim.run(scenario) as recording:
         result = demo.sentence(recording)
@@ -154,7 +154,7 @@ PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_links_within_the_project_lead_somewhere(page):
+def test_links_within_the_project_lead_to_files(page):
     for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8")):
         if not link.startswith("https://"):
             assert (page.parent / link).exists(), link
@@ -252,7 +252,7 @@ def literal(node: ast.expr) -> bool:
     sorted((ROOT / "tests").rglob("*.py")),
     ids=lambda path: path.relative_to(ROOT / "tests").as_posix(),
 )
-def test_how_long_a_test_waits_is_one_of_the_times_in_guard(path):
+def test_tests_wait_only_for_the_times_in_guard(path):
     """No test sleeps, or holds a machine's speed against a number of its own."""
     if path.relative_to(ROOT / "tests").as_posix() in OWN_TIME:
         return
@@ -270,7 +270,7 @@ def test_how_long_a_test_waits_is_one_of_the_times_in_guard(path):
     assert found == [], "lines that wait for a time of their own; see tests/guard.py"
 
 
-def test_what_is_listed_as_slow_is_there_and_leaves_tests_of_every_package():
+def test_slow_tests_exist_and_leave_tests_of_every_package():
     tests, fast = set(), set()
     listed = (ROOT / "tests" / "slow.txt").read_text("utf-8").split()
     for path in (ROOT / "tests").rglob("test_*.py"):

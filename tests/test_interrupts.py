@@ -95,7 +95,7 @@ def test_that_ends_the_main_thread_ends_a_run_in_another(tmp_path):
     [(True, 36000.0, "interrupted"), (False, 5.0, "completed")],
     ids=["daemon", "thread"],
 )
-def test_when_the_main_thread_is_done_a_thread_goes_on_and_a_daemon_ends(
+def test_after_the_main_thread_a_thread_continues_and_a_daemon_ends(
     tmp_path, daemon, duration, ending
 ):
     program = f"""{BEGIN}
@@ -155,7 +155,7 @@ def test_in_a_notebook_its_button_interrupts_the_cell(tmp_path):
         assert (recording.status, recording.damage) == ("interrupted", [])
 
 
-def test_what_progress_raises_interrupts_the_run_and_is_raised(tmp_path):
+def test_an_exception_of_the_progress_callback_ends_the_run_and_is_raised(tmp_path):
     class EnoughError(Exception):
         pass
 
@@ -202,7 +202,7 @@ def test_a_first_signal_while_a_run_is_set_up_ends_it_and_a_second_always_does(t
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_what_ignores_ctrl_c_goes_on_to():
+def test_a_process_that_ignores_ctrl_c_continues():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         short = nrs.Scenario.load(PAPER).replace({"run.duration": 2.0})

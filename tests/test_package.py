@@ -47,7 +47,7 @@ def test_a_wheel_of_the_sdist_holds_one_name_and_every_file_of_the_tree(site):
     assert inside == expected
 
 
-def test_modules_of_a_users_own_with_the_names_of_ours_break_nothing(site, tmp_path):
+def test_a_users_modules_with_the_names_of_our_folders_do_not_clash(site, tmp_path):
     for room in ROOMS:
         (tmp_path / f"{room}.py").write_text(THEIRS, "utf-8")
     (tmp_path / "script.py").write_text(

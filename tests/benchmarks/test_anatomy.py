@@ -6,7 +6,7 @@ from benchmarks.anatomy import ALL, BESIDE, PARTS, REST, parts_of, replaced
 from nrs_cosim.bus.validation import Wire
 
 
-def test_every_part_has_its_time_and_little_is_left():
+def test_every_part_has_a_time_and_little_is_unattributed():
     pack = Wire.pack_tick
     found = parts_of(200, 12)
     assert all(found[part] > 0 for part in PARTS)
@@ -16,6 +16,6 @@ def test_every_part_has_its_time_and_little_is_left():
     assert Wire.pack_tick is pack
 
 
-def test_a_function_that_is_gone_is_named():
+def test_a_missing_function_is_named():
     with pytest.raises(LookupError, match=r"bus\.validation:Wire\.gone is not there any more"):
         replaced("nrs_cosim.bus.validation:Wire.gone", lambda was: was)

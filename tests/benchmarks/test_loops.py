@@ -34,12 +34,12 @@ def test_a_bare_loop_ends_in_the_recorded_states(motion, loop):
         loop(other)
 
 
-def test_driven_arms_end_where_those_of_a_plain_loop_do(tmp_path):
+def test_driven_arms_end_as_in_a_plain_loop(tmp_path):
     work = Work(str(build("two_link_arm", 2)), N, TICKS, chain=False)
     assert ours(work, tmp_path / "run.mcap")["end"] == looped(work)[1]
 
 
-def test_how_a_chain_is_coupled_is_told():
+def test_the_coupling_of_a_chain_is_described():
     work = Work(str(build("two_link_arm", 2)), N, TICKS, chain=True)
     ends = {way: looped(work, way)[1] for way in ("Jacobi", "Jacobi, first late", "Gauss-Seidel")}
     for way, end in ends.items():

@@ -18,7 +18,7 @@ SMALL_ORDER = [
 
 
 @pytest.mark.parametrize("size", [0, 1, 31, 32, 1000, 10**6])
-def test_the_holder_of_the_private_key_alone_reads_it(size):
+def test_only_the_holder_of_the_private_key_decrypts(size):
     holder, other, data = KeyPair(), KeyPair(), bytes(k % 251 for k in range(size))
     hidden = encrypt(holder.public, "here", data)
     assert holder.decrypt("here", hidden) == data
@@ -27,14 +27,14 @@ def test_the_holder_of_the_private_key_alone_reads_it(size):
     assert size < 31 or data not in hidden
 
 
-def test_no_text_is_encrypted_twice_to_the_same_bytes():
+def test_encrypting_a_text_twice_gives_different_bytes():
     holder = KeyPair()
     one, two = (encrypt(holder.public, "here", b"x" * 32) for _ in range(2))
     assert one[:PUBLIC_SIZE] != two[:PUBLIC_SIZE]
     assert one[PUBLIC_SIZE:] != two[PUBLIC_SIZE:]
 
 
-def test_a_changed_cut_or_longer_text_is_none():
+def test_a_changed_cut_or_longer_ciphertext_is_rejected():
     holder = KeyPair()
     hidden = encrypt(holder.public, "here", b"secret")
     for at in (0, PUBLIC_SIZE - 2, PUBLIC_SIZE, len(hidden) - 1):
@@ -48,7 +48,7 @@ def test_a_changed_cut_or_longer_text_is_none():
 @pytest.mark.parametrize(
     "public", [*map(bytes.fromhex, SMALL_ORDER), b"", b"x" * 31, b"x" * 33], ids=bytes.hex
 )
-def test_what_all_could_compute_the_secret_of_is_no_public_key(public):
+def test_a_public_key_of_low_order_is_rejected(public):
     with pytest.raises(BusError, match="public key"):
         expect_public_key(public)
     assert KeyPair().decrypt("here", public + b"x" * 48) is None

@@ -145,7 +145,7 @@ class TestRefused:
         said = self.refusal(authority.issue("elsewhere", "lab.example"), tls["left"])
         assert "127.0.0.1" in said
 
-    def test_nobody_is_there(self, tls):
+    def test_connecting_where_nobody_listens_is_refused(self, tls):
         address = f"tls/127.0.0.1:{free_port()}"
         connect = Endpoints(connect=(address,), tls=tls["left"], wait=VAIN)
         with pytest.raises(BusError, match="nobody listens there"):
@@ -200,7 +200,7 @@ class TestAccess:
         assert sorted(story) == ["nrs/r/samples/right", "nrs/r/samples/target"]
         assert at_left.empty()
 
-    def test_orders_and_samples_are_heard_by_whom_they_are_for(self, workers):
+    def test_orders_and_samples_reach_only_their_recipients(self, workers):
         hub, left, right, _ = workers
         inboxes = [heard(worker, "nrs/r/orders/*") for worker in (left, right)]
         spied = heard(left, "nrs/r/records/*")
@@ -244,7 +244,7 @@ class TestAccess:
         assert alive.get(timeout=GUARD) == (zenoh.SampleKind.DELETE, "nrs/r/alive/right/1")
         assert alive.empty()
 
-    def test_a_certificate_that_no_worker_is_named_by_is_heard_by_nobody(self, workers):
+    def test_messages_of_a_certificate_without_a_worker_reach_nobody(self, workers):
         hub, left, _, stranger = workers
         at_hub = heard(hub, "nrs/**")
         stranger.put("nrs/r/samples/stranger", b"x", congestion_control=BLOCK)
@@ -259,7 +259,7 @@ class TestAccess:
             expect_conversation(hub, client)
 
     @pytest.mark.parametrize("name", ["", "a/b", "*", "a b*", "target", "orchestrator", " left"])
-    def test_a_name_that_cannot_be_a_workers(self, name):
+    def test_a_name_that_no_worker_may_have_is_refused(self, name):
         with pytest.raises(InputError, match=r"bus\.tls\.workers: expected the name of a worker"):
             access_control([name])
 
@@ -289,23 +289,23 @@ class TestInput:
             *("127.0.0.1", "localhost", "[::1]"),
         ],
     )
-    def test_plain_tcp_is_asked_for_by_name_on_loopback_too(self, host):
+    def test_plain_tcp_needs_its_option_on_loopback_too(self, host):
         endpoint = f"tcp/{host}:7447"
         for option in ("listen", "connect"):
             with pytest.raises(InputError, match=rf"--{option}: .*--insecure-tcp"):
                 Endpoints(**{option: (endpoint,)})
             Endpoints(**{option: (endpoint,)}, insecure_tcp=True)
 
-    def test_tls_wants_certificates(self):
+    def test_tls_without_certificates_is_refused(self):
         with pytest.raises(InputError, match=r"--connect: .* needs certificates; give --tls-ca"):
             Endpoints(connect=("tls/host:7447",), insecure_tcp=True)
 
-    def test_one_place_to_meet(self):
+    def test_listening_and_connecting_exclude_each_other(self):
         with pytest.raises(InputError, match="exclude each other"):
             Endpoints(listen=("tcp/127.0.0.1:1",), connect=("tcp/127.0.0.1:1",))
 
     @pytest.mark.parametrize("name", ["ca", "certificate", "key"])
-    def test_a_file_that_cannot_be_used_is_named(self, tls, tmp_path, name):
+    def test_an_unusable_certificate_file_is_named(self, tls, tmp_path, name):
         def fault(path):
             with pytest.raises(InputError, match=f"--tls-{name} ") as rejected:
                 Endpoints(connect=("tls/h:1",), tls=replace(tls["left"], **{name: path}))
@@ -321,7 +321,7 @@ class TestInput:
         torn.write_bytes(getattr(tls["left"], name).read_bytes()[:200])
         fault(torn)
 
-    def test_a_key_of_another_certificate(self, tls):
+    def test_a_key_that_does_not_match_its_certificate_is_refused(self, tls):
         with pytest.raises(InputError, match="is not the key of the certificate"):
             Endpoints(connect=("tls/h:1",), tls=replace(tls["left"], key=tls["right"].key))
 
@@ -333,7 +333,7 @@ class TestInput:
 
 
 class TestSettings:
-    def test_nothing_scouts_and_without_endpoints_nothing_opens(self, tls):
+    def test_without_endpoints_no_socket_opens_and_nothing_scouts(self, tls):
         for endpoints in (Endpoints(), *pair("tls/127.0.0.1:1", tls["left"], tls["right"])):
             settings = zenoh_settings(endpoints)
             assert not settings["scouting/multicast/enabled"]
@@ -342,11 +342,11 @@ class TestSettings:
         settings = zenoh_settings(Endpoints())
         assert settings["listen/endpoints"] == settings["connect/endpoints"] == []
 
-    def test_only_the_protocols_in_use_are_spoken(self, tls):
+    def test_only_the_protocols_in_use_are_enabled(self, tls):
         listen, _ = pair("tls/127.0.0.1:1", tls["left"], tls["right"])
         assert zenoh_settings(listen)["transport/link/protocols"] == ["tls"]
 
-    def test_silence_ends_a_network_link_and_not_a_local_one(self, tmp_path):
+    def test_silence_closes_a_network_link_but_not_a_local_one(self, tmp_path):
         local, network = f"unixsock-stream/{tmp_path}/s", "tcp/127.0.0.1:1"
         assert Endpoints(listen=(local,)).seconds_of_silence == LOCAL_LEASE
         assert Endpoints(listen=(network,), insecure_tcp=True).seconds_of_silence == NETWORK_LEASE

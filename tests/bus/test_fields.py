@@ -61,7 +61,7 @@ def test_declared_messages_have_the_bytes_of_protobuf(sent):
         assert codec.decode(codec.encode(records)).tobytes() == records.tobytes()
 
 
-def test_arrays_have_their_shapes_and_scalars_none():
+def test_arrays_have_their_shapes_and_scalars_are_0_dimensional():
     codec = Codecs.of(SIZES, "Mine", ODD).samples
     records = codec.blank(np.array([1, 2]))
     assert {name: records[name].shape for name in ODD} == {
@@ -109,7 +109,7 @@ def test_other_fields_have_a_type_of_the_class_own(sent):
     assert list(codecs.samples.kind.fields) == list(sent)
 
 
-def test_duplicates_are_a_new_field_behind_those_that_there_were():
+def test_duplicates_are_a_new_field_behind_the_old_ones():
     kind = Codecs.of(SIZES, duplicates=True).link_events.kind
     assert [(number, name) for number, name, _ in kind.numbered][-2:] == [
         (9, "velocity"),
@@ -117,7 +117,7 @@ def test_duplicates_are_a_new_field_behind_those_that_there_were():
     ]
 
 
-def test_a_number_of_an_array_has_a_column_of_its_own():
+def test_each_number_of_an_array_has_its_own_column():
     assert column_names("level", ()) == ["level"]
     assert column_names("x", (2,)) == ["x_1", "x_2"]
     assert column_names("P", (2, 2)) == ["P_1_1", "P_1_2", "P_2_1", "P_2_2"]
@@ -151,6 +151,6 @@ def test_sound_fields_have_nothing_wrong(fields):
         ({"x": Field(unit=3)}, "x: unit: expected text, got 3"),
     ],
 )
-def test_what_cannot_be_declared_is_named(fields, words):
+def test_an_impossible_field_declaration_is_named(fields, words):
     (found,) = wrong_fields(fields)
     assert re.match(words, found), found

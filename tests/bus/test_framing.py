@@ -12,7 +12,7 @@ def test_a_part_stands_after_its_length_u32_little_endian():
 
 
 @pytest.mark.parametrize("parts", [[], [b""], [b"a"], [b"", b"x" * 300, b"\x00" * 4, b""]])
-def test_what_is_framed_comes_out_as_it_was(parts):
+def test_framed_parts_are_unframed_unchanged(parts):
     assert parted(joined(parts)) == parts
 
 
@@ -21,6 +21,6 @@ def test_frames_one_after_the_other_are_the_frames_of_all_parts():
 
 
 @pytest.mark.parametrize("cut", range(1, 8))
-def test_what_is_cut_is_nothing(cut):
+def test_a_cut_frame_is_rejected(cut):
     whole = joined([b"ab", b"cd"])
     assert parted(whole[:-cut]) == ([b"ab"] if cut == 6 else None)

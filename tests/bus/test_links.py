@@ -62,14 +62,14 @@ def story(made, ticks=range(1, 200)):
     )
 
 
-def test_links_without_faults_are_not_kept():
+def test_links_without_faults_are_not_stored():
     made = links({(3, 6): LinkFault(loss=0.5), (2, 5): LinkFault(), (3, 4): LinkFault()})
     assert (made.source.tolist(), made.sink.tolist()) == ([3], [6])
     assert len(links({}).sink) == len(links({}).outcome(1).lost) == 0
     assert received(links({}), 1, np.zeros((0, 2, 2))).shape == (0, 2, 2)
 
 
-def test_all_links_of_a_robot_with_outages_are_kept():
+def test_all_links_of_a_robot_with_outages_are_stored():
     made = links({}, {4: ((0, 5),)})
     assert sorted(zip(made.source.tolist(), made.sink.tolist(), strict=True)) == [
         (1, 4), (3, 4), (4, 5),
@@ -77,7 +77,7 @@ def test_all_links_of_a_robot_with_outages_are_kept():
 
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.9])
-def test_as_many_are_lost_as_the_probability_says(p):
+def test_the_share_of_lost_samples_matches_the_probability(p):
     lost, *_ = story(links(everywhere(loss=p)), range(1, TICKS + 1))
     deviation = np.sqrt(p * (1 - p))
     assert np.abs(lost.mean(axis=0) - p).max() < 4 * deviation / np.sqrt(TICKS)
@@ -86,7 +86,7 @@ def test_as_many_are_lost_as_the_probability_says(p):
     assert np.abs(correlation - np.eye(len(correlation))).max() < 5 / np.sqrt(TICKS)
 
 
-def test_probabilities_of_none_and_all():
+def test_probabilities_0_and_1_lose_nothing_and_everything():
     assert not story(links(everywhere(loss=0.0, delay=(1, 1))))[0].any()
     assert story(links(everywhere(loss=1.0)))[0].all()
 
@@ -140,7 +140,7 @@ def test_time_may_begin_anywhere_and_go_back():
 GOLDEN = ([True, True], [6, 6], [-0.4194387463801478, 0.17775625887763816])
 
 
-def test_the_same_key_on_any_machine():
+def test_draws_of_a_key_are_the_same_on_any_machine():
     """From NumPy's Philox and SeedSequence as documented in the module; kept against change."""
     lost, _, delay, values = story(
         links({(3, 6): LinkFault(0.5, (0, 9), noise=both(1, 1))}), [1, 99]
@@ -161,7 +161,7 @@ def test_an_outage_begins_and_ends_with_sampling_times():
     assert Outages.of(several, CLOCK.since).at(1).tolist() == [1, 2]
 
 
-def test_a_robot_in_an_outage_neither_sends_nor_hears():
+def test_a_robot_in_an_outage_neither_sends_nor_receives():
     made = links({}, {3: ((20, 30),)})
     gone = {(made.source[f], made.sink[f]) for f in np.flatnonzero(made.outcome(2).gone)}
     assert gone == {(0, 3), (3, 1), (3, 4), (3, 5), (3, 6)}
@@ -170,7 +170,7 @@ def test_a_robot_in_an_outage_neither_sends_nor_hears():
 
 
 @pytest.mark.parametrize("delay", [1, 2, 4])
-def test_what_arrives_during_an_outage_is_gone_when_it_is_sent(delay):
+def test_a_sample_that_would_arrive_during_an_outage_is_lost(delay):
     made = links({(3, 6): LinkFault(delay=(delay, delay))}, {6: ((50, 60),)})
     assert [k for k in range(1, 8) if made.outcome(k).outage.any()] == [5 - delay, 5]
     sender = links({(3, 6): LinkFault(delay=(delay, delay))}, {3: ((50, 60),)})
@@ -202,7 +202,7 @@ def zeros_of(made, sent):
     return {name: np.zeros((len(made.sink), *shape)) for name, shape in codec.shapes.items()}
 
 
-def test_each_further_field_has_noise_of_a_stream_of_its_own():
+def test_each_further_field_has_its_own_noise_stream():
     made = links({(3, 6): LinkFault(noise=NOISE)}, sent=OTHERS)
     found = made.received(70, zeros_of(made, OTHERS))
     number, offset = divmod(70, BLOCK)
@@ -215,7 +215,7 @@ def test_each_further_field_has_noise_of_a_stream_of_its_own():
         assert found[name].tolist() == [drawn.tolist()]
 
 
-def test_what_another_field_is_given_changes_no_draw():
+def test_options_of_another_field_change_no_draw():
     whole = links({(3, 6): LinkFault(noise=NOISE)}, sent=OTHERS)
     every = whole.received(5, zeros_of(whole, OTHERS))
     for name, field in OTHERS.items():
@@ -248,7 +248,7 @@ def duplicates_of(made, ticks):
 
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.9])
-def test_as_many_arrive_twice_as_the_probability_says(p):
+def test_the_share_of_duplicated_samples_matches_the_probability(p):
     found = duplicates_of(links(everywhere(duplicate=p)), range(1, TICKS + 1))
     assert set(np.unique(found)) <= {0, 1}
     deviation = np.sqrt(p * (1 - p))
@@ -256,7 +256,7 @@ def test_as_many_arrive_twice_as_the_probability_says(p):
     assert abs(found.mean() - p) < 4 * deviation / np.sqrt(found.size)
 
 
-def test_all_or_none_arrive_twice_and_of_those_that_never_arrive_none():
+def test_probabilities_0_and_1_duplicate_no_sample_and_all_that_arrive():
     ticks = range(1, 200)
     assert duplicates_of(links(everywhere(duplicate=1.0)), ticks).all()
     assert not duplicates_of(links(everywhere(loss=0.5)), ticks).any()

@@ -68,7 +68,7 @@ def test_bytes_are_those_of_protobuf(kind, m):
         )
 
 
-def test_zero_header_is_written_too():
+def test_a_header_of_zeros_is_written():
     codec = Codec(SAMPLE, Sizes(2))
     (payload,) = codec.encode(codec.blank(np.array([0])))
     assert HEADER.unpack_from(payload) == (0, 0, 0)
@@ -108,7 +108,7 @@ def test_non_finite_number_is_refused_and_named(number):
 
 
 @pytest.mark.parametrize("size", [0, 1, 127, 128, 16_383, 16_384, 2_100_000])
-def test_a_blob_is_protobufs_of_any_size(size):
+def test_a_blob_of_any_size_is_valid_protobuf(size):
     for robot, k, time_ns in ((0, 0, 0), (70_000, 2**32 - 1, 2**64 - 1)):
         blob = Blob(robot, k, time_ns, RNG.bytes(size))
         theirs = protobuf_class(CHECKPOINT)(robot=robot, k=k, time_ns=time_ns, data=blob.data)
@@ -118,7 +118,7 @@ def test_a_blob_is_protobufs_of_any_size(size):
         assert CHECKPOINT.decode(payload) == blob
 
 
-def test_a_blobs_fields_are_declared():
+def test_the_fields_of_a_blob_are_declared():
     (file,) = descriptor_pb2.FileDescriptorSet.FromString(CHECKPOINT.descriptor()).file
     (message,) = file.message_type
     assert (file.package, message.name) == ("nrs", "Checkpoint")

@@ -17,7 +17,7 @@ def test_a_decimal_number_is_the_double_next_to_it(text, number):
     "text",
     ["", " ", ".", "e3", "1_0", "١", "1٫5", "nan", "inf", "Infinity", "0x10", "1,5", "1 0", "−1"],
 )
-def test_what_python_alone_reads_is_no_number(text):
+def test_number_forms_that_only_python_reads_are_refused(text):
     for reading in (decimal, whole):
         with pytest.raises(ValueError, match="is no"):
             reading(text)
@@ -29,5 +29,5 @@ def test_a_whole_number_has_neither_point_nor_exponent_nor_thousands_of_digits(t
         whole(text)
 
 
-def test_a_whole_number_is_itself():
+def test_a_whole_number_is_read_as_itself():
     assert [whole(text) for text in ("0", " 07 ", "+3", "-12")] == [0, 7, 3, -12]

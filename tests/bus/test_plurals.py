@@ -6,7 +6,7 @@ from nrs_cosim.bus.plurals import count_of, numbered, spans
 
 
 @pytest.mark.parametrize(("number", "said"), [(0, "0 links"), (1, "1 link"), (2, "2 links")])
-def test_one_is_no_plural(number, said):
+def test_a_count_of_one_is_singular(number, said):
     assert count_of(number, "link") == said
 
 

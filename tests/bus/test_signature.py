@@ -16,12 +16,12 @@ def test_a_seal_is_the_keyed_digest_of_the_key_and_the_data():
 
 
 @pytest.mark.parametrize("data", [b"", b"d", bytes(1000)])
-def test_what_was_closed_is_opened(data):
+def test_what_was_signed_is_verified(data):
     signer = Signer(SECRET)
     assert signer.verify("key", signer.sign("key", data)) == data
 
 
-def test_what_was_not_sealed_so_is_not_opened():
+def test_a_wrong_signature_is_rejected():
     signer = Signer(SECRET)
     payload = signer.sign("key", b"data")
     for bit in range(8 * len(payload)):
@@ -34,6 +34,6 @@ def test_what_was_not_sealed_so_is_not_opened():
     assert Signer(b"another secret").verify("key", payload) is None
 
 
-def test_without_a_secret_everything_is_as_it_was_put():
+def test_without_a_secret_payloads_are_unsigned():
     assert Signer().sign("key", b"data") == b"data"
     assert Signer().verify("key", b"data") == b"data"

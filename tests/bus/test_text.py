@@ -15,7 +15,7 @@ def test_a_long_value_keeps_its_beginning_and_its_end(value):
 
 
 @pytest.mark.parametrize("size", [0, 1, 77, 78])
-def test_a_value_of_80_characters_is_whole(size):
+def test_a_value_of_80_characters_is_not_shortened(size):
     assert quoted("k" * size) == repr("k" * size)
 
 
@@ -24,12 +24,12 @@ def test_a_value_of_81_characters_is_shortened():
     assert " … " in quoted("k" * 79)
 
 
-def test_what_steers_a_terminal_is_an_escape_and_lines_and_letters_stay():
+def test_control_characters_are_escaped_but_not_line_breaks_and_letters():
     assert printable("a\x1b[31m\x07\u202eé\nß\udcff") == "a\\x1b[31m\\x07\\u202eé\nß\udcff"
     assert shortened("a\nb\x1b") == "a\\nb\\x1b"
 
 
-def test_of_a_message_only_words_that_no_file_can_have_are_shortened():
+def test_only_words_longer_than_any_file_name_are_shortened_in_a_message():
     path = "/tmp/" + "k" * 250
     assert bounded(f"{path}: no such file") == f"{path}: no such file"
     assert len(bounded(f"{'k' * 5000} is no file")) == LONGEST + len(" is no file")

@@ -19,7 +19,7 @@ PAPER = (
 )
 
 
-def test_who_hears_whom_in_the_paper():
+def test_the_papers_topology_has_the_papers_neighbours():
     topology = Topology.of(*PAPER)
     heard = {robot: topology.in_neighbours(robot).tolist() for robot in range(1, 7)}
     assert heard == {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
@@ -47,6 +47,6 @@ def test_unreached_robots_are_named():
     assert Topology.of(adjacency, [0, 0, 0, 0]).unreached() == [1, 2, 3, 4]
 
 
-def test_components_of_the_paper():
+def test_the_papers_strongly_connected_components():
     parts = sorted(sorted((part + 1).tolist()) for part in Topology.of(*PAPER).components())
     assert parts == [[1, 2], [3], [4], [5], [6]]

@@ -17,7 +17,7 @@ def bus(request):
 
 
 class TestBus:
-    def test_every_listener_hears_in_order(self, bus):
+    def test_every_listener_receives_in_order(self, bus):
         first, second = bus.listen("sample/*"), bus.listen("*/*")
         one, two = bus.publisher("sample/1"), bus.publisher("sample/2")
         for payload in (b"a", b"b", b"c"):
@@ -28,20 +28,20 @@ class TestBus:
         assert first.take() == expected
         assert second.take() == expected
 
-    def test_only_matching_keys_are_heard(self, bus):
+    def test_only_matching_keys_are_received(self, bus):
         samples, one = bus.listen("sample/*"), bus.listen("state/1")
         for key in ("sample/1", "state/1", "state/11", "sample/1/more"):
             bus.publisher(key)(key.encode())
         assert samples.take() == [("sample/1", b"sample/1")]
         assert one.take() == [("state/1", b"state/1")]
 
-    def test_what_was_taken_is_forgotten(self, bus):
+    def test_a_taken_message_is_not_taken_again(self, bus):
         inbox, put = bus.listen("state/1"), bus.publisher("state/1")
         put(b"x")
         assert inbox.take() == [("state/1", b"x")]
         assert inbox.take() == []
 
-    def test_nothing_put_before_listening_is_heard(self, bus):
+    def test_messages_sent_before_listening_are_not_received(self, bus):
         put = bus.publisher("state/1")
         put(b"early")
         inbox = bus.listen("state/1")
@@ -85,7 +85,7 @@ def test_zenoh_opens_no_socket():
     bus.close()
 
 
-def test_runs_in_one_process_do_not_hear_each_other():
+def test_runs_in_one_process_do_not_receive_each_others_messages():
     one, other = ZenohBus("run-1"), ZenohBus("run-2")
     inbox = other.listen("**")
     one.publisher("sample/1")(b"x")

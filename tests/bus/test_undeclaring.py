@@ -56,7 +56,7 @@ def counts(monkeypatch):
 
 
 @pytest.mark.parametrize("listens", [False, True])
-def test_all_that_was_declared_is_taken_back_by_closing(counts, tmp_path, listens):
+def test_closing_undeclares_everything_that_was_declared(counts, tmp_path, listens):
     listen = (f"unixsock-stream/{tmp_path}/s",) if listens else ()
     bus = ZenohBus("run", Endpoints(listen=listen))
     inbox = bus.listen("samples/*", "orders/*")

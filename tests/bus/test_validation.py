@@ -68,7 +68,7 @@ def signed(kind, body, k=K, worker=WORKER, signer=SIGNER):
     return signer.sign(wire_key(kind, worker), struct.pack("<I", k) + body)
 
 
-def test_samples_are_what_was_put():
+def test_samples_unpack_to_what_was_packed():
     wire, records = new_wire(), samples_of(new_wire())
     payload = wire.pack_samples(WORKER, K, records)
     assert payload == signed(SAMPLES, records.tobytes())
@@ -79,7 +79,7 @@ def test_samples_are_what_was_put():
     assert wire.unpack_samples(WORKER, later)[0] == K + 1
 
 
-def test_robots_that_are_silent_owe_nothing():
+def test_no_samples_are_expected_of_silent_robots():
     wire = new_wire(silent=lambda k: np.array([4] if k == K else []))
     for k, robots in ((K, [2]), (K + 1, ROBOTS)):
         payload = wire.pack_samples(WORKER, k, samples_of(wire, k, robots))
@@ -87,7 +87,7 @@ def test_robots_that_are_silent_owe_nothing():
 
 
 @pytest.mark.parametrize("k", [0, 1, K, TICKS])
-def test_a_tick_is_what_was_put(k):
+def test_a_tick_unpacks_to_what_was_packed(k):
     wire = new_wire()
     result = Tick(states_of(wire, k), wire.none, checkpoints_of(k=k, time_ns=100 * k))
     got_k, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))
@@ -97,7 +97,7 @@ def test_a_tick_is_what_was_put(k):
     assert got.checkpoints == result.checkpoints
 
 
-def test_faults_are_what_was_put_and_checkpoints_may_be_missing():
+def test_link_events_unpack_to_what_was_packed_and_checkpoints_may_be_missing():
     wire = new_wire()
     result = Tick(states_of(wire), faults_of(wire), ())
     _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, K, result))
@@ -162,7 +162,7 @@ def test_samples_are_refused_with_the_reason(situation):
         new_wire().unpack_samples(worker, payload)
 
 
-def test_large_numbers_whose_sum_is_not_finite_are_believed():
+def test_large_finite_numbers_with_an_infinite_sum_are_accepted():
     wire = new_wire()
     records = changed(GOOD_SAMPLES, "position", [1.7e308, 1.7e308])
     with np.errstate(over="ignore"):  # as in a run
@@ -258,7 +258,7 @@ def test_the_largest_batch_is_that_of_the_first_or_of_a_later_tick():
         assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))[0] == k
 
 
-def test_without_a_secret_there_is_no_seal():
+def test_without_a_secret_batches_are_unsigned():
     wire = new_wire(Signer())
     payload = wire.pack_samples(WORKER, K, GOOD_SAMPLES)
     assert payload == struct.pack("<I", K) + GOOD_SAMPLES.tobytes()
@@ -285,7 +285,7 @@ def kept_of(k=K, robots=ROBOTS):
 
 
 @pytest.mark.parametrize("k", [1, K, TICKS])
-def test_what_agents_keep_is_what_was_put(k):
+def test_agent_states_unpack_to_what_was_packed(k):
     wire = kept_wire()
     checkpoints = checkpoints_of(k=k, time_ns=100 * k)
     result = Tick(states_of(wire, k), wire.none, checkpoints, kept_of(k))
@@ -314,7 +314,7 @@ WRONGLY_KEPT = {
 
 
 @pytest.mark.parametrize(("why", "k", "kept"), WRONGLY_KEPT.values(), ids=WRONGLY_KEPT)
-def test_what_agents_cannot_keep_is_rejected(why, k, kept):
+def test_invalid_agent_states_are_rejected(why, k, kept):
     wire = kept_wire()
     payload = wire.pack_tick(WORKER, k, Tick(states_of(wire, k), wire.none, (), kept))
     with pytest.raises(RejectedError, match=f"^{why}$"):

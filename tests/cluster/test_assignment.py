@@ -40,13 +40,13 @@ def test_workers_that_name_no_robots_share_them():
     assert assignment.missing() == ""
 
 
-def test_a_worker_more_than_expected_takes_what_is_left():
+def test_a_worker_beyond_the_expected_number_gets_the_remaining_robots():
     assignment = Assignment(4, 1)
     assert let_in(assignment, "a", (2,)) == [2]
     assert let_in(assignment, "b") == [1, 3, 4]
 
 
-def test_robots_that_are_named_are_had_in_order():
+def test_named_robots_are_assigned_in_order():
     assignment = Assignment(5, 1)
     assert let_in(assignment, "a", (4, 1)) == [1, 4]
     assert list(assignment.free) == [2, 3, 5]
@@ -67,14 +67,14 @@ def test_robots_that_are_not_free_are_refused(robots, asks_for):
     assert list(assignment) == ["a"]
 
 
-def test_another_version_is_refused_for_good():
+def test_a_worker_of_another_version_is_refused_permanently():
     why, final = rejected(Assignment(2, 1), "a", hello(of="0.0.0"))
     assert f"the run is of nrs-cosim {VERSION}, the worker of 0.0.0" in why
     assert final
 
 
 @pytest.mark.parametrize("incarnation", ["first", "second"])
-def test_a_name_that_is_taken_is_refused_for_now_whoever_asks(incarnation):
+def test_a_name_in_use_is_refused_for_now(incarnation):
     """The id of a session is no secret, so it does not show that its owner asks."""
     assignment = Assignment(2, 1)
     let_in(assignment, "a", incarnation="first")
@@ -84,7 +84,7 @@ def test_a_name_that_is_taken_is_refused_for_now_whoever_asks(incarnation):
     )
 
 
-def test_a_worker_that_comes_again_has_the_robots_of_its_name_and_no_others():
+def test_a_returning_worker_gets_the_robots_of_its_name():
     assignment = Assignment(4, 1)
     let_in(assignment, "a", (1, 3))
     lose(assignment, "a")
@@ -96,7 +96,7 @@ def test_a_worker_that_comes_again_has_the_robots_of_its_name_and_no_others():
     assert final
 
 
-def test_without_a_free_robot_the_places_that_are_vacant_are_named():
+def test_when_no_robot_is_free_the_vacant_slots_are_named():
     assignment = Assignment(3, 1)
     let_in(assignment, "a", (1, 2))
     let_in(assignment, "b", (3,))
@@ -108,7 +108,7 @@ def test_without_a_free_robot_the_places_that_are_vacant_are_named():
     )
 
 
-def test_a_worker_that_goes_for_good_frees_its_robots():
+def test_a_worker_that_leaves_permanently_frees_its_robots():
     assignment = Assignment(4, 1)
     let_in(assignment, "a", (1, 4))
     del assignment["a"]
@@ -137,7 +137,7 @@ def test_a_worker_that_is_done_and_gone_may_come_back_to_its_robots():
     assert let_in(assignment, "a", incarnation="again") == [1, 3]
 
 
-def test_plants_that_are_alike_are_told_once_whatever_worker_they_are_on():
+def test_equal_plants_are_listed_once_across_workers():
     assignment = Assignment(5, 2)
     let_in(assignment, "a", (2, 5))
     let_in(assignment, "b", (1, 3, 4))

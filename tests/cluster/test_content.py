@@ -22,7 +22,7 @@ def foreign_copy(path: Path) -> Path:
     return path
 
 
-def test_a_foreign_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
+def test_a_third_party_fmu_is_fetched_where_that_is_allowed(nrs, tmp_path):
     fmu = foreign_copy(tmp_path / "own.fmu")
     path = paper_file(tmp_path, 20, {"plant.fmu": "own.fmu"})
     file, meet = read_scenario(path), f"tcp/127.0.0.1:{free_port()}"

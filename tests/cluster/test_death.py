@@ -47,7 +47,7 @@ def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
     assert digest(outcome.path) == digest(whole)
 
 
-def test_two_at_once_one_again_and_one_at_the_end(tmp_path, whole):
+def test_workers_die_together_again_and_at_the_end(tmp_path, whole):
     spread = Spread(lossy(), 3).kill(0, 2).kill(50, 1, 3).kill(50 + 1, 1).kill(TICKS - 1, 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason) == ("completed", "")
@@ -55,13 +55,13 @@ def test_two_at_once_one_again_and_one_at_the_end(tmp_path, whole):
     assert digest(outcome.path) == digest(whole)
 
 
-def test_after_the_last_tick_nobody_is_missed(tmp_path, whole):
+def test_a_worker_that_dies_after_the_last_tick_is_not_replaced(tmp_path, whole):
     outcome = Spread(lossy(), 3).kill(TICKS, 1, 2, 3).run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
     assert digest(outcome.path) == digest(whole)
 
 
-def test_one_that_dies_before_it_is_ready_is_started_again(tmp_path, whole, monkeypatch):
+def test_a_worker_that_dies_before_it_is_ready_is_restarted(tmp_path, whole, monkeypatch):
     """The first two that are started, and the third while the second begins anew."""
 
     class Doomed(LocalWorker):
@@ -92,7 +92,7 @@ def without_states(folder):
 FORGETFUL = {"robots": [{"id": 3, "plant": {"fmu": "forgetful.fmu", "isolate": False}}]}
 
 
-def test_a_plant_without_checkpoints_comes_back_from_the_beginning(tmp_path):
+def test_a_plant_without_checkpoints_is_restored_by_replaying_from_the_start(tmp_path):
     """Further back than what the recorder has at hand, so that the recording is read again."""
     without_states(tmp_path)
     file = lossy(FORGETFUL, folder=tmp_path)
@@ -116,7 +116,7 @@ def test_without_restart_a_death_ends_the_run(tmp_path):
         assert (reader.ending.cause.kind, reader.ending.cause.tick) == ("worker", k + 1)
 
 
-def test_who_is_stopped_is_waited_for(tmp_path, whole):
+def test_a_stopped_worker_is_waited_for(tmp_path, whole):
     """Until it is continued, by whoever looks again and again."""
     looks = []
 
@@ -137,7 +137,7 @@ def test_who_is_stopped_is_waited_for(tmp_path, whole):
     assert digest(outcome.path) == digest(whole)
 
 
-def test_who_is_silent_for_too_long_is_named_with_what_all_wait_for(tmp_path):
+def test_a_worker_silent_beyond_the_deadline_is_named_with_the_tick(tmp_path):
     """Robots 3 and 4 hear 1, who hears 2 and 3; robots 5 and 6 hear 2 to 4."""
     spread = Spread(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
     outcome = spread.run(tmp_path / "n.mcap", deadline=LIMIT)
@@ -179,7 +179,7 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     assert all(re.search(rf"after tick {k};", line) for line in spread.said[-3:])
 
 
-def test_an_fmu_that_is_not_there_any_more_ends_the_run(tmp_path):
+def test_a_deleted_fmu_ends_the_run(tmp_path):
     """A worker that is started again opens its FMUs anew."""
     path = without_states(tmp_path)
     spread = Spread(lossy(FORGETFUL, folder=tmp_path), 2)
@@ -201,7 +201,7 @@ def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-def test_a_failure_is_told_also_when_another_worker_hangs_at_the_same_tick(tmp_path):
+def test_a_failure_is_reported_even_while_another_worker_hangs(tmp_path):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     robots = three_robots("error", isolate=False)
     one = run(example(robots, folder=tmp_path), tmp_path / "1.mcap")
@@ -212,7 +212,7 @@ def test_a_failure_is_told_also_when_another_worker_hangs_at_the_same_tick(tmp_p
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
 
-def test_workers_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
+def test_a_dead_worker_is_replaced_while_the_pace_delays_a_tick(tmp_path, whole):
     class Held:
         def start(self, time_ns):
             pass
@@ -230,7 +230,7 @@ def test_workers_are_looked_after_while_the_pace_holds_a_tick(tmp_path, whole):
 
 
 @pytest.mark.parametrize("worst", ["position", "qd"])
-def test_of_many_failures_the_first_of_one_process_is_told(tmp_path, worst):
+def test_of_many_failures_the_one_of_a_single_process_run_is_reported(tmp_path, worst):
     """At t = 0 robots on all workers are beyond the limit, each in another quantity."""
     beyond = {"position": 5, "velocity": 3, "q": 2, "qd": 1} if worst == "position" else {"qd": 4}
     initial = {
@@ -243,7 +243,7 @@ def test_of_many_failures_the_first_of_one_process_is_told(tmp_path, worst):
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
 
 
-def test_a_run_that_diverges_says_what_it_says_in_one_process(tmp_path):
+def test_a_diverging_run_reports_the_same_reason_on_workers(tmp_path):
     file = paper({"algorithm.alpha": 1.18, "algorithm.beta": 1.18, "run.divergence_limit": 1000})
     one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)

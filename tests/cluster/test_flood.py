@@ -55,7 +55,7 @@ def test_unsigned_messages_are_not_kept_and_signed_ones_are(tmp_path):
     ]
 
 
-def test_a_message_that_is_longer_than_any_workers_is_not_taken_in(tmp_path):
+def test_a_message_longer_than_any_batch_is_dropped(tmp_path):
     listen = Endpoints(listen=(f"unixsock-stream/{tmp_path}/s",))
     assert zenoh_settings(listen)["transport/link/rx/max_message_size"] == 256 * 2**20
 
@@ -76,7 +76,7 @@ with open_session(Endpoints(connect=(meet,), insecure_tcp=True)) as session:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak is told by Linux only")
-def test_600_megabytes_of_a_stranger_are_never_held_together(nrs, tmp_path):
+def test_a_flood_of_600_megabytes_is_not_held_in_memory(nrs, tmp_path):
     path, meet = paper_file(tmp_path, 20), f"tcp/127.0.0.1:{free_port()}"
     result = {"file": str(path), "output": str(tmp_path / "x.mcap"), "listen": [meet]}
     run = nrs(dumps(result | {"pauses": [10]}), program=PROCESS)

@@ -95,7 +95,7 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
     assert sum(rejected.values()) == put
 
 
-def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tmp_path):
+def test_queries_and_presence_of_strangers_change_nothing(run_alone, meet, tmp_path):
     file, digest = run_alone
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
         seen = []
@@ -138,7 +138,7 @@ def test_questions_and_presences_of_strangers_change_nothing(run_alone, meet, tm
     assert run.outcome().rejected["missed"] >= 2 * len(GARBAGE)
 
 
-def test_false_answers_are_passed_over(run_alone, meet, nrs, tmp_path):
+def test_forged_answers_are_ignored(run_alone, meet, nrs, tmp_path):
     file, digest = run_alone
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
         asked = []
@@ -183,9 +183,7 @@ def tls(tmp_path):
     return {**{n: authority.issue(n) for n in names}, "foreign": foreign.issue("left")}
 
 
-def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(
-    run_alone, address, tls, tmp_path
-):
+def test_with_tls_only_listed_workers_join_each_with_its_robots(run_alone, address, tls, tmp_path):
     file, digest = run_alone
     listen = (f"tls/{address}",)
     with Run(
@@ -216,7 +214,7 @@ def test_with_tls_only_listed_workers_get_in_each_to_its_own_place(
     assert not run.outcome().rejected
 
 
-def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, address, tls, tmp_path):
+def test_with_tls_a_worker_cannot_send_for_another(run_alone, address, tls, tmp_path):
     file, digest = run_alone
     listen = (f"tls/{address}",)
     ends = {"listen": listen, "tls": tls["orchestrator"]}
@@ -247,7 +245,7 @@ def test_with_tls_a_listed_worker_speaks_for_itself_alone(run_alone, address, tl
     assert run.outcome().rejected == {"signature": 3}  # right's own samples, records and report
 
 
-def test_on_plain_tcp_a_stranger_may_lure_a_worker_but_not_crash_it(meet):
+def test_on_plain_tcp_an_impostor_orchestrator_cannot_crash_a_worker(meet):
     with open_session(Endpoints(listen=(meet,), insecure_tcp=True)) as session:
         run = "0" * 32
         token = session.liveliness().declare_token(f"nrs/{run}/alive/orchestrator")

@@ -21,7 +21,7 @@ NETWORKS = {
 }
 
 
-def test_one_digest(tmp_path):
+def test_any_number_of_workers_gives_one_digest(tmp_path):
     """With lost and late samples."""
     run(lossy(), tmp_path / "1.mcap")
     for workers in (2, 4):
@@ -34,12 +34,12 @@ def test_one_digest(tmp_path):
 
 
 @pytest.mark.parametrize("name", PAPER)
-def test_the_papers_scenarios(tmp_path, name):
+def test_the_papers_scenarios_give_one_digest_on_any_number_of_workers(tmp_path, name):
     assert_same(tmp_path, example(name, {"run.duration": 4.5}), (2, 6))
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_digraphs_in_turn_and_apart(tmp_path, name):
+def test_switching_and_separate_networks_give_one_digest_on_any_number_of_workers(tmp_path, name):
     assert_same(tmp_path, NETWORKS[name])
 
 
@@ -69,7 +69,7 @@ def plants(path):
 
 
 @pytest.mark.parametrize("workers", [2, 6])
-def test_plants_of_all_kinds(tmp_path, driven, workers):
+def test_all_kinds_of_plants_give_one_digest_on_any_number_of_workers(tmp_path, driven, workers):
     path = tmp_path / "n.mcap"
     assert Spread(mixed(), workers).run(path).status == "completed"
     assert story(path) == story(driven)
@@ -77,7 +77,7 @@ def test_plants_of_all_kinds(tmp_path, driven, workers):
     assert plants(path) == plants(driven)
 
 
-def test_what_is_told_of_a_group_is_told_wherever_its_robots_are(tmp_path):
+def test_the_measured_error_of_a_group_is_recorded_wherever_its_robots_run(tmp_path):
     """The error of a held torque is measured at some robots, and told of all."""
     file = paper(SHORT, {"plant.control": "hold"})
     run(file, tmp_path / "1.mcap")

@@ -55,7 +55,7 @@ def lure(tmp_path):
 
 @pytest.mark.parametrize("allow", [False, True], ids=["not allowed", "allowed"])
 @pytest.mark.parametrize("relative", [False, True], ids=["absolute", "relative to its folder"])
-def test_a_worker_loads_no_fmu_of_its_disk_that_an_orchestrator_names(
+def test_a_worker_loads_no_local_fmu_just_because_an_orchestrator_names_it(
     lure, tmp_path, allow, relative
 ):
     fmu, mark = lure

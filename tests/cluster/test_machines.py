@@ -14,7 +14,7 @@ PORT = 7447
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
-def test_workers_of_another_machine_run_to_the_same_bits_also_when_cut(protocol, nrs, tmp_path):
+def test_workers_on_another_machine_give_the_same_digest_even_after_a_cut(protocol, nrs, tmp_path):
     path = paper_file(tmp_path, TICKS)
     digest = alone(read_scenario(path), tmp_path)
     with two_machines(delay_ms=5, loss_percent=1) as wire:

@@ -55,7 +55,7 @@ session.close()
 )
 
 
-def test_early_and_late_workers_with_robots_and_without_share_them_all(short, meet, nrs, tmp_path):
+def test_workers_that_join_early_or_late_share_all_robots(short, meet, nrs, tmp_path):
     file, digest = short
     early = nrs("worker", "--insecure-tcp", "--connect", meet, "--name", "early", "--robots", "1-2")
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=3) as run:
@@ -101,7 +101,7 @@ def until_refused(monkeypatch):
 
 
 @pytest.mark.usefixtures("until_refused")
-def test_workers_that_cannot_be_let_in_are_told_why(short, meet, nrs, tmp_path):
+def test_refused_workers_are_told_why(short, meet, nrs, tmp_path):
     file, digest = short
     with Run(file, tmp_path / "run.mcap", listen=(meet,), expected=2) as run:
         good = Worker(meet, "good", (1, 2))
@@ -150,7 +150,9 @@ BEYOND = [
 
 @pytest.mark.parametrize("command", BEYOND, ids=" ".join)
 @pytest.mark.parametrize("address", ["10.77.0.9", "127.0.0.1", "localhost", "[::1]"])
-def test_plain_tcp_is_to_be_asked_for_on_loopback_too(command, address, monkeypatch, capsys):
+def test_plain_tcp_without_its_option_is_refused_on_loopback_too(
+    command, address, monkeypatch, capsys
+):
     monkeypatch.setattr(sys, "argv", ["nrs", *command, f"tcp/{address}:7447"])
     with pytest.raises(SystemExit, match="2"):
         main()
@@ -161,7 +163,7 @@ def test_plain_tcp_is_to_be_asked_for_on_loopback_too(command, address, monkeypa
     assert "--insecure-tcp" in result
 
 
-def test_of_two_runs_on_one_router_a_worker_says_which(short, meet, nrs, tmp_path):
+def test_a_worker_chooses_between_two_runs_on_one_router(short, meet, nrs, tmp_path):
     file, digest = short
     router = nrs(meet, program=ROUTER)
     router.until("open")
@@ -182,7 +184,7 @@ def test_of_two_runs_on_one_router_a_worker_says_which(short, meet, nrs, tmp_pat
 
 
 @pytest.mark.usefixtures("until_refused")
-def test_a_worker_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
+def test_a_killed_worker_is_waited_for_and_replaced(long, meet, nrs, tmp_path):
     file, digest = long
     with Run(file, tmp_path / "run.mcap", listen=(meet,), pauses=(100,)) as run:
         stays = Worker(meet, "stays", (1, 2, 4))
@@ -203,7 +205,7 @@ def test_a_worker_that_is_killed_is_waited_for_and_replaced(long, meet, nrs, tmp
     assert again.end()[0] == 0
 
 
-def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
+def test_a_worker_that_reconnects_after_the_end_is_told_that_the_run_is_over(
     short, meet, monkeypatch, tmp_path
 ):
     file, digest = short
@@ -227,7 +229,7 @@ def test_a_worker_whose_link_is_cut_as_the_run_ends_is_told_so_when_it_is_back(
     )
 
 
-def test_without_restart_a_worker_that_is_gone_ends_the_run(long, meet, nrs, tmp_path):
+def test_without_restart_a_lost_worker_ends_the_run(long, meet, nrs, tmp_path):
     with Run(long[0], tmp_path / "x.mcap", listen=(meet,), pauses=(100,), restart=False) as run:
         stays = Worker(meet, "stays", (1, 2, 3, 4))
         dies = nrs(
@@ -256,9 +258,7 @@ def test_robots_without_a_worker_are_named(meet, nrs, tmp_path):
         worker.end()
 
 
-def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
-    long, meet, nrs, tmp_path
-):
+def test_workers_wait_for_a_killed_orchestrator_and_resume_uses_them(long, meet, nrs, tmp_path):
     _, digest = long
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     result = {"file": str(paper_file(tmp_path, LONG)), "output": str(cut)}
@@ -277,7 +277,7 @@ def test_workers_look_for_an_orchestrator_that_is_gone_and_resume_finds_them(
     assert digest_of(whole) == digest
 
 
-def test_with_tls_in_the_scenario_workers_have_the_places_of_their_certificates(nrs, tmp_path):
+def test_with_tls_in_the_scenario_workers_get_the_robots_of_their_certificates(nrs, tmp_path):
     authority, meet = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     digest = alone(read_scenario(paper_file(tmp_path, SHORT)), tmp_path)
     authority.issue("orchestrator")

@@ -114,7 +114,7 @@ def resumed(file, cut, path, workers=1):
         )
 
 
-def test_an_interrupted_run_is_resumed_and_again(tmp_path, whole):
+def test_an_interrupted_run_is_resumed_twice(tmp_path, whole):
     cut = interrupted(LOSSY, tmp_path / "a.mcap", 77)
     with Reader(cut) as reader:
         expected = ("interrupted", "stopped by the user after t = 7.7 s")
@@ -143,7 +143,7 @@ def test_plants_of_all_kinds_are_resumed(tmp_path, workers):
     assert digest(outcome.path) == digest(tmp_path / "whole.mcap")
 
 
-def test_a_run_for_which_the_disk_was_too_small_is_resumed(tmp_path, toml, whole):
+def test_a_run_ended_by_a_full_disk_is_resumed(tmp_path, toml, whole):
     cut, path = tmp_path / "cut.mcap", tmp_path / "again.mcap"
     room = 350_000
 
@@ -167,7 +167,7 @@ def test_a_run_for_which_the_disk_was_too_small_is_resumed(tmp_path, toml, whole
     assert digest(path) == digest(whole)
 
 
-def test_what_comes_after_a_damage_is_run_again(tmp_path, whole):
+def test_ticks_after_damage_are_run_again(tmp_path, whole):
     damaged, path = tmp_path / "damaged.mcap", tmp_path / "again.mcap"
     data = bytearray(whole.read_bytes())
     data[len(data) // 2] ^= 1
@@ -181,7 +181,7 @@ def test_what_comes_after_a_damage_is_run_again(tmp_path, whole):
     assert digest(path) == digest(whole)
 
 
-def test_a_run_that_was_cut_before_its_first_tick_is_resumed(tmp_path, whole):
+def test_a_recording_without_a_tick_is_resumed(tmp_path, whole):
     cut, path = tmp_path / "cut.mcap", tmp_path / "again.mcap"
     data = whole.read_bytes()
     with Reader(whole) as reader:
@@ -193,7 +193,7 @@ def test_a_run_that_was_cut_before_its_first_tick_is_resumed(tmp_path, whole):
     assert (outcome.status, digest(path)) == ("completed", digest(whole))
 
 
-def test_what_cannot_be_resumed_is_refused(tmp_path, whole):
+def test_recordings_that_cannot_be_resumed_are_refused(tmp_path, whole):
     other = tmp_path / "no.mcap"
     other.write_text("no recording")
     done = nrs("resume", whole)
@@ -214,7 +214,7 @@ def test_what_cannot_be_resumed_is_refused(tmp_path, whole):
     assert cut.read_bytes() == before
 
 
-def test_fmus_are_found_where_the_scenario_was_and_must_be_the_same(tmp_path, monkeypatch):
+def test_resume_finds_fmus_in_the_scenarios_folder_and_refuses_changed_ones(tmp_path, monkeypatch):
     """The run was started with the scenario's name relative to the folder of that time."""
     rewritten(tmp_path / "arm.fmu", 3, lambda text: text)
     plant = {"plant.fmu": "arm.fmu", "plant.isolate": False}

@@ -42,9 +42,7 @@ def asked(intruder, key, payload):
     return answers(ask(intruder, key, payload))
 
 
-def test_a_thief_that_repeats_a_workers_words_gets_nothing_and_is_counted(
-    run_alone, meet, tmp_path
-):
+def test_a_replayed_join_request_is_rejected_and_counted(run_alone, meet, tmp_path):
     file, digest = run_alone
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
         said = {}
@@ -74,7 +72,7 @@ def test_a_thief_that_repeats_a_workers_words_gets_nothing_and_is_counted(
     assert run.outcome().rejected == {"join": 3 * len(ASSIGNMENT), "key": 1}
 
 
-def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, meet, tmp_path):
+def test_a_welcome_is_resent_to_its_worker_and_only_that_worker_reads_it(run_alone, meet, tmp_path):
     file, digest = run_alone
     with (
         intruded(file, tmp_path, meet, expected=2) as (run, one),
@@ -116,9 +114,7 @@ def test_a_welcome_is_repeated_to_its_worker_and_read_by_it_alone(run_alone, mee
     assert run.outcome().rejected == {"join": 1}
 
 
-def test_a_forger_who_has_the_secret_ends_the_run_and_is_named_as_a_cause(
-    meet, tmp_path, monkeypatch
-):
+def test_a_forger_with_the_secret_ends_the_run_and_is_named_as_a_cause(meet, tmp_path, monkeypatch):
     file = read_scenario(paper_file(tmp_path, PAUSE + 2 * MOST_WINDOW))
     monkeypatch.setattr(launcher, "token_bytes", lambda size: b"s" * size)
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, forger):

@@ -55,7 +55,7 @@ def lines_of(printed):
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-def test_where_the_time_went(toml, tmp_path, workers):
+def test_profile_shows_where_the_time_went(toml, tmp_path, workers):
     """Shares of the wall time, on average over workers; with --profile, seconds of each process."""
     done = nrs("run", toml, "-o", tmp_path / "n.mcap", "--workers", workers, "--profile")
     assert done.returncode == 0, done.stderr

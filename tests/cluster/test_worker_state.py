@@ -82,7 +82,7 @@ LIVES = {
 
 
 @pytest.mark.parametrize("life", LIVES)
-def test_each_event_of_a_life_leads_to_the_next_state(life):
+def test_each_event_leads_to_the_next_state(life):
     slot = WorkerState(0.0)
     for event, expected in LIVES[life]:
         before = slot.state
@@ -90,7 +90,7 @@ def test_each_event_of_a_life_leads_to_the_next_state(life):
         assert slot.state is (expected or before)
 
 
-def test_every_state_and_event_is_drawn_and_has_transitions():
+def test_the_diagram_has_every_state_and_event():
     drawn = set(re.findall(r"\b[A-Z]{4,}\b", worker_state.__doc__))
     assert drawn == {state.name for state in State}
     events = {event.name.lower() for event in Event}
@@ -114,7 +114,7 @@ def test_every_state_is_reached_from_the_first_and_every_state_leads_to_the_last
     assert all(S.LEFT in reached(state) for state in State)
 
 
-def test_deaths_in_a_row_are_of_one_tick():
+def test_only_deaths_at_one_tick_count_as_deaths_in_a_row():
     slot, counted = WorkerState(0.0), []
     for closed in (-1, -1, 5, 5, 5, 6, 5):
         slot.start(0.0)
@@ -123,7 +123,7 @@ def test_deaths_in_a_row_are_of_one_tick():
     assert counted == [1, 2, 1, 2, 3, 1, 1]
 
 
-def test_a_worker_is_waited_for_from_when_it_was_let_in_and_a_process_from_its_start():
+def test_the_wait_begins_at_joining_for_remote_and_at_start_for_local_workers():
     slot = WorkerState(0.0)
     slot.start(10.0)
     assert [slot.never_joined(10.0 + t) for t in (0.0, STARTING_UP - 1, STARTING_UP)] == [
@@ -142,7 +142,7 @@ def test_a_worker_is_waited_for_from_when_it_was_let_in_and_a_process_from_its_s
     assert not slot.never_appeared(1e6)
 
 
-def test_a_process_that_ends_after_its_work_was_done_is_not_missed_however_long_the_run_goes_on():
+def test_a_process_that_ends_after_its_last_tick_is_not_restarted():
     slot = WorkerState(0.0)
     slot.start(0.0)
     slot.join("first", 1.0)
@@ -154,7 +154,7 @@ def test_a_process_that_ends_after_its_work_was_done_is_not_missed_however_long_
     assert slot.state in WELL - WITHOUT_WORKER
 
 
-def test_catching_up_gets_on_where_each_question_is_of_a_later_recorded_tick():
+def test_catching_up_progresses_when_each_request_is_for_a_later_tick():
     slot = WorkerState(0.0, State.READY)
     assert slot.begin(9)
     assert [slot.catch_up(k, 9) for k in (0, 0, 4, 3, 9, 10)] == [
@@ -179,7 +179,7 @@ def happen(slot, event, now, closed):
 
 
 @given(events)
-def test_in_any_order_of_events_only_those_with_a_place_change_anything(happened):
+def test_events_without_a_transition_change_nothing(happened):
     slot, closed = WorkerState(0.0), -1
     for now, event in enumerate(happened, 1):
         closed += now % 3 == 0
@@ -196,7 +196,7 @@ def test_in_any_order_of_events_only_those_with_a_place_change_anything(happened
 
 
 @given(events, events)
-def test_after_the_end_nobody_is_let_in_or_told_to_begin(before, after):
+def test_after_the_end_no_worker_joins_or_begins(before, after):
     slot = WorkerState(0.0)
     for event in [*before, E.END]:
         happen(slot, event, 1.0, 0)

@@ -62,7 +62,7 @@ def test_estimates_obey_the_matrix_recursion(algorithm, matrix, h):
         np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
-def test_robots_apart_jump_to_the_same_bits_as_together():
+def test_robots_split_over_agents_jump_to_the_same_bits():
     topology, algorithm, start = (
         TopologySchedule.constant(Topology.of(*PAPER)),
         FirstOrder(0.9, 1.1),
@@ -86,7 +86,7 @@ def test_robots_apart_jump_to_the_same_bits_as_together():
         assert estimate.velocity.tobytes() == together.state.velocity[rows].tobytes()
 
 
-def test_a_robot_is_deaf_to_all_but_its_in_neighbours():
+def test_a_robot_ignores_all_but_its_in_neighbours():
     topology, start = TopologySchedule.constant(Topology.of(*PAPER)), initial(5)
     left = start.after(0.1)
     heard_by = {}
@@ -138,7 +138,7 @@ class Endless(FirstOrder):
         return after
 
 
-def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
+def test_a_non_finite_jump_is_reported_with_algorithm_robot_and_tick():
     agents = agents_at(
         np.arange(1, 7),
         TopologySchedule.constant(Topology.of(*PAPER)),
@@ -152,7 +152,7 @@ def test_a_jump_that_is_no_number_is_told_with_algorithm_robot_and_tick():
         estimates(agents, 0.1, 1)
 
 
-def test_a_check_of_a_jump_that_is_no_number_says_so():
+def test_a_non_finite_jump_is_reported_by_check():
     with pytest.raises(AlgorithmError, match=r"^algorithm Endless: jump returned inf where it was"):
         linear_jump(Endless(0.9, 1.1))
 
@@ -174,7 +174,7 @@ def lone() -> Agents:
     return agents_at([2, 5], lone_graph(), FirstOrder(0.9, 1.1), ONES)
 
 
-def test_agents_without_faults_keep_their_estimate_alone():
+def test_agents_without_link_faults_keep_only_their_estimate():
     agents = lone()
     assert agents.silent(3) == []
     assert agents.link_events is None

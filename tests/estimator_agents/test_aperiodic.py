@@ -57,7 +57,7 @@ def radius(matrix):
 
 @quick
 @given(digraphs(), gains, st.floats(0.05, 1.9), lists, st.integers(0, 9))
-def test_jumps_of_agents_are_the_product_of_the_periods_matrices(topology, alpha, beta, gaps, seed):
+def test_agents_jump_by_the_matrices_of_their_periods(topology, alpha, beta, gaps, seed):
     rng, n, D = np.random.default_rng(seed), topology.n, as_array(topology.D)
     times = np.cumsum([0, *np.resize(gaps, 8)])
     states = [HARMONIC.at(t) for t in times]
@@ -95,7 +95,7 @@ def test_the_matrices_are_the_papers(algorithm, matrix):
 
 @quick
 @given(st.integers(0, 999), gains, gains, lists)
-def test_a_list_grows_by_the_radius_of_its_dense_product(seed, alpha, beta, gaps):
+def test_the_growth_of_a_list_is_the_radius_of_its_dense_product(seed, alpha, beta, gaps):
     """On digraphs whose D has no defective eigenvalue, for those are lost in the dense one."""
     rng = np.random.default_rng(seed)
     adjacency = rng.uniform(0.1, 2, (4, 4)) * (1 - np.eye(4))
@@ -112,7 +112,9 @@ def test_a_list_grows_by_the_radius_of_its_dense_product(seed, alpha, beta, gaps
 
 @quick
 @given(digraphs(), gains, gains, lists, st.floats(0.1, 1.0))
-def test_of_the_first_order_no_period_counts(topology, alpha, beta, gaps, early):
+def test_the_period_does_not_matter_to_the_first_order_algorithm(
+    topology, alpha, beta, gaps, early
+):
     algorithm, spectrum = FirstOrder(alpha, beta), spectrum_of(topology)
     rho = radius_of(algorithm, topology, 1.0)
     holds = max(alpha, beta) < smallest_theta(spectrum)
@@ -122,7 +124,7 @@ def test_of_the_first_order_no_period_counts(topology, alpha, beta, gaps, early)
         assert (found.status == "proven") == holds
 
 
-def test_two_periods_below_the_bound_of_theorem_3_diverge_in_turn():
+def test_alternating_periods_below_the_bound_of_theorem_3_may_diverge():
     """One robot that hears the target; the trace and determinant of the product by hand."""
     algorithm, spectrum = SecondOrder(1.0, 0.5), np.zeros(1, complex)
     assert largest_period(spectrum, 1.0, 0.5) == 3
@@ -145,7 +147,7 @@ def test_two_periods_below_the_bound_of_theorem_3_diverge_in_turn():
         assert size_of_a_run(algorithm, (h,), 80) < 1e-8
 
 
-def test_a_period_above_the_bound_of_theorem_3_may_be_made_up_for():
+def test_a_period_above_the_bound_may_be_compensated_by_others():
     algorithm, spectrum = SecondOrder(1.0, 0.5), np.zeros(1, complex)
     assert radius_bounds(algorithm, spectrum, Periods((3.3,))).status == "refuted"
     found = radius_bounds(algorithm, spectrum, Periods((3.3, 2.0)))
@@ -166,7 +168,7 @@ def size_of_a_run(algorithm, gaps, ticks):
 
 @quick
 @given(st.floats(0.05, 3.0), st.floats(0, 1, exclude_max=True), gains, st.floats(0, 1))
-def test_above_one_over_real_z_a_quadratic_form_falls_for_all_periods(z, past, alpha, part):
+def test_with_beta_above_1_over_z_a_quadratic_form_decreases_for_all_periods(z, past, alpha, part):
     """docs/theory.md: P = [[1, c], [c, c (1 + c)]] with c = β z − 1 in 0 … 1."""
     c = max(past, 1e-3)
     beta = (1 + c) / z
@@ -177,7 +179,7 @@ def test_above_one_over_real_z_a_quadratic_form_falls_for_all_periods(z, past, a
     assert np.linalg.eigvalsh(form - scaled.T @ form @ scaled).min() > -1e-12
 
 
-def test_on_a_path_with_beta_above_1_no_jitter_is_too_much():
+def test_on_a_path_with_beta_above_1_any_jitter_converges():
     path = Topology.of(np.eye(5, k=-1), np.eye(5)[0])
     algorithm, spectrum = SecondOrder(1.0, 1.2), spectrum_of(path)
     assert largest_period(spectrum, 1.0, 1.2) == pytest.approx(1.6)
@@ -185,7 +187,7 @@ def test_on_a_path_with_beta_above_1_no_jitter_is_too_much():
 
 
 @pytest.mark.parametrize(("h", "early"), [(0.1, 0.02), (0.3, 0.27), (0.45, 0.2), (0.45, 0.44)])
-def test_what_jitter_can_do_lies_between_the_bounds(h, early):
+def test_the_growth_under_jitter_lies_between_its_bounds(h, early):
     """By the paper's matrices of all turns of six extreme δ, and of thousands at random."""
     algorithm, D = SecondOrder(1.1, 0.9), as_array(TOPOLOGY.D)
     found = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods((h,), early))
@@ -208,7 +210,7 @@ def test_what_jitter_can_do_lies_between_the_bounds(h, early):
     assert np.exp(sizes / 3000) <= found.upper * 1.01
 
 
-def test_a_large_ring_is_decided():
+def test_convergence_of_a_large_ring_under_jitter_is_decided():
     algorithm = SecondOrder(1.1, 0.9)
     spectrum = spectrum_of(ring(1200, True))
     rho = radius_bounds(algorithm, spectrum, Periods((0.1,))).radius
@@ -217,7 +219,7 @@ def test_a_large_ring_is_decided():
     assert rho * (1 - 1e-9) <= found.lower <= found.upper <= (1 + rho) / 2
 
 
-def test_what_does_not_jump_linearly_grows_by_nobody_knows_what():
+def test_the_growth_of_a_nonlinear_algorithm_is_unknown():
     found = radius_bounds(Sliding(0.3, 0.3), spectrum_of(TOPOLOGY), Periods((0.1,), 0.05))
     assert np.isnan(found.upper)
     assert found.status == "not decided"
@@ -236,7 +238,7 @@ BOUNDED = [
 
 
 @pytest.mark.parametrize(("algorithm", "h", "r"), BOUNDED)
-def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
+def test_no_target_and_periods_exceed_the_bound(algorithm, h, r):
     """For each sequence the worst target of |a_0| <= 1 by hand; γ1 is no limit."""
     rho = radius_of(algorithm, TOPOLOGY, h)
     bound, always = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, h), r, 1e9, 1.0, rho)
@@ -256,7 +258,7 @@ def test_no_target_and_no_periods_are_worse_than_the_bound(algorithm, h, r):
 @pytest.mark.parametrize(
     "algorithm", [FirstOrder(0.9, 1.1), FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)]
 )
-def test_of_a_list_the_worst_target_comes_to_the_bound(algorithm):
+def test_the_worst_target_of_a_list_reaches_the_bound(algorithm):
     gaps, D = (0.03, 0.12, 0.1), as_array(TOPOLOGY.D)
     radius = radius_bounds(algorithm, spectrum_of(TOPOLOGY), Periods(gaps)).radius
     recursion = recursion_of(algorithm, TOPOLOGY, 1.0)
@@ -304,13 +306,13 @@ def test_with_gains_up_to_1_the_bound_is_that_of_the_longest_period():
 
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)])
-def test_without_a_spread_the_bound_is_the_sharp_one(algorithm):
+def test_without_jitter_the_bound_is_the_worst_case_bound(algorithm):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, 0.1), radius_of(algorithm, TOPOLOGY, 0.1)
     ours, _ = worst_case_aperiodic(recursion, 0.0, 3.0, 1.0, rho)
     assert ours == worst_case(recursion, 3.0, 1.0, rho)
 
 
-def test_no_bound_is_given_where_none_is_found():
+def test_without_a_proof_there_is_no_bound():
     algorithm = SecondOrder(1.0, 0.5)
     recursion, rho = recursion_of(algorithm, ALONE, 1.5), radius_of(algorithm, ALONE, 1.5)
     assert worst_case_aperiodic(recursion, 0.05, 3.0, 1.0, rho) is not None

@@ -71,20 +71,20 @@ def holds(algorithm, topology, h):
         (SecondOrder(1.1, 0.9), 0.45, 2.4192, 2.6095),
     ],
 )
-def test_steady_states_of_the_example_to_the_printed_digits(algorithm, h, position, velocity):
+def test_the_papers_steady_states_agree_to_the_printed_digits(algorithm, h, position, velocity):
     motion = steady_motion(recursion_of(algorithm, TOPOLOGY, h), HARMONIC, 0.9)
     for ours, printed in ((motion.bound.position, position), (motion.bound.velocity, velocity)):
         assert round(ours, 5 if printed < 1 else 4) == pytest.approx(printed, abs=1e-12)
 
 
-def test_the_target_of_the_example_is_bounded_as_the_text_says():
+def test_the_papers_target_has_the_papers_bounds():
     assert HARMONIC.bounds() == (3.0, 1.0)
 
 
 @pytest.mark.parametrize(
     ("algorithm", "h"), [(FirstOrder(1.18, 1.18), 0.1), (SecondOrder(1.1, 0.9), 0.5)]
 )
-def test_nothing_is_promised_where_the_example_diverges(algorithm, h):
+def test_a_diverging_example_has_no_bounds(algorithm, h):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, h), radius_of(algorithm, TOPOLOGY, h)
     assert rho > 1
     assert worst_case(recursion, 3, 1, rho) is None
@@ -92,7 +92,7 @@ def test_nothing_is_promised_where_the_example_diverges(algorithm, h):
     assert paper_bound(recursion, 3, 1) is None
 
 
-def test_the_network_of_the_example():
+def test_the_papers_network_has_the_papers_matrices():
     network = network_of(TOPOLOGY)
     assert network.pinned == (3,)
     assert network.components == ((3,), (1, 2), (6,), (4,), (5,))
@@ -127,7 +127,7 @@ def test_the_recursion_is_that_of_the_paper(topology, alpha, beta, h):
 
 @quick
 @given(digraphs(), gains, st.floats(0.05, 1.9), periods, st.integers(0, 9))
-def test_jumps_of_agents_are_the_recursion(topology, alpha, beta, h, seed):
+def test_agents_jump_by_the_recursion(topology, alpha, beta, h, seed):
     """Agents that hear one another and a moving target, against A x + Δ, dense."""
     rng, n = np.random.default_rng(seed), topology.n
     for algorithm in (
@@ -162,7 +162,7 @@ def error(estimate, target):
     )
 
 
-def test_what_does_not_jump_linearly_has_no_recursion():
+def test_a_nonlinear_algorithm_has_no_recursion():
     assert linear_jump(Sliding(0.3, 0.3)) is None
     keep, gain = linear_jump(Impulsive(1.1, 0.9))
     np.testing.assert_allclose(keep, [[1, 0], [0, 0.1]])
@@ -174,7 +174,7 @@ def test_what_does_not_jump_linearly_has_no_recursion():
 
 @quick
 @given(digraphs(), gains, gains, periods)
-def test_conditions_hold_if_and_only_if_the_error_shrinks(topology, alpha, beta, h):
+def test_conditions_hold_exactly_when_the_spectral_radius_is_below_1(topology, alpha, beta, h):
     """Of the matrix, not of our modes: by powers, for its eigenvalues may be defective."""
     algorithms = [FirstOrder(alpha, beta), SecondOrder(alpha, beta), PdLike(alpha, 1.0)]
     if beta != 1:
@@ -190,7 +190,7 @@ def test_conditions_hold_if_and_only_if_the_error_shrinks(topology, alpha, beta,
 
 
 @pytest.mark.parametrize("factor", [0.999, 1.001])
-def test_both_sides_of_every_bound_by_the_radius(factor):
+def test_the_spectral_radius_crosses_1_at_every_bound(factor):
     theta = smallest_theta(SPECTRUM)
     longest = {beta: largest_period(SPECTRUM, 1.1, beta) for beta in (0.9, 1.0)}
     impulsive = Impulsive(1.1, 0.9).conditions(SPECTRUM, 0.1)[1].right
@@ -210,7 +210,7 @@ def test_both_sides_of_every_bound_by_the_radius(factor):
 
 @quick
 @given(st.floats(0.01, 3), st.floats(0.01, 2), st.floats(1e-3, 0.999), st.integers(0, 2**32 - 1))
-def test_a_sliding_robot_that_hears_the_target_alone_keeps_up(h, gamma_2, share, seed):
+def test_a_sliding_robot_that_only_hears_the_target_follows_it(h, gamma_2, share, seed):
     """|ῡ| ≤ β + h γ2 once β > h γ2, whatever the target does; below it may be left behind."""
     rng, most = np.random.default_rng(seed), h * gamma_2
     beta = most / share
@@ -233,7 +233,7 @@ def test_a_sliding_robot_that_hears_the_target_alone_keeps_up(h, gamma_2, share,
 
 @quick
 @given(digraphs(), gains)
-def test_pd_like_has_its_condition_in_the_terms_of_its_article(topology, alpha):
+def test_pd_like_has_the_condition_of_its_article(topology, alpha):
     mu = np.linalg.eigvals(as_array(topology.D))
     away = np.abs(1 - mu) ** 2
     bound = 2 * away * (2 * (1 - mu).real - away) / (away**2 + 4 * mu.imag**2)
@@ -242,7 +242,7 @@ def test_pd_like_has_its_condition_in_the_terms_of_its_article(topology, alpha):
 
 
 @pytest.mark.parametrize("factor", [0.97, 1.03])
-def test_both_sides_of_every_bound_by_a_run(factor):
+def test_runs_converge_below_and_diverge_above_every_bound(factor):
     theta = smallest_theta(SPECTRUM)
     longest = largest_period(SPECTRUM, 1.1, 0.9)
     for algorithm, h in [
@@ -276,7 +276,7 @@ def ends_of_a_run(algorithm, h, ticks):
 
 @quick
 @given(digraphs())
-def test_gains_up_to_1_are_never_too_large(topology):
+def test_gains_up_to_1_always_converge(topology):
     assert smallest_theta(spectrum_of(topology)) > 1
 
 
@@ -309,7 +309,7 @@ def test_small_value_norms_are_norms(topology, alpha, beta, h, seed):
 
 
 @pytest.mark.parametrize("matrix", [np.diag([0.5, -0.9]), np.array([[0.9, 50.0], [0.0, 0.9]])])
-def test_a_small_value_norm_of_matrices_known_by_heart(matrix):
+def test_small_value_norms_of_known_matrices(matrix):
     norm = small_value_norm(sparse.csr_array(matrix))
     assert norm is not None
     assert np.abs(np.linalg.eigvals(matrix)).max() <= norm.value < 1
@@ -332,9 +332,7 @@ def test_the_norm_of_robots_in_a_row_is_near_the_best_of_all_geometric_weights(b
 
 @settings(quick, max_examples=15)
 @given(digraphs(5), gains, gains, periods, st.integers(0, 99))
-def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
-    topology, alpha, beta, h, seed
-):
+def test_measured_errors_and_bounds_are_ordered(topology, alpha, beta, h, seed):
     algorithm = FirstOrder(alpha, beta) if seed % 2 else SecondOrder(alpha, beta)
     rho = radius_of(algorithm, topology, h)
     if rho > 0.95:
@@ -362,7 +360,7 @@ def test_measured_is_within_exact_is_within_sharp_is_within_the_paper(
 
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(1.1, 1.15), SecondOrder(1.1, 0.9)])
-def test_between_samples_errors_are_within_what_is_sharp_always(algorithm):
+def test_between_samples_errors_are_within_the_worst_case_bound(algorithm):
     h = 0.1
     recursion, rho = recursion_of(algorithm, TOPOLOGY, h), radius_of(algorithm, TOPOLOGY, h)
     before, always = (way(recursion, 3, 1, rho) for way in (worst_case, worst_case_always))
@@ -381,7 +379,7 @@ def test_between_samples_errors_are_within_what_is_sharp_always(algorithm):
 
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 1.1), SecondOrder(1.1, 0.9)])
-def test_some_target_reaches_the_sharp_bound(algorithm):
+def test_a_target_reaches_the_worst_case_bound(algorithm):
     """Its acceleration is ±γ2 as A^j has it, backwards, changing 40 times an interval at most."""
     h, parts, past = 0.1, 40, 150
     recursion = recursion_of(algorithm, TOPOLOGY, h)
@@ -416,7 +414,7 @@ def test_a_large_ring_has_the_spectrum_of_its_dense_matrix(n, both):
     assert small.max() < np.abs(ours).max()
 
 
-def test_of_a_large_digraph_without_structure_the_outermost_eigenvalues_are_found(monkeypatch):
+def test_the_outermost_eigenvalues_of_a_large_random_digraph_are_found(monkeypatch):
     rng, n = np.random.default_rng(5), 150
     adjacency = rng.random((n, n)) * (rng.random((n, n)) < 0.04)
     np.fill_diagonal(adjacency, 0)

@@ -137,7 +137,7 @@ def test_with_gains_of_one_a_chain_forgets_its_beginning_in_as_many_ticks_as_it_
     assert max(sizes[2:]) < 1e-15
 
 
-def test_modes_of_third_order_are_the_eigenvalues_of_what_its_agents_do():
+def test_third_order_modes_are_the_eigenvalues_of_the_agents_matrix():
     topologies = TopologySchedule.constant(Topology.of(*PAPER))
     algorithm, n = ThirdOrder(0.7, 0.6, 0.5), 6
     columns = []
@@ -159,7 +159,7 @@ def test_modes_of_third_order_are_the_eigenvalues_of_what_its_agents_do():
 # Max-consensus
 
 
-def test_the_largest_value_goes_once_around_a_ring():
+def test_the_largest_value_reaches_all_of_a_ring_in_one_round():
     ring = schedule(7, [*((i, i % 7 + 1) for i in range(1, 8)), (0, 4)])
     agents = made(MaxConsensus(), ring, {"value": np.arange(7.0)[::-1, None]})
     everywhere = []
@@ -208,13 +208,13 @@ def test_one_liar_is_left_out_by_w_msr():
     np.testing.assert_allclose(lied_to(0, lambda _to, _k: 100.0, 200)[-1], 100)
 
 
-def test_a_liar_with_two_faces_moves_nobody_out_of_the_others_interval():
+def test_a_byzantine_robot_moves_nobody_out_of_the_honest_interval():
     story = lied_to(1, lambda to, _k: 100.0 if to == 2 else -100.0, 60)
     assert story[0] == [0.5, 1.5, 1.0]
     np.testing.assert_allclose(story[-1], 0.75, rtol=1e-12)
 
 
-def test_a_liar_that_runs_away_is_followed_without_w_msr_alone():
+def test_a_runaway_robot_is_followed_only_without_w_msr():
     assert lied_to(1, lambda _to, k: 3.0 * k, 40)[-1] == pytest.approx([1.5] * 3)
     assert min(lied_to(0, lambda _to, k: 3.0 * k, 40)[-1]) > 100
 
@@ -226,7 +226,7 @@ def ramp(algorithm, k):
     return target_of(algorithm, 2 * k * H, 2.0)
 
 
-def test_triggered_estimates_stay_within_the_bound_of_what_is_not_sent():
+def test_event_triggered_estimates_stay_within_the_trigger_bound():
     n, c0 = 6, 0.05
     rng = np.random.default_rng(1)
     start = {"position": rng.normal(size=(n, 1)) * 5, "velocity": rng.normal(size=(n, 1))}
@@ -242,7 +242,7 @@ def test_triggered_estimates_stay_within_the_bound_of_what_is_not_sent():
     assert n <= sent < 600 * n / 10
 
 
-def test_with_nothing_let_pass_it_is_first_order_dcea_to_the_last_bit():
+def test_a_trigger_of_zero_agrees_with_dcea1():
     topologies = TopologySchedule.constant(Topology.of(*PAPER))
     rng = np.random.default_rng(2)
     start = {name: rng.normal(size=(6, 1)) for name in ("position", "velocity")}
@@ -255,7 +255,7 @@ def test_with_nothing_let_pass_it_is_first_order_dcea_to_the_last_bit():
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
 
 
-def test_the_longest_silence_is_the_most_that_goes_by_between_messages():
+def test_the_longest_silence_bounds_the_time_between_messages():
     algorithm = EventTriggered(0.5, 0.5, c0=1e9, d0=1e9, longest_silence=0.25)
     agents = made(algorithm, chain(1), {})
     sent = [k for k in range(1, 20) if len(meet(agents, k, H, ramp(algorithm, k)))]
@@ -285,7 +285,7 @@ class ThirdOrderTriggered(ThirdOrder):
 
 
 @pytest.mark.parametrize(("c0", "gap", "messages"), [(0.05, 3, 21), (0.2, 5, 13)])
-def test_messages_are_as_far_apart_as_the_closed_form_says(c0, gap, messages):
+def test_the_time_between_messages_agrees_with_the_closed_form(c0, gap, messages):
     """Along t² a guess of constant velocity is off by (j h)² after j ticks."""
     algorithm = ThirdOrderTriggered(1, 1, 1, c0=c0)
     agents = made(algorithm, chain(1), {"acceleration": [[2.0]]})
@@ -335,7 +335,7 @@ def test_push_sum_comes_to_the_average_whatever_links_lose(fault):
     ],
     ids=lambda algorithm: type(algorithm).__name__,
 )
-def test_any_partition_and_any_restart_give_the_same_bits(algorithm, fault):
+def test_any_partition_and_restart_gives_the_same_bits(algorithm, fault):
     n, topologies = 20, unbalanced()
     rng = np.random.default_rng(8)
     start = {

@@ -35,7 +35,7 @@ def radius_of(algorithm, topology, h):
 
 
 @pytest.mark.parametrize("beta", [0.4, 0.9, 1.3])
-def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
+def test_the_bound_of_a_drag_sums_its_size_over_the_past(beta):
     """A target of constant velocity: x_∞ = Σ A^j (1 ⊗ d) υ_0 with d = −β [h; 1], dense."""
     algorithm, h, gamma_1 = Impulsive(0.6, beta), 0.1, 3.0
     recursion = recursion_of(algorithm, TOPOLOGY, h)
@@ -58,7 +58,7 @@ def test_a_drag_is_summed_by_its_size_over_all_of_the_past(beta):
     assert motion.bound.velocity <= bound.velocity * (1 + 1e-9)
 
 
-def test_each_of_the_papers_bounds_gains_by_the_drag():
+def test_the_drag_adds_to_each_bound_of_the_paper():
     """|Δ_1| / h gains β γ1 and |Δ_2| / h gains β γ1 / h (docs/theory.md)."""
     beta, h = 0.9, 0.1
     recursion = recursion_of(Impulsive(0.6, beta), TOPOLOGY, h)
@@ -68,7 +68,7 @@ def test_each_of_the_papers_bounds_gains_by_the_drag():
         assert found.kappa == pytest.approx(found.norm.gain * most)
 
 
-def test_after_a_jump_the_drag_adds_to_what_the_estimates_are_bounded_by():
+def test_after_a_jump_the_drag_adds_to_the_bound():
     """ε⁺ = ε + 0.2 υ and υ⁺ = 0.1 υ where all agree: |K − I| of [0; γ1] is 0.2 γ1 and 0.9 γ1."""
     recursion = replace(
         recursion_of(Impulsive(0.6, 0.9), TOPOLOGY, 0.1), keep=np.array([[1, 0.2], [0, 0.1]])
@@ -80,14 +80,14 @@ def test_after_a_jump_the_drag_adds_to_what_the_estimates_are_bounded_by():
 
 
 @pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])
-def test_a_target_slips_by_an_integral(h, gamma_1, gamma_2):
+def test_the_targets_motion_in_a_period_is_an_integral(h, gamma_1, gamma_2):
     w = (np.arange(100_000) + 0.5) * h / 100_000
     expected = np.minimum(2 * gamma_1, gamma_2 * w).mean() * h
     assert slip(h, gamma_1, gamma_2) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(("first", "last"), [(1.0, 3.0), (-1.0, 3.0), (2.0, -0.5), (0.0, 0.0)])
-def test_the_integral_of_a_straight_lines_size_is_that_of_its_triangles(first, last):
+def test_the_integral_of_the_size_of_a_line_is_the_area_of_its_triangles(first, last):
     t = (np.arange(100_000) + 0.5) / 100_000
     expected = np.abs(first + (last - first) * t).mean() * 0.3
     found = modulus(np.array([first]), np.array([last]), 0.3)
@@ -99,9 +99,7 @@ def test_the_largest_of_bounds_is_that_of_positions_and_of_velocities():
 
 
 @pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])
-def test_where_nothing_cancels_the_worst_is_the_sum_of_all_steps_at_their_largest(
-    h, gamma_1, gamma_2
-):
+def test_without_cancellation_the_worst_case_is_the_sum_of_largest_steps(h, gamma_1, gamma_2):
     """Δ_1 is at most what a target slips by, Δ_2 what its velocity may change by in h."""
     algorithm = FirstOrder(0.9, 0.8)
     recursion = recursion_of(algorithm, TOPOLOGY, h)

@@ -43,7 +43,7 @@ def installed(tmp_path):
     return tmp_path
 
 
-def test_the_guide_s_algorithm_is_found_by_name(installed, monkeypatch):
+def test_the_guides_algorithm_is_found_by_name(installed, monkeypatch):
     monkeypatch.syspath_prepend(str(installed))
     assert "leaky" in algorithm_names()
     assert policies_of("leaky") == ("hold", "drop")
@@ -51,9 +51,7 @@ def test_the_guide_s_algorithm_is_found_by_name(installed, monkeypatch):
     np.testing.assert_allclose(modes, [0.55, 0.44])
 
 
-def test_an_algorithm_that_is_installed_meanwhile_is_found(
-    installed, monkeypatch, tmp_path_factory
-):
+def test_an_algorithm_installed_while_running_is_found(installed, monkeypatch, tmp_path_factory):
     packages = tmp_path_factory.mktemp("packages")
     monkeypatch.syspath_prepend(str(packages))
     os.utime(packages, (0, 0))
@@ -62,7 +60,7 @@ def test_an_algorithm_that_is_installed_meanwhile_is_found(
     assert "leaky" in algorithm_names()
 
 
-def test_the_guide_s_algorithm_checks_and_runs(installed):
+def test_the_guides_algorithm_checks_and_runs(installed):
     write(installed / "s.toml", LEAKY, {"algorithm.beta": 1.0})
     paths = os.pathsep.join(filter(None, [str(installed), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": paths}
@@ -116,7 +114,7 @@ def broken(installed, monkeypatch):
 HETERO = "hetero_information"
 
 
-def test_it_may_hear_velocities_over_another_digraph(broken):
+def test_the_guides_algorithm_may_use_separate_digraphs(broken):
     done, _ = broken("check", HETERO, "Leaky consensus", "Leaky")
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -173,13 +171,13 @@ def test_it_may_hear_velocities_over_another_digraph(broken):
     ],
     ids=["third argument", "typo", "no dataclass", "default", "import", "shape"],
 )  # fmt: skip
-def test_what_is_wrong_in_it_is_one_line(broken, command, scenario, was, now, result, line):
+def test_an_error_in_an_algorithm_is_one_line(broken, command, scenario, was, now, result, line):
     done, place = broken(command, scenario, was, now)
     assert done.stderr.replace("\n", "") == f"error: algorithm.name: {result}, {place[line]}"
     assert done.returncode == 2
 
 
-def test_what_it_is_given_it_cannot_write(broken):
+def test_an_algorithm_cannot_write_its_arguments(broken):
     was = "        return Estimate("
     now = f"        if estimate.position.ndim == 2:\n            estimate.position += 1\n{was}"
     done, place = broken("run", PAPER, was, now)
@@ -190,7 +188,7 @@ def test_what_it_is_given_it_cannot_write(broken):
     )
 
 
-def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
+def test_an_error_of_the_algorithm_is_recorded_as_a_failed_run(broken, installed):
     was = "        return Estimate("
     done, place = broken("run", PAPER, was, f"        1 / (estimate.position.ndim - 2)\n{was}")
     with Reader(installed / "s.mcap") as reader:
@@ -203,7 +201,7 @@ def test_a_run_that_it_ends_is_failed_in_its_recording(broken, installed):
 
 
 @pytest.mark.parametrize("layout", [(), ("--workers", "2")])
-def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed, layout):
+def test_non_finite_numbers_are_attributed_to_the_algorithm_on_any_workers(installed, layout):
     module = installed / "leaky.py"
     was, many = (
         "        return Estimate(",
@@ -230,6 +228,6 @@ def test_numbers_that_are_not_finite_are_the_algorithm_s_in_any_layout(installed
     assert "FMU" not in done.stderr
 
 
-def test_the_guide_s_table_names_all_algorithms():
+def test_the_guides_table_lists_all_algorithms():
     rows = re.findall(r"^\| `(\w+)` \|", GUIDE, re.MULTILINE)
     assert sorted(rows) == sorted(bundled_algorithms())

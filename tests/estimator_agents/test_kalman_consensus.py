@@ -68,7 +68,7 @@ RING = topology([(0, 1), (0, 4), *((i, i % 5 + 1) for i in range(1, 6)), (2, 5),
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 0.3])
-def test_at_each_time_it_is_what_the_articles_write_with_matrices(epsilon):
+def test_the_filter_agrees_with_the_articles_matrices(epsilon):
     q, r, h, m, n = 0.5, 0.04, 0.1, 2, 5
     algorithm = KalmanConsensus(q, r, epsilon)
     agents = agents_at(np.arange(1, n + 1), RING, algorithm, start(n, m), seed=3)

@@ -61,14 +61,14 @@ class Rounded(FirstOrder):
 
 
 @pytest.mark.parametrize("gains", [(1e6, 1e6), (0.9, 1.1), (1 + 1e-6, 1 - 1e-6)])
-def test_rounding_of_any_size_is_no_contradiction(gains):
+def test_rounding_is_not_a_contradiction_of_declared_modes(gains):
     expect_modes(Rounded(*gains), 0.1)
 
 
 @pytest.mark.parametrize("name", ["dcea1", "dcea2", "impulsive", "pd_like", "sliding"])
 @pytest.mark.parametrize("gains", [(0.9, 1.1), (0.1, 1e-3), (1e6, 1e-6), (1.0, 1.0)])
 @pytest.mark.parametrize("h", [1e-4, 0.1, 10.0])
-def test_bundled_algorithms_have_the_modes_of_their_jump(name, gains, h):
+def test_the_declared_modes_of_bundled_algorithms_are_those_of_their_jump(name, gains, h):
     alpha, beta = gains
     expect_modes(
         load_algorithm(name, {"alpha": alpha, "beta": 1.0 if name == "pd_like" else beta}), h
@@ -76,22 +76,22 @@ def test_bundled_algorithms_have_the_modes_of_their_jump(name, gains, h):
 
 
 @pytest.mark.parametrize("kind", [Sunny, Short, Endless])
-def test_modes_that_its_jump_has_not_are_the_algorithms_error(kind):
+def test_declared_modes_that_contradict_the_jump_are_an_error(kind):
     with pytest.raises(AlgorithmError, match=r"modes of s = 0 at h = 0.1 s are .*, but its jump"):
         expect_modes(kind(0.9, 0.8), 0.1)
 
 
-def test_what_does_not_jump_linearly_has_none():
+def test_a_nonlinear_algorithm_has_no_modes():
     with pytest.raises(AlgorithmError, match="its jump is not linear, so that it has no modes"):
         expect_modes(Saturating(0.9, 0.8), 0.1)
 
 
-def test_one_that_says_nothing_says_nothing_wrong():
+def test_an_algorithm_without_declared_modes_is_accepted():
     expect_modes(Silent(0.9, 0.8), 0.1)
 
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
-def test_commands_say_it_in_a_line_before_anything_runs(monkeypatch, tmp_path, command):
+def test_commands_report_wrong_modes_before_a_run(monkeypatch, tmp_path, command):
     monkeypatch.setattr(experiment, "load_algorithm", lambda _name, given: Sunny(**given))
     assert read_scenario(PAPER).scenario.n == 6
     done = nrs(command[0], PAPER, *command[1:], cwd=tmp_path)

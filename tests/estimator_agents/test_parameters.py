@@ -81,7 +81,7 @@ def test_a_value_within_its_bounds_is_taken_as_its_type(name, given, value):
         ("label", 3, "a text"),
     ],
 )
-def test_any_other_value_is_refused_with_what_was_expected(name, given, expected):
+def test_any_other_parameter_value_is_refused_with_what_was_expected(name, given, expected):
     with pytest.raises(ValueError, match=f"^{expected}$"):
         BY_NAME[name].value(given)
 
@@ -186,14 +186,14 @@ def test_a_class_that_declares_wrongly_is_one_line_with_its_place(kind, line, fa
     assert "\n" not in said
 
 
-def test_what_is_no_class_is_refused():
+def test_an_entry_point_that_is_no_class_is_refused():
     with pytest.raises(
         AlgorithmError, match=r"^algorithm.name: law: \S*lambda\S*: is no dataclass"
     ):
         declared_parameters(lambda alpha, beta: (alpha, beta), "law")
 
 
-def test_what_only_builds_a_class_is_no_parameter():
+def test_init_only_fields_are_not_parameters():
     @dataclass
     class Built:
         scale: InitVar[float] = 1.0

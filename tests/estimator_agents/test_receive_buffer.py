@@ -171,7 +171,7 @@ def fault_records(faults):
 
 @settings(FUZZ, max_examples=100)
 @given(network=networks(), order=st.sampled_from([1, 2]))
-def test_agents_do_what_plain_python_does_to_the_bit(network, order):
+def test_agents_agree_with_plain_python_to_the_bit(network, order):
     start, targets = start_of(network)
     n = len(network.w)
     first = {
@@ -190,7 +190,7 @@ def test_agents_do_what_plain_python_does_to_the_bit(network, order):
 
 @settings(FUZZ, max_examples=50)
 @given(network=networks(), data=st.data())
-def test_any_partition_and_any_restart_give_the_same_bits(network, data):
+def test_any_partition_and_restart_gives_the_same_bits(network, data):
     start, targets = start_of(network)
     n = len(network.w)
     workers = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)))
@@ -249,32 +249,32 @@ def jumps(network, ticks):
     return story
 
 
-def test_without_a_sample_hold_goes_by_the_last_and_drop_by_the_others():
+def test_without_a_sample_hold_uses_the_last_and_drop_the_others():
     cut = {"outages": ((10, 20), (30, 50))}  # robot 1 says 5, 6, 7, 8, 9: only 6 and 9 are heard
     assert jumps(plain("hold", **cut), 5) == [1, 4.75, 4.75, 4.75, 7.0]
     assert jumps(plain("drop", **cut), 5) == [1, 4.75, 1, 1, 7.0]
 
 
-def test_a_delayed_sample_is_heard_once_and_later():
+def test_a_delayed_sample_is_used_once_when_it_arrives():
     assert jumps(plain("hold", delay=(2, 2)), 4) == [1, 1, 4.0, 4.75]
     assert jumps(plain("drop", delay=(2, 2)), 4) == [1, 1, 4.0, 4.75]
 
 
-def test_a_silent_robot_holds_what_it_heard_or_does_not_jump():
+def test_a_silent_robot_holds_its_samples_or_does_not_jump():
     for missing, story in {"hold": [4, 4, 4, 6.25], "drop": [4, 0, 0, 6.25]}.items():
         network = plain(missing)
         network.robots = {2: ((20, 40),)}
         assert jumps(network, 4) == story
 
 
-def test_others_do_not_wait_for_a_silent_robot():
+def test_other_robots_do_not_wait_for_a_silent_one():
     for missing, story in {"hold": [4, 4, 5.5], "drop": [4, 1, 5.5]}.items():
         network = plain(missing)
         network.robots = {1: ((20, 30),)}
         assert jumps(network, 3) == story
 
 
-def test_links_that_have_no_faults_leave_every_bit_alone():
+def test_links_without_faults_change_no_bit():
     network = Network([[1, 0, 0.3], [0.7, 1, 0]])
     start, targets = start_of(network)
     robots = np.array([1, 2])
@@ -297,7 +297,7 @@ def values_of(n):
     return Estimate(np.zeros((n, 1)), np.zeros((n, 1)))
 
 
-def test_a_memory_of_other_links_is_refused():
+def test_a_receive_buffer_of_other_links_is_refused():
     late, later = (
         agents_of(plain(delay=(d, d)), np.array([1, 2]), ALGORITHMS[1], values_of(2))
         for d in (1, 2)

@@ -92,7 +92,7 @@ def test_reductions_are_those_of_loops(given_box):
 
 @FUZZ
 @given(boxes(), st.integers(0, 3), st.booleans())
-def test_outliers_are_left_out_as_w_msr_says(given_box, F, trusts):
+def test_w_msr_leaves_out_the_outliers(given_box, F, trusts):
     received, own = given_box
     x = received.samples.x
     trusted = received.source == 0 if trusts else None
@@ -126,7 +126,7 @@ def test_padded_puts_the_edges_of_a_robot_side_by_side(given_box):
 
 @FUZZ
 @given(boxes(empty_rows=False), st.data())
-def test_a_robot_apart_comes_to_the_same_bits(given_box, data):
+def test_a_robot_computed_alone_has_the_same_bits(given_box, data):
     """Scales are mixed, so that another order of the same sum would show."""
     together, own = given_box
     rng = np.random.default_rng(data.draw(st.integers(0, 10**6)))
@@ -148,7 +148,7 @@ def test_a_robot_apart_comes_to_the_same_bits(given_box, data):
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_long_sums_are_the_same_bits_apart(m):
+def test_long_sums_computed_alone_have_the_same_bits(m):
     """From eight terms on NumPy sums in pairs, in one dimension."""
     rng = np.random.default_rng(m)
     degrees = [3, 40, 9, 17]
@@ -169,7 +169,7 @@ def test_long_sums_are_the_same_bits_apart(m):
         assert alone.mean(x[mine])[0].tobytes() == together[i].tobytes()
 
 
-def test_what_is_not_there_is_looked_at_by_nothing():
+def test_absent_samples_do_not_enter_any_sum():
     """A value that is no number, of a sample that is not there, stays out of every reduction."""
     row = np.zeros(3, np.intp)
     x = np.array([[1.0], [np.nan], [3.0]])
@@ -188,7 +188,7 @@ def test_what_is_not_there_is_looked_at_by_nothing():
     assert received.disagreement("x", np.zeros((1, 1))).tolist() == [[2]]
 
 
-def test_values_do_not_change_and_name_what_they_have():
+def test_received_values_are_immutable_and_list_their_fields():
     values = Values(a=np.zeros(2), b=np.ones(2))
     assert values.replace(a=np.ones(2)).a.tolist() == [1, 1]
     assert values.a.tolist() == [0, 0]

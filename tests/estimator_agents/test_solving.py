@@ -8,7 +8,7 @@ from nrs_cosim.estimator_agents.theory.solving import LARGE, solve
 
 
 @pytest.mark.parametrize("heard", [1, 3])
-def test_the_solution_of_a_large_system_is_the_one_it_was_made_from(heard):
+def test_a_large_system_is_solved_correctly(heard):
     rng, p = np.random.default_rng(1), LARGE
     sink = np.repeat(np.arange(p), heard)
     source = (sink + 1) % p if heard == 1 else rng.integers(p, size=p * heard)
@@ -17,7 +17,7 @@ def test_the_solution_of_a_large_system_is_the_one_it_was_made_from(heard):
     assert np.abs(solve(A, A @ x) - x).max() < 1e-7
 
 
-def test_halves_are_solved_apart_where_one_has_sparse_factors_and_the_other_none():
+def test_blocks_are_solved_sparse_or_dense_as_each_allows():
     """A cycle, which GMRES does not come round, beside a digraph whose factors are dense."""
     rng, p = np.random.default_rng(2), LARGE
     robot = np.arange(p)

@@ -89,7 +89,7 @@ def test_phases_begin_where_they_say_and_come_again():
 
 @quick
 @given(exchanges())
-def test_the_links_are_the_edges_of_all_with_their_largest_weights(given):
+def test_the_links_are_the_union_of_all_phases(given):
     both = [t for e in given for t in (e.position, e.velocity)]
     full = np.zeros((both[0].n + 1, both[0].n + 1))
     for t in both:
@@ -106,7 +106,7 @@ def test_the_links_are_the_edges_of_all_with_their_largest_weights(given):
 
 @quick
 @given(exchanges(), counts, gains, gains, periods, st.integers(0, 9))
-def test_jumps_of_agents_are_the_recursion_of_their_tick(given, counts, alpha, beta, h, seed):
+def test_agents_jump_by_the_recursion_of_their_tick(given, counts, alpha, beta, h, seed):
     """Agents that hear one another and a moving target, against dense matrices in turn."""
     rng, n = np.random.default_rng(seed), given[0].position.n
     topologies = topologies_of(given, counts)
@@ -139,7 +139,7 @@ def test_jumps_of_agents_are_the_recursion_of_their_tick(given, counts, alpha, b
 
 @quick
 @given(exchanges(), counts, gains, gains, periods)
-def test_the_factor_of_a_period_is_that_of_its_product(given, counts, alpha, beta, h):
+def test_the_spectral_radius_of_a_period_is_that_of_its_product(given, counts, alpha, beta, h):
     turns = in_turn(counts, given)
     ticks = sum(count for _, count in turns)
     for algorithm in (FirstOrder(alpha, beta), SecondOrder(alpha, beta)):
@@ -153,7 +153,7 @@ def test_the_factor_of_a_period_is_that_of_its_product(given, counts, alpha, bet
         assert ours == pytest.approx(copies, rel=1e-3, abs=0.15)
 
 
-def test_a_factor_is_found_without_the_product_of_a_period_too(monkeypatch):
+def test_the_spectral_radius_is_found_without_forming_the_product(monkeypatch):
     """Of large digraphs it is Arnoldi's method that finds it, where the largest stands out."""
     rng, n = np.random.default_rng(2), 60
     given = []
@@ -172,7 +172,7 @@ def test_a_factor_is_found_without_the_product_of_a_period_too(monkeypatch):
 
 @quick
 @given(exchanges(), gains, gains)
-def test_positions_and_velocities_settle_each_by_its_own_digraph(given, alpha, beta):
+def test_positions_and_velocities_converge_each_over_its_own_digraph(given, alpha, beta):
     """Theorem 1, necessary and sufficient, for hetero-information: α and β have bounds apart."""
     algorithm, exchange = FirstOrder(alpha, beta), given[0]
     own = [spectrum_of(t) for t in (exchange.position, exchange.velocity)]
@@ -191,7 +191,7 @@ def test_positions_and_velocities_settle_each_by_its_own_digraph(given, alpha, b
 
 
 @pytest.mark.parametrize(("gain", "settles"), [(0.97, True), (0.999, True), (1.001, False)])
-def test_gains_below_1_settle_in_any_order_and_above_1_not_though_each_digraph_would(gain, settles):
+def test_gains_below_1_converge_in_any_order_and_above_1_may_not(gain, settles):
     """The digraphs' own bounds are 2; in turn, the position's blocks have trace g² + 2 (1 − g)²."""
     algorithm = FirstOrder(gain, gain)
     recursions = [recursion_of(algorithm, t, 0.1) for t in (CHAIN, OTHER_WAY)]
@@ -208,7 +208,7 @@ def test_gains_below_1_settle_in_any_order_and_above_1_not_though_each_digraph_w
 
 @quick
 @given(exchanges(most=4), st.floats(0.05, 0.95), st.floats(0.05, 0.95), st.floats(0.01, 1))
-def test_in_any_order_n_ticks_bring_the_target_to_all(given, alpha, beta, h):
+def test_in_any_order_the_target_reaches_all_robots_in_n_ticks(given, alpha, beta, h):
     """‖P_n ⋯ P_1‖∞ ≤ 1 − μ^n of every order: what docs/theory.md proves, by trying all."""
     n = given[0].position.n
     algorithm = FirstOrder(alpha, beta)
@@ -224,7 +224,7 @@ def test_in_any_order_n_ticks_bring_the_target_to_all(given, alpha, beta, h):
     assert bounds.lower < 1
 
 
-def test_of_other_algorithms_no_order_is_proven_by_the_gains():
+def test_for_other_algorithms_gains_prove_no_order():
     for algorithm in (SecondOrder(0.5, 0.5), Impulsive(0.5, 0.5), FirstOrder(0.5, 1.0)):
         assert not contracts_in_any_order(recursion_of(algorithm, CHAIN, 0.1))
 
@@ -233,7 +233,7 @@ def test_of_other_algorithms_no_order_is_proven_by_the_gains():
 
 
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 0.8), SecondOrder(1.1, 0.9)])
-def test_what_a_period_settles_to_is_where_long_runs_end_and_within_the_sharp_bound(algorithm):
+def test_the_periodic_steady_state_is_where_long_runs_end(algorithm):
     given = [InteractionGraphs.of(Topology.of([[0, 1, 0], [0.5, 0, 0], [1, 1, 0]], [1, 0, 0]))]
     given += [InteractionGraphs.of(Topology.of([[0, 0, 2], [0.5, 0, 1], [0, 0, 0]], [0, 0, 1]))]
     h, turns, n = 0.1, [(0, 2), (1, 1)], 3
@@ -257,7 +257,7 @@ def test_what_a_period_settles_to_is_where_long_runs_end_and_within_the_sharp_bo
     assert sizes[1] <= motion.bound.velocity <= bound.velocity <= always.velocity
 
 
-def test_the_sharp_bound_of_a_period_is_come_near_by_a_target_that_tries():
+def test_an_adversarial_target_comes_near_the_worst_case_bound_of_a_period():
     """|a_0| ≤ 1 with the sign that is worst for one robot at the end, and γ1 out of the way."""
     algorithm, h = FirstOrder(0.9, 0.8), 0.1
     recursions = [recursion_of(algorithm, t, h) for t in (CHAIN, OTHER_WAY)]
@@ -280,7 +280,7 @@ def test_the_sharp_bound_of_a_period_is_come_near_by_a_target_that_tries():
 # Who may hear over two digraphs
 
 
-def test_algorithms_say_whether_they_hear_over_two_digraphs():
+def test_algorithms_declare_whether_they_support_separate_digraphs():
     apart = {name for name in algorithm_names() if takes_separate_graphs(name)}
     assert apart & {"dcea1", "dcea2", "impulsive", "pd_like", "sliding"} == {"dcea1", "sliding"}
     rng = np.random.default_rng(4)
@@ -308,7 +308,7 @@ def test_algorithms_say_whether_they_hear_over_two_digraphs():
     ],
     ids=["largest part", "part too large", "largest matrix", "matrix too large"],
 )
-def test_the_joint_radius_is_tried_up_to_a_size(monkeypatch, topology, is_tried):
+def test_the_joint_spectral_radius_is_computed_up_to_a_size(monkeypatch, topology, is_tried):
     recursion = recursion_of(FirstOrder(0.9, 1.1), topology, 0.1)
     tried = []
     monkeypatch.setattr(switching, "joint_spectral_radius", tried.append)
@@ -320,7 +320,9 @@ def test_the_joint_radius_is_tried_up_to_a_size(monkeypatch, topology, is_tried)
 
 @pytest.mark.parametrize("most", [1000, 2], ids=["by the product", "by Arnoldi's method"])
 @pytest.mark.parametrize("algorithm", [FirstOrder(0.9, 1.1), SecondOrder(1.1, 0.9)])
-def test_the_factor_of_a_period_is_that_of_the_dense_product(monkeypatch, algorithm, most):
+def test_the_spectral_radius_of_a_period_agrees_with_the_dense_product(
+    monkeypatch, algorithm, most
+):
     monkeypatch.setattr(switching, "DENSE", most)
     given = [InteractionGraphs.of(ring(5, both)) for both in (True, False)]
     found = period_radius([recursion_of(algorithm, e, 0.2) for e in given], [(0, 3), (1, 2)])

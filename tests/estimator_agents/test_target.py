@@ -26,7 +26,7 @@ def moving(request) -> Target:
 class TestEveryTarget:
     """What a run and the theory ask of a target."""
 
-    def test_times_of_any_shape_give_an_axis_more(self, moving):
+    def test_times_of_any_shape_add_an_axis(self, moving):
         for shape in ((), (5,), (2, 3)):
             t = np.linspace(0, 7, int(np.prod(shape))).reshape(shape)
             there = moving.at(t)
@@ -71,14 +71,14 @@ def test_bounds_of_a_cubic_in_closed_form():
     assert short.bounds() == pytest.approx((3.0, 1.0))
 
 
-def test_velocity_turns_within_a_piece():
+def test_the_largest_velocity_within_a_piece_is_found():
     """υ = 3 t² − 6 t + 1 is −2 at t = 1, inside of the one piece from 0 to 1.9."""
     t = np.array([0.0, 0.6, 1.3, 1.9])
     sampled = Sampled.of(t, (t**3 - 3 * t**2 + t)[:, None])
     assert sampled.bounds() == pytest.approx((2.0, 6.0))
 
 
-def test_acceleration_does_not_jump():
+def test_the_acceleration_of_a_spline_is_continuous():
     sampled = Sampled.of(UNEVEN, ROUGH)
     before, after = (sampled.spline(UNEVEN[1:-1] + side, 2) for side in (-1e-9, 1e-9))
     np.testing.assert_allclose(before, after, atol=1e-5 * sampled.bounds()[1])
@@ -95,5 +95,5 @@ def test_dense_samples_of_the_papers_target_are_the_papers_target():
     assert sampled.bounds() == pytest.approx((3.0, 1.0), rel=1e-2)
 
 
-def test_beyond_its_samples_nothing_is_known():
+def test_beyond_its_samples_a_target_is_nan():
     assert np.all(np.isnan(Sampled.of([0.0, 1.0], [[0.0], [1.0]]).at(1.5).position))

@@ -22,7 +22,7 @@ def test_spectrum_of_the_paper_is_exact():
     np.testing.assert_allclose(s[[0, 5]], [-np.sqrt(0.5), np.sqrt(0.5)], rtol=4e-16)
 
 
-def test_bound_on_the_gains():
+def test_the_bound_on_the_gains_is_that_of_theorem_1():
     assert smallest_theta(SPECTRUM) == pytest.approx(4 - 2 * np.sqrt(2), rel=1e-15)
 
 
@@ -32,7 +32,7 @@ def test_a_condition_is_strict():
     assert condition.margin == 0
 
 
-def test_bound_on_the_period():
+def test_the_bound_on_the_period_is_that_of_theorem_3():
     by_name = {c.name: c for c in SecondOrder(1.1, 0.9).conditions(SPECTRUM, 0.1)}
     assert by_name["sampling_period"].right == pytest.approx(0.493769, abs=5e-7)
     assert by_name["sampling_period"].margin == pytest.approx(0.393769, abs=5e-7)
@@ -43,7 +43,7 @@ def test_bound_on_the_period():
     ("alpha", "beta", "radius"),
     [(0.9, 1.1, 0.877817), (1.17, 1.17, 0.997315), (1.18, 1.18, 1.014386)],
 )
-def test_radius_of_the_first_order(alpha, beta, radius):
+def test_the_first_order_spectral_radius_agrees_with_dense_matrices(alpha, beta, radius):
     ours = spectral_radius(FirstOrder(alpha, beta).modes(SPECTRUM, 0.1))
     assert ours == pytest.approx(radius, abs=5e-7)
 
@@ -51,7 +51,7 @@ def test_radius_of_the_first_order(alpha, beta, radius):
 @pytest.mark.parametrize(
     ("h", "radius"), [(0.1, 0.883173), (0.45, 0.947520), (0.4938, 1.000038), (0.5, 1.007636)]
 )
-def test_radius_of_the_second_order(h, radius):
+def test_the_second_order_spectral_radius_agrees_with_dense_matrices(h, radius):
     ours = spectral_radius(SecondOrder(1.1, 0.9).modes(SPECTRUM, h))
     assert ours == pytest.approx(radius, abs=5e-7)
 
@@ -81,7 +81,7 @@ def test_modes_and_conditions_agree_with_dense_matrices(seed):
                 assert holds == (radius < 1)
 
 
-def test_target_of_the_paper():
+def test_the_papers_target_agrees_with_its_formula():
     for t in (0.0, 0.1, 7.3, 600.0):
         at = HARMONIC.at(t)
         np.testing.assert_allclose([at.position, at.velocity], target(t), rtol=1e-14, atol=1e-13)

@@ -107,13 +107,13 @@ def test_three_workers_have_the_digest_of_one(command, folder, recording):
     assert digest(folder / "3.mcap") == digest(recording)
 
 
-def test_what_if_it_had_been_another_is_a_run_with_that_one(command, folder, recording):
+def test_a_what_if_with_another_gain_equals_a_fresh_run(command, folder, recording):
     command("replay", recording, "--algorithm", "gamma=0.1,missing=drop", "-o", "if.mcap")
     command("run", "s.toml", "-o", "0.1.mcap", "--set", "algorithm.gamma=0.1")
     assert digest(folder / "if.mcap") == digest(folder / "0.1.mcap") != digest(recording)
 
 
-def test_at_zero_it_is_the_algorithm_without_it(command, folder):
+def test_a_third_gain_of_zero_gives_the_bits_of_dcea1(command, folder):
     command("run", "s.toml", "-o", "0.mcap", "--set", "algorithm.gamma=0")
     command("run", "s.toml", "-o", "ours.mcap", "--set", "algorithm.name=dcea1")
     assert digest(folder / "0.mcap") == digest(folder / "ours.mcap")

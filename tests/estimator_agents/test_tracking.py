@@ -27,7 +27,7 @@ OF = constants(P3, 2, LAMBDA_D, GAMMA_1, GAMMA_2)
 DRIVE = Drive.of(200 * np.eye(2), 300 * np.eye(2))
 
 
-def test_constants_of_the_example_by_hand():
+def test_constants_of_the_example_agree_with_hand_calculation():
     assert OF.mu_1 == pytest.approx(
         LAMBDA_D + P3.lambda_M * 2**0.5 + P3.lambda_c * 18 + P3.lambda_g, rel=1e-12
     )
@@ -35,7 +35,7 @@ def test_constants_of_the_example_by_hand():
     assert OF.rho_2 == pytest.approx(2 * OF.mu_2 + P3.lambda_M + 2**0.5 * P3.lambda_c, rel=1e-12)
 
 
-def test_inequality_1_9_holds_wherever_one_looks():
+def test_inequality_1_9_holds_at_random_states():
     rng = np.random.default_rng(9)
     for _ in range(2000):
         q, qd = rng.uniform(-np.pi, np.pi, 2), rng.normal(scale=5, size=2)
@@ -50,7 +50,7 @@ def test_inequality_1_9_holds_wherever_one_looks():
         assert np.linalg.norm(phi) <= most
 
 
-def test_balls_of_theorem_2_and_the_gains_that_it_asks_for():
+def test_theorem_2_gives_the_balls_and_gains_of_the_paper():
     found = balls(OF, DRIVE, EstimateBounds(0.1, 0.2))
     rho_3 = OF.mu_1 + 2**0.5 * (200 * 0.1 + 300 * 0.2)
     assert push(OF, DRIVE, EstimateBounds(0.1, 0.2)) == pytest.approx(rho_3)
@@ -63,7 +63,7 @@ def test_balls_of_theorem_2_and_the_gains_that_it_asks_for():
         assert proven(OF, weak, EstimateBounds(0.1, 0.2)) is None
 
 
-def test_what_is_proven_is_no_less_than_where_the_derivative_is_negative():
+def test_proven_balls_contain_the_states_of_nonnegative_derivative():
     estimates = EstimateBounds(0.1674, 0.5156)
     stated, holding = balls(OF, DRIVE, estimates), proven(OF, DRIVE, estimates)
     assert holding.position > stated.position
@@ -73,7 +73,7 @@ def test_what_is_proven_is_no_less_than_where_the_derivative_is_negative():
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(share):
+def test_a_designed_period_keeps_the_bound_and_a_tenth_more_does_not(share):
     """With bounds on the estimates that are h and 2 h, on both sides of the third of (6.1)."""
     wanted = EstimateBounds(0.7, 0.9)
     found = design([OF], wanted, share, lambda h: EstimateBounds(h, 2 * h), lambda _: None)
@@ -93,7 +93,7 @@ def test_a_design_keeps_its_promise_and_a_tenth_more_of_the_period_does_not(shar
 @pytest.mark.parametrize(
     ("known_from", "status"), [(0, "no period is short enough"), (0.5e-3, "not computed")]
 )
-def test_no_period_is_said_to_be_short_enough_only_where_short_ones_have_bounds(known_from, status):
+def test_no_period_is_called_short_enough_only_if_short_ones_have_bounds(known_from, status):
     """With bounds that stay as large at any period, and of short ones are known or not."""
     found = design(
         [OF],
@@ -117,7 +117,7 @@ def test_no_period_is_said_to_be_short_enough_only_where_short_ones_have_bounds(
 @pytest.mark.parametrize(
     "wanted", [EstimateBounds(0.7, 0.9), EstimateBounds(0.001, 100.0), EstimateBounds(5.0, 0.01)]
 )
-def test_what_is_designed_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, share):
+def test_a_design_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, share):
     found = design([OF], wanted, share, lambda _: None, lambda h: EstimateBounds(h, 2 * h)).proven
     drive = Drive(found.kp, found.kp, found.kd, found.kd)
 
@@ -129,7 +129,7 @@ def test_what_is_designed_is_within_the_proven_balls_and_a_longer_period_is_not(
     assert not keeps(1.1 * found.period)
 
 
-def test_a_design_for_unlike_robots_keeps_its_promise_for_each():
+def test_a_design_for_different_robots_keeps_the_bound_of_each():
     wanted, other = (
         EstimateBounds(0.2, 0.9),
         replace(OF, lambda_m=OF.lambda_m / 3, mu_1=OF.mu_1 / 2),
@@ -145,7 +145,7 @@ def test_a_design_for_unlike_robots_keeps_its_promise_for_each():
 # With friction, which no robot of the examples has
 
 
-def test_constants_with_friction_by_hand():
+def test_constants_with_friction_agree_with_hand_calculation():
     """Four joints, so that √m = 2: a speed of 10 and a pull of 4."""
     p3 = SimpleNamespace(lambda_m=0.5, lambda_M=3.0, lambda_c=0.25, lambda_g=7.0, lambda_f=1.5)
     of = constants(p3, 4, 11.0, 5.0, 2.0)
@@ -156,7 +156,7 @@ def test_constants_with_friction_by_hand():
     assert of.rho_2 == pytest.approx(2 * 2.5 + 3 + 2 * 0.25 + 1.5 / 2)
 
 
-def test_friction_alone_is_pushed_by_as_much_as_inequality_1_9_allows():
+def test_friction_alone_reaches_the_limit_of_inequality_1_9():
     """F = λ_f I, and the target is as fast as it may be on each axis: ‖F υ_0‖₂ is μ1."""
     p3 = SimpleNamespace(lambda_m=1.0, lambda_M=0.0, lambda_c=0.0, lambda_g=0.0, lambda_f=0.7)
     of = constants(p3, 3, 0.0, 2.0, 1.0)
@@ -179,7 +179,7 @@ def v_dot(of, drive, rho_3, x, y, s):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_is_proven_by_roots_and_by_looking_everywhere(seed):
+def test_proven_balls_by_roots_agree_with_a_grid_search(seed):
     rng = np.random.default_rng(seed)
     m, lambda_m, lambda_M = 1 + seed % 4, *np.sort(rng.uniform(0.5, 4, 2))
     mu_1, mu_2, rho_1, rho_2 = rng.uniform(0.5, 6, 4)
@@ -211,7 +211,7 @@ def test_what_is_proven_by_roots_and_by_looking_everywhere(seed):
     assert found.velocity**2 * lambda_m / 4 == pytest.approx(W, rel=1e-9)
 
 
-def test_nothing_is_proven_of_a_mass_that_is_not_known():
+def test_without_known_masses_nothing_is_proven():
     of = Constants(2, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     assert proven(of, Drive(9, 9, 9, 9), EstimateBounds(0.1, 0.1)) is None
 

@@ -33,19 +33,19 @@ def fallen_on_a_path(n, alpha, h):
 
 
 @pytest.mark.parametrize(("n", "alpha"), [(1, 0.9), (40, 0.9), (40, 0.3), (1000, 0.9), (600, 0.5)])
-def test_on_a_path_errors_fall_when_the_news_is_there(n, alpha):
+def test_on_a_path_errors_fall_after_the_hops(n, alpha):
     found = ticks_until(recursion_of(FirstOrder(alpha, alpha), path(n), 0.1), MILLIONTH)
     assert found == fallen_on_a_path(n, alpha, 0.1)
 
 
 @pytest.mark.parametrize("n", [1, 8, 300])
-def test_gains_of_1_leave_nothing_once_the_news_is_there(n):
+def test_gains_of_1_leave_no_error_after_the_hops(n):
     assert ticks_until(recursion_of(FirstOrder(1, 1), path(n), 0.1), MILLIONTH) == n
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(digraphs(), st.sampled_from([FirstOrder, SecondOrder]), st.floats(0.2, 1.5))
-def test_it_is_where_the_norm_of_a_power_comes_to_a_share(topology, of, beta):
+def test_the_settling_time_is_where_the_norm_of_a_power_falls_to_the_share(topology, of, beta):
     algorithm, h = of(0.8, beta), 0.2
     assume(spectral_radius(algorithm.modes(spectrum_of(topology), h)) < 0.97)
     recursion = recursion_of(algorithm, topology, h)
@@ -56,5 +56,5 @@ def test_it_is_where_the_norm_of_a_power_comes_to_a_share(topology, of, beta):
     assert sizes[0] > MILLIONTH * (1 - 1e-9)
 
 
-def test_of_many_robots_with_gains_above_1_it_is_not_said():
+def test_for_many_robots_with_gains_above_1_the_settling_time_is_unknown():
     assert ticks_until(recursion_of(FirstOrder(1.1, 0.9), path(400), 0.1), MILLIONTH) is None

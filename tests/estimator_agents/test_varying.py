@@ -46,13 +46,13 @@ def test_wavelets_are_as_smooth_as_daubechies_and_lagarias_have_it(
     assert bounds.upper <= bounds.lower * 1.0011
 
 
-def test_two_matrices_that_vanish_alone_need_not_together() -> None:
+def test_two_nilpotent_matrices_may_have_a_growing_product() -> None:
     bounds = found([[0, 2], [0, 0]], [[0, 0], [3, 0]])
     assert bounds.lower == pytest.approx(6**0.5, rel=1e-12)
     assert bounds.upper == pytest.approx(6**0.5, rel=2e-3)
 
 
-def test_of_one_matrix_it_is_the_spectral_radius_also_where_its_norm_is_far_larger() -> None:
+def test_of_one_matrix_the_joint_radius_is_its_spectral_radius() -> None:
     for size in (1.0, 100.0):
         bounds = found([[0.5, size], [-0.1 / size, 0.4]])
         radius = np.abs(np.linalg.eigvals([[0.5, size], [-0.1 / size, 0.4]])).max()
@@ -60,7 +60,7 @@ def test_of_one_matrix_it_is_the_spectral_radius_also_where_its_norm_is_far_larg
         assert bounds.upper == pytest.approx(radius, rel=1.1e-3)
 
 
-def test_of_a_common_block_triangular_form_the_largest_block_counts() -> None:
+def test_of_a_block_triangular_form_the_largest_block_counts() -> None:
     shears = np.array([[[1, 1], [0, 1]], [[1, 0], [1, 1]]]) / 2
     mixed = np.zeros((2, 3, 3))
     mixed[:, :2, :2] = shears
@@ -74,14 +74,14 @@ def test_of_a_common_block_triangular_form_the_largest_block_counts() -> None:
     assert bounds.upper == pytest.approx(0.9, rel=1.1e-3)
 
 
-def test_complex_matrices_have_that_of_their_moduli_where_they_are_numbers() -> None:
+def test_complex_scalars_have_the_radius_of_their_moduli() -> None:
     bounds = joint_spectral_radius([np.array([[0.3 + 0.4j]]), np.array([[-0.2j]])])
     assert bounds is not None
     assert bounds.lower == pytest.approx(0.5, rel=1e-9)
     assert bounds.upper == pytest.approx(0.5, rel=1.1e-3)
 
 
-def test_rounding_makes_no_lower_bound_of_products_that_vanish() -> None:
+def test_rounding_gives_vanishing_products_no_lower_bound() -> None:
     """Strictly triangular, but not in their rows' order: every product of four is zero."""
     rng = np.random.default_rng(5)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
@@ -91,7 +91,7 @@ def test_rounding_makes_no_lower_bound_of_products_that_vanish() -> None:
     assert bounds.lower < 1e-2
 
 
-def test_of_blocks_that_are_too_large_nothing_is_said() -> None:
+def test_blocks_that_are_too_large_are_undecided() -> None:
     rng = np.random.default_rng(6)
     assert joint_spectral_radius([rng.normal(size=(50, 50))]) is None
     large = joint_spectral_radius([np.triu(rng.normal(size=(50, 50)))])
@@ -100,9 +100,7 @@ def test_of_blocks_that_are_too_large_nothing_is_said() -> None:
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 4), st.integers(1, 3))
-def test_no_order_does_better_than_the_upper_bound_and_one_is_at_the_lower(
-    seed: int, p: int, q: int
-) -> None:
+def test_orders_lie_between_the_bounds_of_the_joint_radius(seed: int, p: int, q: int) -> None:
     """All products of up to five, by brute force; and the order that is named attains its bound."""
     matrices = np.random.default_rng(seed).normal(size=(q, p, p))
     bounds = joint_spectral_radius(list(matrices), near=0.03)
@@ -120,7 +118,7 @@ def test_no_order_does_better_than_the_upper_bound_and_one_is_at_the_lower(
     assert radius == pytest.approx(bounds.lower, rel=1e-6)
 
 
-def test_a_common_factor_is_that_of_the_radius_however_large():
+def test_scaling_the_matrices_scales_the_joint_radius():
     pair = [np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0], [1.0, 1.0]])]
     golden = (1 + 5**0.5) / 2
     for factor in (1e12, 1e150, 1e300):

@@ -51,7 +51,7 @@ def test_bounds_of_sines_in_closed_form(terms, rate, gamma_1, gamma_2):
         assert bounds[1] == pytest.approx(gamma_2, rel=1e-11)
 
 
-def test_opposite_sines_stand_still():
+def test_opposite_sines_have_bounds_of_0():
     assert sines((1, 1, 0), (-1, 1, 0)).bounds() == (0, 0)
     assert sines((1, 2, 0.4), (1, 2, 0.4 + np.pi)).bounds() == pytest.approx((0, 0), abs=1e-14)
 
@@ -63,7 +63,7 @@ term = st.tuples(amplitude, multiple, st.floats(-4, 4))
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(term, min_size=1, max_size=6), st.floats(-2, 2), st.sampled_from([1, 0.1, 2 / 7]))
-def test_no_time_of_a_common_period_is_above_and_some_time_comes_near(terms, rate, base):
+def test_bounds_of_commensurate_waves_are_reached_and_not_exceeded(terms, rate, base):
     moving = sines(*((a, n * base, phase) for a, n, phase in terms), rate=rate)
     t = np.linspace(0, 2 * np.pi / base, 20_001)
     speed = moving.rate + (
@@ -79,7 +79,7 @@ def test_no_time_of_a_common_period_is_above_and_some_time_comes_near(terms, rat
     assert slope.max() <= gamma_2 + 1e-9 * max(size, 1) / t[1] * 1e-3 + 1e-12
 
 
-def test_frequencies_without_a_common_period_meet_in_the_end():
+def test_incommensurate_waves_have_the_sum_of_amplitudes_as_bound():
     omega = np.array([1.0, sqrt(2), sqrt(3)])
     assert supremum(-1.0, omega, np.array([1, 2j, -3 + 0j])) == pytest.approx(7)
     t = np.arange(0, 20_000, 0.05)
@@ -88,7 +88,7 @@ def test_frequencies_without_a_common_period_meet_in_the_end():
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e155, 1e300, 1e308])
-def test_numbers_out_of_all_proportion_have_a_bound_or_an_infinite_one(extreme):
+def test_extreme_waves_have_a_finite_or_infinite_bound(extreme):
     for terms in ([(1, extreme, 0), (1, 1, 0)], [(extreme, 1, 0), (extreme, 2, 0)]):
         for bound, least in zip(sines(*terms).bounds(), (1, 0), strict=True):
             assert bound >= least * min(extreme, 1)

@@ -65,7 +65,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(("build", "change", "bound"), CASES.values(), ids=CASES.keys())
-def test_a_foreign_arm_agrees_with_dop853(tmp_path, build, change, bound):
+def test_an_arm_exported_by_another_tool_agrees_with_dop853(tmp_path, build, change, bound):
     fmu = build(tmp_path)
     near = {"run.duration": 3.0, "plant.fmu": fmu.name, **NEAR_THE_TARGET}
     file = paper(near, change, folder=tmp_path)
@@ -149,7 +149,7 @@ def point_mass(rows):
     return np.array(story)
 
 
-def test_a_start_that_the_fmu_does_not_take_is_refused(tmp_path):
+def test_a_start_value_that_the_fmu_does_not_take_is_refused(tmp_path):
     """A derivative can be read for qd, but where it starts cannot be told."""
     casadi(tmp_path)
     derivative = {"qd": {"pattern": "der(q{i})"}}

@@ -46,7 +46,7 @@ CHANGES = {
 }
 
 
-def test_each_place_that_may_be_wrong_is_changed_and_nothing_else():
+def test_each_mutation_changes_one_place():
     found = mutations_of("m.py", SOURCE)
     assert {one.key for one in found} == {f"m.py: {change}" for change in CHANGES}
     for one in found:
@@ -54,7 +54,7 @@ def test_each_place_that_may_be_wrong_is_changed_and_nothing_else():
         assert ast.dump(ast.parse(changed)) != ast.dump(ast.parse(SOURCE))
 
 
-def test_a_key_and_what_is_drawn_survive_that_lines_move():
+def test_keys_of_mutations_do_not_depend_on_line_numbers():
     moved = SOURCE.replace(b"\nclass Thing", b"\n\n# a comment\nOTHER = 1 + 1\n\nclass Thing")
     before, after = mutations_of("m.py", SOURCE), mutations_of("m.py", moved)
     assert {one.key for one in before} < {one.key for one in after}
@@ -77,7 +77,7 @@ def found():
     return mutations()
 
 
-def test_every_module_has_mutations_that_compile_and_tests_that_there_are(found):
+def test_every_module_has_mutations_and_tests(found):
     for module, of in found.items():
         source = (ROOT / module).read_bytes()
         assert len({one.key for one in of}) == len(of) > 0
@@ -89,7 +89,7 @@ def test_every_module_has_mutations_that_compile_and_tests_that_there_are(found)
         )
 
 
-def test_what_is_listed_as_equivalent_is_a_mutation_and_says_why(found):
+def test_each_equivalent_mutation_exists_and_has_a_reason(found):
     keys = {one.key for of in found.values() for one in of}
     assert equivalents().keys() <= keys
     assert all(equivalents().values())

@@ -134,7 +134,7 @@ def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path)
         assert (hub.returncode, client.returncode) == (0, 0)
 
 
-def test_a_cut_is_told_to_senders_whom_it_stops(tmp_path):
+def test_a_cut_is_reported_to_blocked_senders(tmp_path):
     """Zenoh closes a link over TLS only when all that was put into it has left, or TCP gives up."""
     with two_machines() as wire:
         authority, meet = Authority(tmp_path), [f"tls/{wire.left.address}:{PORT}"]

@@ -43,7 +43,7 @@ def test_every_robots_state_is_there_at_every_tick_and_counted(recorded):
         assert topics.count("/robot_3/agent_state") == 1
 
 
-def test_what_is_recorded_is_the_state_right_after_each_sampling_time(recorded):
+def test_the_recorded_agent_state_is_that_after_the_jump(recorded):
     """This integral grows by the disagreement with what was received: by the samples alone."""
     with Recording(recorded) as recording, Reader(recorded) as reader:
         experiment = experiment_of(reader)

@@ -47,7 +47,7 @@ def install(tmp_path, monkeypatch):
     return put
 
 
-def test_parameters_may_be_called_as_anything_of_the_library_s(install):
+def test_parameters_may_have_names_that_pydantic_uses(install):
     install("named", MODULE, "Named")
     chosen = paper({"algorithm": {"name": "named"}}).scenario.algorithm
     assert chosen.parameters == VALUES
@@ -98,9 +98,7 @@ def test_the_schema_has_their_types_bounds_and_choices(install):
     [(MODULE.replace("copy: float", "copy: list"), 11), ("import numpi\n", 1)],
     ids=["declaration", "import"],
 )
-def test_a_class_that_is_wrong_spoils_neither_the_schema_nor_others_scenarios(
-    install, module, line
-):
+def test_a_wrong_algorithm_class_affects_no_other_scenario(install, module, line):
     path = install("broken", module, "Named")
     table = json_schema()["$defs"]["Algorithm_broken"]
     assert table["description"].startswith("algorithm.name: broken")

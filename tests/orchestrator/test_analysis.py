@@ -46,7 +46,7 @@ def recording(tmp_path_factory):
     return path
 
 
-def test_the_example_keeps_every_promise(recording):
+def test_the_paper_example_is_within_every_bound(recording):
     with Reader(recording) as reader:
         compared = compare_to_theory(
             reader, read_scenario(PAPER_FILE), measure(reader, experiment_of(reader))
@@ -65,7 +65,7 @@ def test_the_example_keeps_every_promise(recording):
         assert row.transient < 1e-5
 
 
-def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
+def test_a_measurement_beyond_a_bound_is_reported_with_its_tick(recording):
     with Reader(recording) as reader:
         true = measure(reader, experiment_of(reader))
         broken = SteadyState(0.2, true.velocity_estimate, 0.4, 0.4, (int(27.3e9), 0, 0, 0))
@@ -74,7 +74,7 @@ def test_a_measurement_beyond_what_is_proven_is_told_with_its_tick(recording):
     assert compared.quantities[0].tick == 273
 
 
-def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
+def test_a_recording_of_other_gains_exceeds_the_bounds(recording):
     """As if agents had jumped otherwise than their gains say."""
     other = paper({"algorithm.alpha": 1.1})
     with Reader(recording) as reader:
@@ -83,7 +83,7 @@ def test_another_scenario_s_promises_are_broken_by_this_recording(recording):
     assert compared.measured_radius is not None
 
 
-def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(recording):
+def test_a_run_with_a_third_party_fmu_says_why_tracking_has_no_bounds(recording):
     other = paper({"plant.fmu": "theirs.fmu"})
     with Reader(recording) as reader:
         compared = compare_to_theory(reader, other, measure(reader, experiment_of(reader)))
@@ -96,7 +96,7 @@ def test_of_a_stranger_s_fmu_a_run_says_why_there_are_no_bounds_on_tracking(reco
     assert [row.against_bound for row in compared.quantities] == [*["within"] * 2, *["unknown"] * 2]
 
 
-def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
+def test_a_run_with_faults_or_divergence_has_no_bounds():
     lossy = ultimate_bounds(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
     assert "faults" in lossy.why_not
     assert (lossy.steady_state, lossy.worst_case, lossy.paper) == (None, None, None)
@@ -105,7 +105,7 @@ def test_a_run_with_faults_or_that_diverges_is_promised_nothing():
     assert diverging.tracking.paper is None
 
 
-def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
+def test_the_bounds_of_short_runs_include_the_transient(tmp_path):
     file = paper({"run.duration": 2.0})
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
@@ -132,7 +132,7 @@ def test_short_runs_are_given_what_is_left_of_the_beginning(tmp_path):
         (None, "unknown", (), "not measured"),
     ],
 )
-def test_a_verdict_says_what_it_is_within(measured, against_bound, above, word):
+def test_a_comparison_states_which_bounds_it_is_above(measured, against_bound, above, word):
     bound = Bound("|q - eps_0|2", None, 0.4504, 0.1675)
     row = ComparedQuantity(bound, measured, 10, 0.0, against_bound)
     assert row.above == above
@@ -155,7 +155,7 @@ def test_a_verdict_says_what_it_is_within(measured, against_bound, above, word):
     assert "rho        the computed one is of the long run" in far
 
 
-def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven(tmp_path):
+def test_during_the_transient_tracking_is_not_reported_as_exceeded(tmp_path):
     file = paper({"run.duration": 2.0})
     run(file, tmp_path / "short.mcap")
     with Reader(tmp_path / "short.mcap") as reader:
@@ -166,7 +166,7 @@ def test_while_estimates_settle_tracking_is_not_said_to_be_beyond_what_is_proven
     assert row.against_bound == "unknown"
 
 
-def test_robots_of_their_own_are_bounded_on_their_own():
+def test_robots_with_their_own_controller_have_their_own_bounds():
     scenario = paper({"robots": [{"id": 3, "controller": {"kp": 25.0, "kd": 300.0}}]})
     parts = plant_bounds(scenario)
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
@@ -183,7 +183,7 @@ def test_robots_of_their_own_are_bounded_on_their_own():
         ({"disturbance.axes.0.rate": 1.0}, "grows"),
     ],
 )
-def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(change, why):
+def test_when_the_tracking_theorems_do_not_apply_the_reason_is_given(change, why):
     scenario = paper(change)
     (part,) = plant_bounds(scenario)
     assert why in part.why
@@ -192,7 +192,7 @@ def test_where_the_theorems_on_tracking_say_nothing_it_is_told_why(change, why):
     assert ultimate_bounds(scenario).tracking.paper is None
 
 
-def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tmp_path):
+def test_p3_of_a_third_party_fmu_is_sampled_and_dependent_results_are_marked(tmp_path):
     (tmp_path / "theirs.fmu").write_bytes(build("two_link_arm", 2).read_bytes() + b"\0")
     file = paper({"plant.fmu": "theirs.fmu"}, folder=tmp_path)
     find = Sampling(file)
@@ -216,21 +216,21 @@ def test_of_a_stranger_s_fmu_p3_is_sampled_and_all_that_rests_on_it_is_marked(tm
     )
 
 
-def test_what_cannot_be_sampled_says_why(tmp_path):
+def test_an_fmu_that_cannot_be_sampled_gives_the_reason(tmp_path):
     file = paper({"plant.fmu": "none.fmu"}, folder=tmp_path)
     (part,) = plant_bounds(file, Sampling(file))
     assert "P3 cannot be sampled: " in part.why
     assert "none.fmu: no such FMU" in part.why
 
 
-def test_gains_below_those_of_the_theorems_are_no_reason_to_warn():
+def test_gains_below_the_theorems_give_no_warning():
     scenario = paper({"controller.kp": 10.0})
     kp = {c.name: c for c in check(scenario).conditions}["kp (tracking)"]
     assert not kp.holds
     assert check(scenario).warnings() == []
 
 
-def test_a_design_is_found_and_keeps_6_1():
+def test_a_design_is_found_that_satisfies_inequality_6_1():
     found = designed(read_scenario(PAPER_FILE), EstimateBounds(0.5, 0.5), 0.5)
     (part,) = plant_bounds(read_scenario(PAPER_FILE))
     of = part.constants
@@ -260,7 +260,7 @@ def designed_for(scenario, gains, h):
     return paper(scenario, times, {"controller.kp": gains.kp, "controller.kd": gains.kd})
 
 
-def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_not(tmp_path):
+def test_designed_gains_keep_the_accuracy_where_those_of_6_1_do_not(tmp_path):
     """A disturbance in resonance with Kp: 13 times what (6.1) would have."""
     wanted = EstimateBounds(0.001, 100.0)
     shaken = resonant()
@@ -278,7 +278,7 @@ def test_gains_that_are_designed_for_an_accuracy_keep_it_where_those_of_6_1_do_n
 
 @pytest.mark.parametrize("model", ["planar_robot", "two_link_arm"])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_path, model, seed):
+def test_runs_of_random_designs_keep_their_accuracy(tmp_path, model, seed):
     rng = np.random.default_rng(seed)
     wanted = EstimateBounds(*np.exp(rng.uniform(-3, 0, 2)).tolist())
     shaken = resonant(round(rng.uniform(1, 60), 2), 1 + seed, model)
@@ -294,7 +294,7 @@ def test_runs_of_random_designs_keep_the_accuracy_that_they_were_made_for(tmp_pa
     assert 0 < measured.velocity_tracking <= wanted.velocity
 
 
-def test_v_of_the_proof_falls_wherever_inequality_1_8_says_so(tmp_path):
+def test_v_of_the_proof_decreases_where_inequality_1_8_says_so(tmp_path):
     """V, with M of the paper's text, along a run that starts far out with good estimates."""
     file = paper(
         {
@@ -339,7 +339,7 @@ def value(q, e, ed):
     return swing + 300 * np.sum(np.logaddexp(e, -e) - np.log(2))
 
 
-def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
+def test_a_recording_of_an_algorithm_that_is_not_installed_is_not_compared(recording):
     file = read_scenario(PAPER_FILE)
     gone = file.scenario.algorithm.model_copy(update={"name": "gone"})
     other = replace(file, scenario=file.scenario.model_copy(update={"algorithm": gone}))
@@ -349,14 +349,14 @@ def test_an_algorithm_that_is_not_installed_is_judged_by_nobody(recording):
     assert compared.quantities == ()
 
 
-def test_a_target_that_rests_is_reached():
+def test_a_target_at_rest_has_bounds_of_zero():
     result = ultimate_bounds(paper({"target.axes": [{"offset": 1.0}, {"offset": -1.0}]}))
     assert (result.gamma_1, result.gamma_2) == (0, 0)
     assert result.steady_state == result.worst_case == result.paper.bound == EstimateBounds(0, 0)
     assert result.tracking.paper.position < 0.2
 
 
-def test_check_says_that_bounds_of_short_periods_are_not_computed():
+def test_check_reports_that_bounds_of_short_periods_are_not_computed():
     """Γ of `dcea2` forgets by a part of h at each tick: too slowly to be summed at short h."""
     asked = ("check", SCENARIOS / "paper_example_3a.toml", "--accuracy", "0.1", "0.5")
     shown = " ".join(nrs(*asked).stdout.split())
@@ -367,7 +367,7 @@ def test_check_says_that_bounds_of_short_periods_are_not_computed():
     assert result["paper"]["status"] == "no period is short enough"
 
 
-def test_check_shows_and_tells_what_an_accuracy_takes():
+def test_check_shows_the_design_for_an_accuracy():
     asked = ("check", PAPER_FILE, "--accuracy", "0.5", "0.5")
     shown = nrs(*asked).stdout
     assert re.search(r"paper +kp = 359.341, .* \(equations 6.1, 6.2\): unproven", shown)
@@ -390,7 +390,7 @@ def test_check_shows_and_tells_what_an_accuracy_takes():
 @pytest.mark.parametrize(
     "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
 )
-def test_an_accuracy_that_is_none_exits_2(wrong):
+def test_an_invalid_accuracy_exits_2(wrong):
     done = nrs("check", PAPER_FILE, *wrong)
     assert done.returncode == 2
     assert wrong[0] in done.stderr

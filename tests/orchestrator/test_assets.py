@@ -112,7 +112,7 @@ def again(path, there, attachments=lambda kept: kept, records=lambda kept: kept)
     return there
 
 
-def test_the_text_is_recorded_to_the_byte_and_files_beside_it_by_their_hash(ran):
+def test_the_scenario_text_is_recorded_verbatim_and_files_by_hash(ran):
     with ran.path.open("rb") as file:
         reader = mcap.reader.make_reader(file)
         attached = {a.name: (a.media_type, a.data) for a in reader.iter_attachments()}
@@ -134,7 +134,7 @@ def test_the_text_is_recorded_to_the_byte_and_files_beside_it_by_their_hash(ran)
     assert edges[:3] == ["source,sink,weight", "2,1,0.5", "3,1,1.0"]
 
 
-def test_the_recording_says_which_files_it_is_of(ran):
+def test_a_recording_lists_its_files(ran):
     done = nrs("info", ran.path, "--json")
     assets = json.loads(done.stdout)["assets"]
     assert assets.keys() == {"network.edges", "target.file"}
@@ -143,7 +143,7 @@ def test_the_recording_says_which_files_it_is_of(ran):
     assert "network.edges net.csv, SHA-256" in " ".join(shown.split())
 
 
-def test_what_is_done_with_a_recording_needs_no_file(ran, tmp_path):
+def test_working_with_a_recording_needs_no_scenario_files(ran, tmp_path):
     done = nrs("replay", ran.path, "--verify")
     assert (done.returncode, "identical" in done.stdout) == (0, True), done.stderr
     done = nrs("report", ran.path, "-o", tmp_path / "page.html")
@@ -157,9 +157,7 @@ def test_what_is_done_with_a_recording_needs_no_file(ran, tmp_path):
     ("option", "change", "key"),
     [("--algorithm", "beta=0.9", "algorithm.beta=0.9"), ("--plant",) + 2 * ("controller.kp=150",)],
 )
-def test_what_if_is_the_run_of_the_changed_scenario_though_its_files_are_gone(
-    ran, tmp_path, option, change, key
-):
+def test_a_what_if_equals_a_fresh_run_without_the_files(ran, tmp_path, option, change, key):
     changed, fresh = tmp_path / "changed.mcap", tmp_path / "fresh.mcap"
     done = nrs("replay", ran.path, option, change, "-o", changed)
     assert done.returncode == 0, done.stderr
@@ -169,7 +167,7 @@ def test_what_if_is_the_run_of_the_changed_scenario_though_its_files_are_gone(
     assert digest_of(changed) == digest_of(fresh)
 
 
-def test_nobody_reads_the_path_that_a_recording_names(ran, tmp_path):
+def test_paths_in_a_recording_are_not_read(ran, tmp_path):
     """Where the files were are now others, with which the run would be another."""
     there = ran.folder / "there"
     write(there)
@@ -207,7 +205,7 @@ def test_a_worker_from_elsewhere_is_sent_them(ran, tmp_path):
         worker.end()
 
 
-def test_a_worker_believes_no_asset_of_another_hash():
+def test_a_worker_rejects_an_asset_of_another_hash():
     asset = Asset.of("net.csv", "0" * 64, TABLE, EDGES.encode())
     note = AssetNote.of(asset)
     assert note.asset("network.edges") == asset
@@ -319,7 +317,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("which", BAD)
-def test_what_an_attachment_holds_is_read_as_carefully_as_a_file(ran, tmp_path, which):
+def test_attachments_are_validated_like_files(ran, tmp_path, which):
     data, message = BAD[which]
     with Reader(ran.path) as reader:
         name = edges_of(reader)
@@ -335,7 +333,7 @@ def test_what_an_attachment_holds_is_read_as_carefully_as_a_file(ran, tmp_path, 
     assert message in done.stderr
 
 
-def test_a_run_that_names_nothing_has_its_text_alone(tmp_path):
+def test_a_scenario_without_files_attaches_only_its_text(tmp_path):
     path = tmp_path / "a.mcap"
     done = nrs("run", PAPER_FILE, "--set", "run.duration=0.3", "-o", path)
     assert done.returncode == 0, done.stderr
@@ -345,7 +343,7 @@ def test_a_run_that_names_nothing_has_its_text_alone(tmp_path):
 
 
 class TestFromPython:
-    def test_a_scenario_keeps_what_it_read_when_it_was_made(self, tmp_path):
+    def test_a_scenario_keeps_the_files_as_first_read(self, tmp_path):
         scenario_file, data = write(tmp_path / "here")
         scenario = nrs_cosim.Scenario.load(scenario_file)
         assert scenario.to_toml().encode() == data
@@ -426,7 +424,7 @@ def test_a_changed_scenario_reads_the_file_that_the_change_names(tmp_path):
         assert line in experiment.text
 
 
-def test_an_asset_without_room_in_a_recording_is_told_before_the_run(tmp_path, monkeypatch):
+def test_an_asset_too_large_for_a_recording_is_refused_before_the_run(tmp_path, monkeypatch):
     scenario_file, _ = write(tmp_path / "here")
     experiment = read_scenario(scenario_file)
     size = len(experiment.assets["network.edges"].content)
@@ -436,7 +434,7 @@ def test_an_asset_without_room_in_a_recording_is_told_before_the_run(tmp_path, m
     assert not (tmp_path / "run.mcap").exists()
 
 
-def test_what_follows_from_a_scenario_stays_when_its_assets_change(ran):
+def test_replacing_fmus_keeps_the_derived_values(ran):
     with Reader(ran.path) as reader:
         experiment = experiment_of(reader)
     clock, links = experiment.clock, experiment.topologies

@@ -29,13 +29,13 @@ def cause_of(path):
     return result["cause"], result
 
 
-def test_a_completed_run_has_none(tmp_path):
+def test_a_completed_run_has_no_cause(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     assert cause_of(tmp_path / "run.mcap")[0] is None
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(tmp_path, workers):
+def test_the_cause_of_divergence_has_tick_robot_and_quantity(tmp_path, workers):
     write(tmp_path / "s.toml", DIVERGING)
     path = tmp_path / "run.mcap"
     done = nrs("run", tmp_path / "s.toml", "-o", path, "--workers", workers)
@@ -50,7 +50,7 @@ def test_a_run_that_diverged_has_the_tick_the_robot_and_the_quantity(tmp_path, w
 
 
 @pytest.mark.parametrize("isolate", [True, False])
-def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
+def test_the_cause_of_a_plant_failure_has_robot_and_time(tmp_path, isolate):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     write(tmp_path / "s.toml", base=three_robots("error", isolate=isolate))
     done = nrs("run", tmp_path / "s.toml", "-o", tmp_path / "run.mcap")
@@ -62,7 +62,7 @@ def test_a_plant_that_failed_has_its_robot_and_the_time(tmp_path, isolate):
     assert cause["tick"] == result["ticks"] + 1
 
 
-def test_a_run_that_the_user_stopped_has_the_last_tick(tmp_path):
+def test_the_cause_of_an_interrupt_has_the_last_tick(tmp_path):
     def watch(time_ns):
         if time_ns >= 5 * 10**8:
             raise Interrupted
@@ -74,7 +74,7 @@ def test_a_run_that_the_user_stopped_has_the_last_tick(tmp_path):
     assert cause_of(outcome.path)[0] == {"kind": "interrupted", **expected}
 
 
-def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(tmp_path):
+def test_a_full_disk_is_recorded_as_the_cause_where_there_is_room(tmp_path):
     """The limit of a file's size lies in the middle of a chunk."""
     write(tmp_path / "s.toml")
     path = tmp_path / "run.mcap"
@@ -101,7 +101,7 @@ def test_a_run_that_the_disk_refused_says_so_where_there_is_room_for_its_end(tmp
     ],
     ids=["a second interrupt", "an error of the run", "any other"],
 )
-def test_a_writer_that_is_left_says_what_it_was_left_by(tmp_path, error, cause):
+def test_a_writer_left_by_an_exception_records_it_as_the_cause(tmp_path, error, cause):
     path = tmp_path / "a.mcap"
     writer = create(path, 2, 2, 3, ())
     writer.write(tick(0, 2, 2))

@@ -49,7 +49,7 @@ def nested(change):
         ("beta=0.9,alpha=fast", 'beta=0.9\nalpha="fast"'),
     ],
 )
-def test_a_change_is_what_toml_makes_of_its_parts(text, lines):
+def test_a_change_is_parsed_as_toml(text, lines):
     def cut(text, depth=0, quote=""):
         """Return the text with line breaks for those commas that are in no brackets or quotes."""
         out = ""
@@ -65,7 +65,7 @@ def test_a_change_is_what_toml_makes_of_its_parts(text, lines):
     assert nested(Change.of("--plant", text)) == tomllib.loads(lines or cut(text))
 
 
-def test_robots_are_named_like_pages_wherever_they_stand():
+def test_robots_are_given_as_ranges_anywhere_in_a_change():
     for text in (
         "robots=1-3,7,controller.kp=1",
         "controller.kp=1,robots=1-3,7",
@@ -90,7 +90,7 @@ def test_robots_are_named_like_pages_wherever_they_stand():
         ("plant.parameters={m1=1},plant.parameters.m1=2", "plant.parameters.m1: is given twice"),
     ],
 )
-def test_what_is_no_change_is_named(text, result):
+def test_a_malformed_change_is_named(text, result):
     with pytest.raises(InputError) as error:
         Change.of("--plant", text)
     assert result in str(error.value)
@@ -112,13 +112,13 @@ def test_a_change_keeps_the_keys_that_it_does_not_name():
 
 
 @pytest.mark.parametrize("whose", ["", "robots=2,"])
-def test_another_fmu_takes_nothing_of_the_table_of_the_old_one(whose):
+def test_another_fmu_drops_the_parameters_and_variables_of_the_old_one(whose):
     scenario = after(paper(OTHER), f"{whose}plant.parameters.m1=2.0,plant.fmu=two_link_arm")
     plant = scenario.robots[0].plant if whose else scenario.plant
     assert (plant.fmu, plant.parameters, plant.variables) == ("two_link_arm", {"m1": 2.0}, {})
 
 
-def test_a_file_of_here_is_one_wherever_the_scenario_lies(tmp_path, monkeypatch):
+def test_a_file_in_a_change_is_relative_to_the_current_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other.fmu").touch()
     for text in ("plant.fmu=other.fmu", "plant.fmu='other.fmu'", "plant={fmu='other.fmu'}"):

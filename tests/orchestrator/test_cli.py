@@ -50,7 +50,7 @@ def test_run_ends_with_a_summary(recording):
     assert "sup |eps - eps_0|inf = " in lines["estimates"]
 
 
-def test_info_tells_in_json_what_the_contract_names(recording):
+def test_info_as_json_has_the_documented_fields(recording):
     path, printed = recording
     result = json.loads(nrs("info", path, "--json").stdout)
     assert result.keys() >= {
@@ -70,7 +70,7 @@ def test_info_tells_in_json_what_the_contract_names(recording):
     assert "sampling_period = 0.1" in result["scenario"]
 
 
-def test_info_of_a_cut_recording_says_so_and_exits_0(recording, tmp_path):
+def test_info_of_a_cut_recording_shows_the_damage_and_exits_0(recording, tmp_path):
     cut = tmp_path / "cut.mcap"
     whole = recording[0].read_bytes()
     cut.write_bytes(whole[: whole.index(b"nrs.end")])
@@ -82,7 +82,7 @@ def test_info_of_a_cut_recording_says_so_and_exits_0(recording, tmp_path):
     assert nrs("info", cut).returncode == 0
 
 
-def test_info_of_no_recording_exits_2(tmp_path):
+def test_info_of_a_file_that_is_no_recording_exits_2(tmp_path):
     (tmp_path / "text.mcap").write_text("no recording")
     for path in (tmp_path / "text.mcap", tmp_path / "none.mcap", tmp_path):
         done = nrs("info", path)
@@ -137,7 +137,7 @@ def test_export_writes_tables_that_read_back_to_the_same_bits(recording, tmp_pat
         assert [[float(x) for x in row] for row in rows] == expected
 
 
-def test_check_tells_in_json_what_the_contract_names():
+def test_check_as_json_has_the_documented_fields():
     result = json.loads(nrs("check", SCENARIOS / "paper_example_3a.toml", "--json").stdout)
     assert result["spanning_tree"] is True
     assert result["h_bound"] == pytest.approx(0.493769, abs=5e-7)
@@ -155,21 +155,21 @@ def test_check_tells_in_json_what_the_contract_names():
     assert first["h_bound"] is None
 
 
-def test_what_a_scenario_says_is_told_to_the_letter(tmp_path):
+def test_the_recorded_scenario_text_is_verbatim(tmp_path):
     text = toml(SHORT) + "# :key: [red] \u00e4\n"
     (tmp_path / "a*b#c.toml").write_text(text, "utf-8")
     assert nrs("run", tmp_path / "a*b#c.toml", "-o", tmp_path / "s.mcap").returncode == 0
     assert json.loads(nrs("info", tmp_path / "s.mcap", "--json").stdout)["scenario"] == text
 
 
-def test_a_bound_that_no_number_reaches_is_null(tmp_path):
+def test_a_bound_too_large_for_a_number_is_null(tmp_path):
     scenario = write(tmp_path / "s.toml", {"algorithm.alpha": 1e-320}, base="paper_example_3a")
     done = nrs("check", scenario, "--json")
     assert done.stderr == ""
     assert json.loads(done.stdout, parse_constant=pytest.fail)["h_bound"] is None
 
 
-def test_check_outside_the_bound_says_so():
+def test_check_outside_the_bound_reports_divergence():
     result = nrs("check", SCENARIOS / "paper_example_1c.toml")
     assert result.returncode == 0
     assert "the estimates diverge" in result.stdout
@@ -177,7 +177,7 @@ def test_check_outside_the_bound_says_so():
     assert "fails" in result.stdout
 
 
-def test_run_outside_the_bound_warns_and_names_it(tmp_path):
+def test_run_outside_the_bound_warns_with_the_gain(tmp_path):
     scenario = write(tmp_path / "s.toml", SHORT, base="paper_example_1c")
     done = nrs("run", scenario, "-o", tmp_path / "s.mcap")
     assert done.returncode == 0
@@ -235,7 +235,7 @@ def test_a_target_of_more_axes_than_the_plant_names_the_file(tmp_path, command):
 
 
 @pytest.mark.parametrize("restarts", [0, 1])
-def test_a_profile_says_where_the_time_of_a_worker_that_died_is(tmp_path, monkeypatch, restarts):
+def test_a_profile_counts_the_time_of_a_dead_worker_as_other(tmp_path, monkeypatch, restarts):
     real = terminal_run.run_scenario
 
     def run(*given, **options):
@@ -261,13 +261,13 @@ def test_wrong_options_exit_2():
         assert "Traceback" not in done.stderr
 
 
-def test_a_recording_that_cannot_be_made_exits_2(tmp_path):
+def test_an_output_that_is_a_folder_exits_2(tmp_path):
     done = nrs("run", PAPER_FILE, "-o", tmp_path)
     assert done.returncode == 2
     assert str(tmp_path) in done.stderr
 
 
-def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
+def test_a_run_overwrites_only_recordings(tmp_path):
     scenario = write(tmp_path / "s.toml", SHORT)
     text = scenario.read_text("utf-8")
     (tmp_path / "thesis").write_text(text, "utf-8")
@@ -281,7 +281,7 @@ def test_a_recording_replaces_nothing_but_a_recording(tmp_path):
         assert nrs("run", scenario, "-o", tmp_path / "s.mcap", *force).returncode == 0
 
 
-def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
+def test_runs_started_together_get_separate_files(tmp_path):
     write(tmp_path / "s.toml", SHORT)
     together = [
         subprocess.Popen([NRS, "run", "s.toml"], cwd=tmp_path, stdout=subprocess.DEVNULL)
@@ -293,13 +293,13 @@ def test_runs_that_begin_together_get_files_of_their_own(tmp_path):
     assert all(json.loads(nrs("info", f, "--json").stdout)["ticks"] == 10 for f in files)
 
 
-def test_a_run_that_never_began_leaves_no_file(tmp_path):
+def test_a_run_that_cannot_start_leaves_no_file(tmp_path):
     write(tmp_path / "s.toml", {"plant.fmu": "no_such_arm"})
     assert nrs("run", "s.toml", cwd=tmp_path).returncode == 2
     assert list((tmp_path / "recordings" / "data").iterdir()) == []
 
 
-def test_a_reader_that_goes_away_is_no_failure():
+def test_a_closed_output_pipe_is_not_a_failure():
     process = subprocess.Popen([NRS, "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b""
@@ -307,7 +307,7 @@ def test_a_reader_that_goes_away_is_no_failure():
     process.stderr.close()
 
 
-def test_check_finds_what_the_run_would(tmp_path):
+def test_check_finds_the_errors_that_run_finds(tmp_path):
     for change, message in (
         ({"plant.fmu": "two_link_am"}, "did you mean two_link_arm?"),
         ({"controller.kp": [[1.0, 3.0], [3.0, 1.0]]}, None),
@@ -379,7 +379,7 @@ def test_ctrl_c_in_a_terminal_closes_the_recording(tmp_path, number):
     assert result["ticks"] > 0
 
 
-def test_a_cut_recording_is_recovered_and_says_so(recording, tmp_path):
+def test_a_cut_recording_is_recovered_with_its_reason(recording, tmp_path):
     cut, new = tmp_path / "cut.mcap", tmp_path / "new.mcap"
     whole = recording[0].read_bytes()
     cut.write_bytes(whole[: whole.rindex(b"nrs.end", 0, whole.rindex(b"nrs.end"))])
@@ -397,7 +397,7 @@ def test_a_cut_recording_is_recovered_and_says_so(recording, tmp_path):
         assert f"{target}: is there already" in done.stderr
 
 
-def test_export_writes_parquet_and_refuses_what_it_does_not_know(recording, tmp_path):
+def test_export_writes_parquet_and_refuses_unknown_formats(recording, tmp_path):
     done = nrs("export", recording[0], "-o", tmp_path, "--format", "parquet")
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(tmp_path / f"{t}.parquet") for t in ("samples", "states")]

@@ -55,7 +55,7 @@ def shell(request):
 
 
 @pytest.mark.parametrize("line", COMPLETED)
-def test_a_line_is_completed(shell, line, tmp_path):
+def test_a_command_line_is_completed(shell, line, tmp_path):
     script = tmp_path / "completion"
     # The shell that asks is found among the parents of the command; what follows keeps it there.
     shown = run(shell, "-c", "nrs --show-completion; exit")
@@ -70,14 +70,14 @@ def test_a_line_is_completed(shell, line, tmp_path):
         assert sorted(done.stdout.split()) == COMPLETED[line]
 
 
-def test_bash_loads_what_is_installed(tmp_path):
+def test_bash_loads_the_installed_completion(tmp_path):
     installed = run("bash", "-c", "nrs --install-completion; exit", HOME=str(tmp_path))
     assert installed.returncode == 0, installed.stderr
     asked = run("bash", "--norc", "-c", "source ~/.bashrc; complete -p nrs", HOME=str(tmp_path))
     assert asked.stdout == "complete -o default -F _nrs_completion nrs\n"
 
 
-def test_a_start_file_that_is_no_text_is_told(tmp_path):
+def test_a_shell_start_file_that_is_not_text_is_reported(tmp_path):
     (tmp_path / ".bashrc").write_bytes(b"# \xff\n")
     done = run("bash", "-c", "nrs --install-completion; exit", HOME=str(tmp_path))
     assert done.returncode == 2

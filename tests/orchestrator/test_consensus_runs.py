@@ -34,7 +34,7 @@ def test_three_workers_have_the_digest_of_one_and_a_replay_is_identical(tmp_path
     assert done.stdout.startswith("identical")
 
 
-def test_a_start_of_what_is_kept_is_what_it_goes_on_from(tmp_path):
+def test_a_given_initial_agent_state_is_used(tmp_path):
     change = f"run.duration=1,algorithm={ALGORITHMS['pi_consensus']}"
     given = f"{change},initial.integral=[5,-5]"
     for name, text in (("zero", change), ("given", given)):

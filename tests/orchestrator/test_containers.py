@@ -38,7 +38,9 @@ def limited(which: int, most: int) -> Callable[[], None]:
     ],
     ids=["addresses", "descriptors"],
 )
-def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, workers):
+def test_too_little_memory_or_file_descriptors_is_one_clear_line(
+    tmp_path, which, most, lacks, workers
+):
     done = subprocess.run(
         [
             sys.executable,
@@ -64,7 +66,7 @@ def test_too_little_is_one_clear_line(tmp_path, which, most, lacks, workers):
     assert "raise the limit: `ulimit -" in line
 
 
-def test_too_few_threads_are_told_and_the_others_end(monkeypatch):
+def test_too_few_threads_are_reported_and_started_processes_end(monkeypatch):
     started = []
 
     class Few(Thread):
@@ -81,9 +83,7 @@ def test_too_few_threads_are_told_and_the_others_end(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x" * 140, "a b", "a#b", "a;b", "a?b", "ü"])
-def test_workers_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
-    tmp_path, monkeypatch, name
-):
+def test_workers_use_a_short_socket_folder_when_tmpdir_is_long_or_odd(tmp_path, monkeypatch, name):
     odd = tmp_path / name
     odd.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(odd))
@@ -99,7 +99,7 @@ def test_workers_meet_in_a_short_folder_where_tmpdirs_name_is_long_or_odd(
     assert list(odd.iterdir()) == []
 
 
-def test_where_no_folder_is_fit_tmpdir_is_named(tmp_path, monkeypatch):
+def test_when_no_socket_folder_is_usable_tmpdir_is_named(tmp_path, monkeypatch):
     class Stack:
         def enter_context(self, _context):
             raise PermissionError
@@ -109,7 +109,7 @@ def test_where_no_folder_is_fit_tmpdir_is_named(tmp_path, monkeypatch):
         launcher.meeting_place(Stack(), tmp_path / "a b" / "own")
 
 
-def test_a_library_on_a_disk_that_runs_no_code_says_so(tmp_path, monkeypatch):
+def test_a_library_on_a_noexec_disk_is_reported(tmp_path, monkeypatch):
     folder = tmp_path / "own"
     folder.mkdir()
     assert library._advice(folder) == ""

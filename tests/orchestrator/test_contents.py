@@ -79,9 +79,7 @@ def bad(whole, path, topic, change):
 
 @pytest.mark.parametrize("topic", [STATE, SAMPLE, "/target/sample"])
 @pytest.mark.parametrize("field", FIELDS)
-def test_a_field_that_contradicts_its_message_is_the_damage_of_its_tick(
-    whole, tmp_path, topic, field
-):
+def test_a_field_that_contradicts_its_message_is_damage_of_its_tick(whole, tmp_path, topic, field):
     at, form, value, says = FIELDS[field]
     robot = {"/target/sample": 0}.get(topic, ROBOT)
     if (field, robot) == ("no robot", 0):
@@ -96,7 +94,7 @@ def test_a_field_that_contradicts_its_message_is_the_damage_of_its_tick(
         list(reader.columns())
 
 
-def test_a_source_that_there_is_not_is_damage():
+def test_a_link_event_of_an_unknown_source_is_damage():
     ours = Contents({1: "/robot_1/link_event"}, 6)
     for source, holds in ((0, True), (6, True), (7, False)):
         codec = Codec(LINK_EVENT, Sizes(2))
@@ -137,7 +135,7 @@ MISSED = f"{SAMPLE} at tick {K}, t = 0.7 s: "
     ],
     ids=["robot", "twice", "cut"],
 )
-def test_every_command_names_it_and_what_is_whole_can_be_recovered(whole, tmp_path, change, says):
+def test_every_command_names_the_damage_and_recover_keeps_the_rest(whole, tmp_path, change, says):
     path = bad(whole, tmp_path / "bad.mcap", SAMPLE, change)
     for name, done in commands(path, tmp_path / "out", whole):
         assert says in done.stderr + done.stdout, (name, done)
@@ -147,7 +145,7 @@ def test_every_command_names_it_and_what_is_whole_can_be_recovered(whole, tmp_pa
         assert K not in {k for *_, k, _ in reader.messages()}
 
 
-def test_without_a_state_nothing_is_run_in_its_place(whole, tmp_path):
+def test_a_missing_state_is_not_recomputed(whole, tmp_path):
     path = bad(whole, tmp_path / "bad.mcap", STATE, missing)
     found = dict(commands(path, tmp_path / "out", whole))
     for name in ("verify", "agents", "diff"):
@@ -160,7 +158,7 @@ def test_without_a_state_nothing_is_run_in_its_place(whole, tmp_path):
     assert f"tick {K}, t = 0.7 s: has no message of {STATE}" in found["what if"].stderr
 
 
-def test_without_a_sample_a_replay_says_that_it_is_absent(whole, tmp_path):
+def test_a_replay_reports_a_missing_sample(whole, tmp_path):
     path = bad(whole, tmp_path / "bad.mcap", SAMPLE, missing)
     for options in ((), ("--agents-only",)):
         done = nrs("replay", path, "--verify", *options)

@@ -19,8 +19,6 @@ UP, DOWN = ({"amplitude": sign, "frequency": 3.0} for sign in (1.0, -1.0))
         ({"sines": [UP]}, {"rate": 1.0}, inf),
     ],
 )
-def test_a_disturbance_of_sines_that_partly_cancel_is_bounded_by_what_it_reaches(
-    first, second, most
-):
+def test_the_bound_of_partly_cancelling_sines_is_their_supremum(first, second, most):
     scenario = paper({"disturbance.axes": [first, second]})
     assert [part.lambda_d for part in plant_bounds(scenario)] == [pytest.approx(most, rel=1e-11)]

@@ -33,7 +33,7 @@ def by_name(diagnosis):
 
 
 class TestMachine:
-    def test_this_machine_is_fit(self, tmp_path):
+    def test_this_machine_passes(self, tmp_path):
         made = diagnose([f"unixsock-stream/{tmp_path}/s"], None)
         assert made.fit
         assert {s.status for s in made.symptoms} == {"ok"}
@@ -45,21 +45,21 @@ class TestMachine:
             "listen",
         ]
 
-    def test_without_a_compiler_it_says_how_to_get_one(self, monkeypatch):
+    def test_a_missing_compiler_says_how_to_install_one(self, monkeypatch):
         monkeypatch.setenv("CC", "no-such-compiler")
         compiler = by_name(diagnose([], None))["compiler"]
         assert compiler.status == "fails"
         assert "CC=no-such-compiler" in compiler.text
         assert "apt install gcc" in compiler.text
 
-    def test_a_port_that_is_taken(self):
+    def test_a_port_in_use_fails(self):
         with socket.create_server(("127.0.0.1", 0)) as taken:
             endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
             made = diagnose([endpoint], None)
         assert not made.fit
         assert "in use; choose another port" in by_name(made)[endpoint].text
 
-    def test_tls_without_certificates(self):
+    def test_tls_without_certificates_fails(self):
         made = diagnose(["tls/127.0.0.1:7447"], None)
         assert by_name(made)["files"].status == "fails"
 
@@ -67,7 +67,7 @@ class TestMachine:
         with pytest.raises(InputError, match="--listen: expected"):
             diagnose(["7447"], None)
 
-    def test_the_command(self, authority):
+    def test_the_command_reports_a_failed_check(self, authority):
         old = authority.issue("old", valid=LONG_AGO)
         options = {"ca": old.ca, "certificate": old.certificate, "key": old.key}
         given = [word for name, path in options.items() for word in (f"--tls-{name}", path)]
@@ -82,13 +82,13 @@ class TestMachine:
 
 
 class TestCertificates:
-    def test_a_good_one(self, authority):
+    def test_a_valid_certificate_passes(self, authority):
         found = seen(authority.issue("left", "lab.example", "192.0.2.1"))
         assert {status for status, _ in found.values()} == {"ok"}
         assert found["worker"][1].startswith("left is its name")
         assert found["addresses"][1].startswith("lab.example, 192.0.2.1")
 
-    def test_of_another_authority(self, authority, tmp_path):
+    def test_a_certificate_of_another_authority_fails(self, authority, tmp_path):
         other = Authority(tmp_path).issue("left")
         found = seen(replace(other, ca=authority.issue("left").ca))
         assert found["signature"][0] == "fails"
@@ -103,7 +103,7 @@ class TestCertificates:
             (367, "fails", "expired on 2021-01-01"),
         ],
     )
-    def test_dates(self, authority, days, status, said):
+    def test_a_certificates_dates_pass_warn_or_fail(self, authority, days, status, said):
         now = datetime(2020, 1, 1, tzinfo=UTC) + timedelta(days=days)
         found = seen(authority.issue("left", valid=LONG_AGO), now)
         assert found["dates"][0] == status
@@ -115,12 +115,12 @@ class TestCertificates:
         assert status == "fails"
         assert "'robot*'" in said
 
-    def test_a_key_of_another_form_is_only_warned_of(self, authority):
+    def test_a_key_of_another_format_only_warns(self, authority):
         found = seen(authority.issue("left", form=PrivateFormat.TraditionalOpenSSL))
         assert found["key"][0] == "warning"
         assert "openssl pkcs8" in found["key"][1]
 
-    def test_files_that_do_not_belong_together(self, authority):
+    def test_a_certificate_and_a_key_that_do_not_match_fail(self, authority):
         left, right = authority.issue("left"), authority.issue("right")
         found = seen(replace(left, key=right.key))
         assert list(found) == ["files"]
@@ -128,13 +128,13 @@ class TestCertificates:
 
 
 class TestOptions:
-    def test_an_option_goes_before_the_scenarios_table(self):
+    def test_an_option_overrides_the_scenarios_table(self):
         table = TlsTable(ca="ca.pem", certificate="c.pem", key="k.pem")
         tls = tls_of(None, None, Path("own.pem"), table, Path("folder"))
         assert tls.ca == Path("folder/ca.pem")
         assert tls.key == Path("own.pem")
         assert tls_of(None, None, None) is None
 
-    def test_certificates_go_together(self):
+    def test_certificate_options_must_be_given_together(self):
         with pytest.raises(InputError, match="--tls-certificate and --tls-key: missing"):
             tls_of(Path("ca.pem"), None, None)

@@ -114,7 +114,7 @@ def test_no_command_runs_it_unless_that_is_allowed(ran, tmp_path, store):
     assert nrs("report", ran.path, "-o", tmp_path / "page.html").returncode == 0
 
 
-def test_where_it_is_allowed_the_run_is_the_same_without_its_file(ran, tmp_path, store):
+def test_an_embedded_fmu_gives_the_same_run_without_its_file(ran, tmp_path, store):
     for done in commands(ran, tmp_path, "--allow-fmus"):
         assert done.returncode == 0, done.stderr
     for name in ("rest", "same", "plant"):
@@ -175,7 +175,7 @@ def test_another_plant_in_its_place_is_not_recorded_as_it(ran, tmp_path):
         assert experiment_of(reader).assets == {}
 
 
-def test_from_python_it_is_run_where_that_is_allowed(ran):
+def test_from_python_an_embedded_fmu_runs_where_allowed(ran):
     with pytest.raises(InputError, match=ADVICE):
         nrs_cosim.replay.verify(ran.path)
     assert nrs_cosim.replay.verify(ran.path, allow_fmus=True).status == "identical"

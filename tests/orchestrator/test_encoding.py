@@ -35,7 +35,7 @@ def run(*arguments, encoding, cwd):
 
 
 @pytest.mark.parametrize("workers", [[], ["--workers", "2"]], ids=["alone", "workers"])
-def test_a_name_that_is_no_utf8_is_recorded_with_its_bytes_as_escapes(odd, workers):
+def test_a_name_that_is_not_utf8_is_recorded_with_escapes(odd, workers):
     recording = odd.parent / "run.mcap"
     done = nrs("run", odd, "-o", recording, *workers)
     assert done.returncode == 0, done.stderr
@@ -50,7 +50,7 @@ def test_a_name_that_is_no_utf8_is_recorded_with_its_bytes_as_escapes(odd, worke
     assert changed.returncode == 0, changed.stderr
 
 
-def test_an_fmu_whose_path_is_no_utf8_is_named_in_a_change(odd):
+def test_an_fmu_whose_path_is_not_utf8_is_refused_in_a_change(odd):
     recording = odd.parent / "run.mcap"
     assert nrs("run", odd, "-o", recording).returncode == 0
     (odd.parent / "arm.fmu").touch()
@@ -60,7 +60,7 @@ def test_an_fmu_whose_path_is_no_utf8_is_named_in_a_change(odd):
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_result_is_printed_whatever_the_output_takes(tmp_path, encoding):
+def test_a_result_is_printed_in_any_output_encoding(tmp_path, encoding):
     scenario = write(tmp_path / "räum_ε.toml", SHORT)
     status, printed, errors = run(
         "run", scenario, "-o", "räum_ε.mcap", encoding=encoding, cwd=tmp_path
@@ -74,14 +74,14 @@ def test_a_result_is_printed_whatever_the_output_takes(tmp_path, encoding):
     assert f"{expected}.toml.none: no such file" in errors
 
 
-def test_a_name_that_is_no_utf8_can_be_printed(odd):
+def test_a_name_that_is_not_utf8_can_be_printed(odd):
     for encoding in ("ascii", "utf-8"):
         status, _, errors = run("check", f"{odd}.none", encoding=encoding, cwd=odd.parent)
         assert status == 2
         assert r"bad\udcff.toml.none: no such file" in errors
 
 
-def test_a_scenario_with_a_byte_order_mark_is_that_without(tmp_path):
+def test_a_byte_order_mark_is_ignored(tmp_path):
     for name, mark in (("with", "\ufeff"), ("without", "")):
         (tmp_path / f"{name}.toml").write_text(mark + toml(SHORT), "utf-8")
     marked, plain = (read_scenario(tmp_path / f"{name}.toml") for name in ("with", "without"))

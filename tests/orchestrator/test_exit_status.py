@@ -159,7 +159,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("status", "line"), ROWS, ids=[f"{s} {line}" for s, line in ROWS])
-def test_a_command_ends_with_the_status_of_what_it_came_to(folder, tmp_path, status, line):
+def test_each_command_line_ends_with_its_exit_status(folder, tmp_path, status, line):
     new = tmp_path / "new"
     words = [str(new) + w[3:] if w.startswith("new") else w for w in shlex.split(line)]
     done = nrs(*words, cwd=folder)
@@ -171,7 +171,7 @@ def test_a_command_ends_with_the_status_of_what_it_came_to(folder, tmp_path, sta
         assert not any(tmp_path.iterdir())
 
 
-def test_each_command_is_among_those_that_end_well_and_badly():
+def test_each_command_is_tested_with_success_and_failure():
     def exits(status):
         return {
             command for command in COMMANDS for line in STATUSES[status] if line.startswith(command)
@@ -183,14 +183,14 @@ def test_each_command_is_among_those_that_end_well_and_badly():
 
 @pytest.mark.parametrize("command", ["", *COMMANDS, "fmu"])
 @pytest.mark.parametrize("option", ["-h", "--help"])
-def test_help_is_given_by_either_name(command, option):
+def test_help_has_a_short_and_a_long_option(command, option):
     shown = nrs(*command.split(), option)
     assert (shown.returncode, shown.stderr) == (0, "")
     assert shown.stdout.lstrip().startswith(f"Usage: nrs {command}".rstrip())
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_whatever_command_is_interrupted_says_so(command, monkeypatch):
+def test_every_command_reports_an_interrupt(command, monkeypatch):
     *words, name = command.split()
     group = FAMILY
     for word in words:
@@ -206,7 +206,7 @@ def test_whatever_command_is_interrupted_says_so(command, monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_to_end_is_an_interrupt(tmp_path, number):
+def test_a_termination_signal_is_an_interrupt(tmp_path, number):
     """The scenario is a pipe: once it is opened, the command waits for what comes through."""
     pipe = tmp_path / "s.toml"
     os.mkfifo(pipe)
@@ -219,7 +219,7 @@ def test_a_signal_to_end_is_an_interrupt(tmp_path, number):
     assert (process.returncode, *printed) == (130, "", "interrupted: by the user\n")
 
 
-def test_what_a_user_keeps_from_ending_with_the_terminal_goes_on(tmp_path):
+def test_a_run_under_nohup_survives_the_terminal(tmp_path):
     """As `nohup` has it."""
     pipe = tmp_path / "s.toml"
     os.mkfifo(pipe)
@@ -235,7 +235,7 @@ def test_what_a_user_keeps_from_ending_with_the_terminal_goes_on(tmp_path):
     assert "the estimates converge" in printed[0]
 
 
-def test_strict_names_what_is_violated_or_unknown(folder):
+def test_strict_lists_violated_and_unknown_conditions(folder):
     wild = nrs("check", "wild.toml", "--strict", cwd=folder).stderr.splitlines()
     assert [line.split("(")[0].split(":")[1].strip() for line in wild] == [
         "alpha",

@@ -70,26 +70,26 @@ def recording(tmp_path_factory):
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_run_makes_each_once_in_its_process(made, tmp_path, workers):
+def test_a_run_resolves_each_part_of_the_experiment_once(made, tmp_path, workers):
     done = nrs("run", LOSSY, "-o", tmp_path / "run.mcap", "--workers", workers)
     assert (done.returncode, dict(made)) == (0, MADE)
 
 
-def test_a_check_makes_each_once(made):
+def test_a_check_resolves_each_part_of_the_experiment_once(made):
     assert (nrs("check", LOSSY).returncode, dict(made)) == (0, MADE)
 
 
 @pytest.mark.parametrize("command", [["info"], ["info", "--json"], ["replay", "--verify"]])
-def test_what_reads_a_recording_makes_each_once(made, recording, command):
+def test_reading_a_recording_resolves_each_part_once(made, recording, command):
     assert (nrs(*command, recording).returncode, dict(made)) == (0, MADE)
 
 
-def test_a_report_makes_each_once(made, recording, tmp_path):
+def test_a_report_resolves_each_part_of_the_experiment_once(made, recording, tmp_path):
     done = nrs("report", recording, "-o", tmp_path / "report.html")
     assert (done.returncode, dict(made)) == (0, MADE)
 
 
-def test_a_script_makes_each_once_for_theory_and_run_and_once_for_the_recording(made, tmp_path):
+def test_a_script_resolves_each_part_once_for_run_and_once_for_recording(made, tmp_path):
     scenario = nrs_cosim.Scenario.load(LOSSY)
     assert nrs_cosim.check(scenario).warnings == nrs_cosim.check(scenario).warnings
     repr(scenario)
@@ -101,7 +101,7 @@ def test_a_script_makes_each_once_for_theory_and_run_and_once_for_the_recording(
     assert dict(made) == dict.fromkeys(MADE, 2)
 
 
-def test_a_worker_makes_the_links_into_its_own_robots_alone(made):
+def test_a_worker_makes_only_the_links_into_its_own_robots(made):
     lossy = read_scenario(LOSSY)
     agents_of(lossy, [2, 5])
     wire_of(lossy, {"a": [1, 3, 4, 6], "b": [2, 5]}, Signer())

@@ -77,7 +77,7 @@ NEEDS = {
 
 
 @pytest.mark.parametrize(("package", "module", "use"), NEEDS.values(), ids=NEEDS.keys())
-def test_without_its_extra_it_says_what_to_install(tmp_path, monkeypatch, package, module, use):
+def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, module, use):
     path = tmp_path / "a.mcap"
     recorded(path, ticks=1)
     path.with_suffix(".parquet").touch()

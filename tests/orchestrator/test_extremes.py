@@ -91,7 +91,7 @@ def ran(given):
 
 
 @pytest.mark.parametrize("algorithm", ["dcea1", "dcea2", "impulsive", "sliding"])
-def test_a_number_out_of_all_proportion_is_refused_or_theory_goes_on(algorithm):
+def test_an_extreme_number_is_refused_or_analysed(algorithm):
     small = tables({"algorithm.name": algorithm}, base=SMALL)
     found, passed = faults_of(small, EXTREMES, checked)
     assert not found, found
@@ -111,13 +111,13 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_so_it_is_with_faults_jitter_and_networks_in_turn(kind):
+def test_an_extreme_number_beside_faults_jitter_or_switching_is_refused_or_analysed(kind):
     found, passed = faults_of(KINDS[kind], FEW, checked)
     assert not found, found
     assert passed > 10
 
 
-def test_a_run_of_such_a_number_is_refused_or_ends_with_a_reason():
+def test_a_run_with_an_extreme_number_is_refused_or_ends_with_a_reason():
     brief = tables({"run.duration": 0.2}, base="paper_lossy_links")
     found, passed = faults_of(brief, FEW[:1], ran)
     assert not found, found

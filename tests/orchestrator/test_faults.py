@@ -140,7 +140,7 @@ def link_events_of(reader):
 
 @pytest.mark.parametrize("missing", ["hold", "drop"])
 @pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
-def test_a_run_is_what_plain_python_makes_of_its_faults(tmp_path, order, missing):
+def test_a_run_with_faults_agrees_with_plain_python(tmp_path, order, missing):
     algorithm = SECOND_ORDER if order == 2 else {}
     file = paper(LONGER, algorithm, {"algorithm.missing": missing}, FAULTY)
     outcome = run(file, tmp_path / "run.mcap")
@@ -176,7 +176,7 @@ def agree_with_plain_python(file, path, order=1):
         assert faults.get(k, []) == theirs
 
 
-def test_the_scenario_with_lossy_links(tmp_path):
+def test_the_scenario_with_lossy_links_agrees_with_plain_python(tmp_path):
     """It completes, the same twice, and says of each sample what plain Python says."""
     file, digests = read_scenario(LOSSY), set()
     for name in ("a", "b"):
@@ -203,7 +203,7 @@ def test_the_seed_decides_what_is_lost(tmp_path):
     assert lost[0] != lost[1]
 
 
-def test_faults_that_are_none_leave_every_byte_alone(tmp_path):
+def test_faults_of_zero_change_no_byte(tmp_path):
     nothing = faulty_links({"loss": 0.0, "delay": 0, "outages": [], "noise": 0})
     batches = []
     for name, change in (("without", {}), ("none", nothing)):
@@ -215,7 +215,7 @@ def test_faults_that_are_none_leave_every_byte_alone(tmp_path):
     assert batches[0] == batches[1]
 
 
-def test_with_all_links_cut_the_estimates_fly_on(tmp_path):
+def test_with_all_links_cut_the_estimated_velocities_stay(tmp_path):
     file = paper(SHORT, faulty_links({"loss": 1}))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         sampled = np.concatenate(list(samples(reader)))
@@ -241,7 +241,7 @@ def test_a_recording_with_silent_robots_is_exported(tmp_path):
     assert silent == {(3, 2), (4, 2)}
 
 
-def test_what_a_silent_robot_says_is_refused():
+def test_samples_of_a_silent_robot_are_rejected():
     file = paper(SHORT, faulty_robots({"id": 2, "outages": [[0.1, 0.2]]}))
     wire = wire_of(file, {"here": range(1, 7)}, Signer())
 
@@ -262,7 +262,7 @@ def both(position, velocity):
     return {"position": position, "velocity": velocity}
 
 
-def test_a_later_entrys_keys_replace_an_earlier_ones_on_the_links_of_both():
+def test_later_fault_entries_override_earlier_ones_by_key():
     scenario = paper(FAULTY)
     faults = link_faults(scenario.scenario, scenario.topologies.links, ("position", "velocity"))
     assert len(faults) == 10
@@ -289,7 +289,7 @@ def test_the_faults_of_some_robots_are_those_on_their_in_links():
     assert paper().links_into(np.array([2, 3])) is None
 
 
-def test_the_policy_is_the_algorithms_first_unless_asked():
+def test_the_default_missing_policy_is_the_algorithms_first():
     assert paper().missing == "hold"
     asked = paper({"algorithm.missing": "drop"})
     assert asked.missing == "drop"
@@ -306,13 +306,13 @@ class Installed:
 
 
 @pytest.mark.parametrize("missing", [None, (), ("guess",)])
-def test_an_algorithm_that_does_not_say_what_it_does_is_refused(monkeypatch, missing):
+def test_an_algorithm_without_a_missing_policy_is_refused(monkeypatch, missing):
     monkeypatch.setattr(installed, "_entries", lambda: (Installed(missing),))
     with pytest.raises(InputError, match=r"^algorithm\.name: other: MISSING: expected a tuple of"):
         installed.policies_of("other")
 
 
-def test_a_policy_that_the_algorithm_does_not_know_is_refused(monkeypatch):
+def test_an_unknown_missing_policy_is_refused(monkeypatch):
     monkeypatch.setattr(installed, "_entries", lambda: (Installed(("drop",), "dcea1"),))
     with pytest.raises(ScenarioError) as error:
         paper({"algorithm.missing": "hold"})
@@ -459,7 +459,7 @@ LOSSY_FROM_3 = {"from": 3, "loss": 0.5}
 DUPLICATES = faulty_links({"duplicate": 0.4}, LOSSY_FROM_3)
 
 
-def test_duplicates_change_nothing_for_who_goes_by_the_newest_and_are_recorded(tmp_path):
+def test_duplicates_are_recorded_and_change_no_estimate(tmp_path):
     lossy = faulty_links(LOSSY_FROM_3)
     doubled = paper(LONGER, DUPLICATES)
     run(paper(LONGER, lossy), tmp_path / "once.mcap")
@@ -504,6 +504,6 @@ def test_duplicates_are_verified_exported_and_reported(tmp_path):
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.5, True, "often"])
-def test_a_probability_of_duplication_that_is_none_is_refused(value):
+def test_an_invalid_probability_of_duplication_is_refused(value):
     with pytest.raises(ScenarioError, match=r"faults\.links\[0\]\.duplicate: expected"):
         paper(faulty_links({"duplicate": value}))

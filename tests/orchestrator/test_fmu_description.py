@@ -77,7 +77,7 @@ def test_an_fmu_for_another_machine_is_described_as_any_other(tmp_path, fmi):
     assert nrs("fmu", "check", tmp_path / "a.fmu").returncode == 2
 
 
-def test_an_fmu_of_an_interface_that_is_not_run_is_described(tmp_path):
+def test_an_fmu_with_an_unsupported_interface_is_described(tmp_path):
     def scheduled(text):
         text = re.sub(r"<CoSimulation[^>]*/>", "", text)
         return text.replace("<ModelExchange", "<ScheduledExecution")

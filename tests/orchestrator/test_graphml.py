@@ -108,7 +108,7 @@ WEIGHED = NODES + edge(0, 1) + edge(1, 2, "", '<data key="w"> 2.5 </data>')
         ),
     ],
 )
-def test_a_construct_of_the_standard_is_applied(text, expected):
+def test_standard_graphml_constructs_are_applied(text, expected):
     assert edges_of(text) == expected
 
 
@@ -276,7 +276,7 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         ("<graphml><no", "net.graphml: not valid GraphML: "),
     ],
 )
-def test_what_might_be_meant_otherwise_is_refused_by_name(text, result):
+def test_an_ambiguous_graphml_construct_is_refused_by_name(text, result):
     with pytest.raises(ScenarioError) as error:
         edges_of(text)
     assert result in str(error.value)

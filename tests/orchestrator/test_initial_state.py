@@ -53,7 +53,7 @@ def keeper(tmp_path, monkeypatch):
     sys.modules.pop("keeper", None)
 
 
-def test_it_is_what_the_class_declares_unless_given(keeper):
+def test_an_initial_agent_state_defaults_to_the_declared_one(keeper):
     state = keeper().initial_state()
     assert [*state] == ["position", "velocity", "integral", "share", "covariance"]
     assert state["integral"].tolist() == [[0.0, 0.0]] * 6
@@ -146,7 +146,7 @@ def test_a_draw_is_keyed_by_seed_name_and_robot(keeper):
         ({"share": "x"}, {}, "initial.share: expected a valid number, got 'x'"),
     ],
 )
-def test_what_is_wrong_names_the_key_and_what_was_expected(keeper, start, own, fault):
+def test_a_wrong_initial_agent_state_names_key_and_expectation(keeper, start, own, fault):
     with pytest.raises(ScenarioError) as error:
         keeper(start, own)
     assert str(error.value) == f"paper.toml: {fault}"

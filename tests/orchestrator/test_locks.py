@@ -45,7 +45,7 @@ def holder(path):
 
 
 class TestLock:
-    def test_a_second_run_is_refused_with_the_process_that_writes(self, scenario, tmp_path):
+    def test_a_second_writer_is_refused_with_the_first_ones_process(self, scenario, tmp_path):
         path = tmp_path / "run.mcap"
         with holder(path) as process:
             for force in ((), ("--force",)):
@@ -54,7 +54,7 @@ class TestLock:
                 assert f"is being written by process {process.pid}" in " ".join(done.stderr.split())
             assert path.read_bytes() == b""
 
-    def test_a_run_that_is_going_on_is_not_resumed(self, scenario, tmp_path):
+    def test_a_run_in_progress_is_not_resumed(self, scenario, tmp_path):
         path = tmp_path / "run.mcap"
         assert nrs("run", scenario, "-o", path).returncode == 0
         path.write_bytes(path.read_bytes()[:-2000])
@@ -63,7 +63,7 @@ class TestLock:
             assert done.returncode == 2
             assert f"is being written by process {process.pid}" in " ".join(done.stderr.split())
 
-    def test_a_killed_process_holds_nothing(self, tmp_path):
+    def test_a_killed_process_releases_its_lock(self, tmp_path):
         path = tmp_path / "run.mcap"
         with holder(path) as process:
             with pytest.raises(InputError, match="is being written"):
@@ -74,7 +74,7 @@ class TestLock:
             with locked(path):
                 pass
 
-    def test_two_at_once_in_one_process_are_two_runs_too(self, tmp_path):
+    def test_two_runs_in_one_process_exclude_each_other(self, tmp_path):
         with (
             place_for(tmp_path / "run.mcap", "run"),
             pytest.raises(InputError, match=f"is being written by process {os.getpid()}"),
@@ -82,14 +82,12 @@ class TestLock:
         ):
             raise AssertionError
 
-    def test_where_the_system_does_not_tell_who_it_is_it_is_another(self, tmp_path, monkeypatch):
+    def test_an_unknown_lock_holder_is_called_another_process(self, tmp_path, monkeypatch):
         monkeypatch.setattr(locks, "LOCKS", tmp_path / "none")
         with locked(tmp_path / "a"), pytest.raises(InputError, match="by another process"):
             expect_unlocked(tmp_path / "a")
 
-    def test_a_file_system_without_locks_is_told_of_and_goes_without(
-        self, tmp_path, monkeypatch, capsys
-    ):
+    def test_a_file_system_without_locks_is_warned_of(self, tmp_path, monkeypatch, capsys):
         def refuse(*_: object) -> None:
             raise OSError(95, "Operation not supported")
 
@@ -100,7 +98,7 @@ class TestLock:
 
 
 class TestForce:
-    def test_a_recording_that_is_there_stays_unless_forced(self, scenario, tmp_path):
+    def test_an_existing_recording_is_kept_without_force(self, scenario, tmp_path):
         path = tmp_path / "run.mcap"
         assert nrs("run", scenario, "-o", path).returncode == 0
         old = path.read_bytes()
@@ -110,7 +108,7 @@ class TestForce:
         assert path.read_bytes() == old
 
     @pytest.mark.parametrize("linked", [False, True])
-    def test_the_old_one_is_there_until_the_new_one_is_complete(self, tmp_path, linked):
+    def test_the_old_recording_stays_until_the_new_one_is_complete(self, tmp_path, linked):
         path = real = tmp_path / "run.mcap"
         real.write_bytes(OLD)
         if linked:
@@ -125,7 +123,9 @@ class TestForce:
         assert path.is_symlink() == linked
         assert not place.written.exists()
 
-    def test_a_run_that_fails_leaves_the_old_one_and_says_where_it_is(self, scenario, tmp_path):
+    def test_a_failed_run_keeps_the_old_recording_and_says_where_its_own_is(
+        self, scenario, tmp_path
+    ):
         path = tmp_path / "run.mcap"
         assert nrs("run", scenario, "-o", path).returncode == 0
         old = path.read_bytes()
@@ -138,7 +138,7 @@ class TestForce:
         with closing(Reader(part)) as reader:
             assert reader.status == "failed"
 
-    def test_what_did_not_take_its_place_is_kept_and_resumed(self, scenario, tmp_path):
+    def test_a_partial_recording_is_kept_and_can_be_resumed(self, scenario, tmp_path):
         path, part = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
         assert nrs("run", scenario, "-o", path).returncode == 0
         old = path.read_bytes()
@@ -156,7 +156,7 @@ class TestForce:
             assert (reader.status, reader.digest) == ("completed", digest)
         assert {each.name for each in tmp_path.glob("*.part*")} == {"run.mcap.part"}
 
-    def test_a_run_that_never_began_leaves_nothing(self, tmp_path):
+    def test_a_run_that_cannot_start_leaves_no_file(self, tmp_path):
         path = tmp_path / "run.mcap"
         path.write_bytes(OLD)
         with (

@@ -113,7 +113,7 @@ def case(monkeypatch):
     return lambda **options: Case(monkeypatch, **options)
 
 
-def test_ticks_close_in_order_and_each_is_whole(case):
+def test_ticks_close_in_order_and_complete(case):
     run = case()
     for k in (2, 0, 3, 1):
         run.workers.at(0.0, *run.robots(k))
@@ -127,7 +127,7 @@ def test_ticks_close_in_order_and_each_is_whole(case):
     assert run.time.now == 0
 
 
-def test_the_target_moves_as_its_law_and_no_further_ahead_than_the_window(case):
+def test_the_target_is_sent_no_further_ahead_than_the_window(case):
     run, ahead = case(ticks=5), 2
     for k in range(6):
         run.workers.at(0.0, *run.robots(k))
@@ -141,7 +141,7 @@ def test_the_target_moves_as_its_law_and_no_further_ahead_than_the_window(case):
         assert record["velocity"][0] == pytest.approx(1 + np.cos(t))
 
 
-def test_a_run_goes_on_after_what_is_recorded(case):
+def test_a_run_continues_after_its_recorded_ticks(case):
     run = case(ticks=4)
     for k in (0, 1):
         for message in whole(run.wire, k):
@@ -155,14 +155,14 @@ def test_a_run_goes_on_after_what_is_recorded(case):
     assert len(run.writer.ticks) == 5
 
 
-def test_a_target_that_was_told_of_no_tick_begins_with_the_first():
+def test_without_recorded_ticks_the_target_begins_with_the_first():
     workers, wire = Workers(Time()), wire_of(3)
     workers.wire_ = wire
     TargetNode(workers, Clock((H,), 1, 3), wire, TARGET_OF).publish_until(2)
     assert [k for k, _ in workers.published] == [1, 2]
 
 
-def test_where_the_time_went_is_told(case):
+def test_the_time_spent_is_measured(case):
     """It passes where workers are waited for, by 0.1 s at each message and 0.5 s at each put."""
     run = case(ticks=2)
     put, take = run.writer.put, run.recorder.take
@@ -207,7 +207,7 @@ def test_silence_of_the_target_is_named(case):
         run.run()
 
 
-def test_each_new_batch_begins_the_silence_anew(case):
+def test_each_new_batch_restarts_the_deadline(case):
     run = case(ticks=1)
     run.workers.at(0.0, *run.robots(0))
     messages = run.robots(1)
@@ -218,7 +218,7 @@ def test_each_new_batch_begins_the_silence_anew(case):
 
 
 @pytest.mark.parametrize("say", [samples, tick_batch])
-def test_what_is_refused_or_said_again_is_silence(case, say):
+def test_rejected_and_repeated_batches_do_not_restart_the_deadline(case, say):
     run = case(ticks=1)
     again = say(run.wire, "left", 1)
     run.workers.at(0.0, *run.robots(0), again)
@@ -230,7 +230,7 @@ def test_what_is_refused_or_said_again_is_silence(case, say):
     assert run.recorder.rejected.total() == 1
 
 
-def test_the_deadline_rests_while_a_worker_is_known_to_be_away(case):
+def test_the_deadline_is_paused_while_a_worker_is_away(case):
     run = case(ticks=1)
     run.workers.away = (0.5, 10 * DEADLINE)
     run.workers.at(0.0, *run.robots(0))
@@ -238,7 +238,7 @@ def test_the_deadline_rests_while_a_worker_is_known_to_be_away(case):
     assert run.run() == [0, 1]
 
 
-def test_the_deadline_begins_when_a_worker_is_back(case):
+def test_the_deadline_restarts_when_a_worker_is_back(case):
     run = case(ticks=1)
     run.workers.away = (0.5, 10 * DEADLINE)
     run.workers.at(0.0, *run.robots(0))
@@ -247,7 +247,7 @@ def test_the_deadline_begins_when_a_worker_is_back(case):
     assert run.time.now == pytest.approx(11 * DEADLINE, abs=0.5)
 
 
-def test_what_a_worker_failed_with_goes_before_its_silence(case):
+def test_a_workers_failure_is_reported_before_its_silence(case):
     run = case(ticks=1)
 
     def look_after(_k, at_last=False):
@@ -260,7 +260,7 @@ def test_what_a_worker_failed_with_goes_before_its_silence(case):
         run.run()
 
 
-def test_what_is_no_batch_is_the_workers_affair(case):
+def test_other_messages_are_passed_to_the_coordinator(case):
     run = case(ticks=1)
     others = [Presence("alive/left", here=True), Message("report/left", b"done")]
     run.workers.at(0.0, *run.robots(0), *others, *run.robots(1))
@@ -269,7 +269,7 @@ def test_what_is_no_batch_is_the_workers_affair(case):
     assert not run.recorder.rejected
 
 
-def test_who_watches_is_told_the_last_closed_tick_while_another_is_waited_for(case):
+def test_the_watcher_gets_the_last_closed_tick_while_waiting(case):
     run = case(ticks=2)
     for k in range(3):
         run.workers.at(0.6 * k, *run.robots(k))
@@ -296,7 +296,7 @@ class Paced:
         ask()
 
 
-def test_a_tick_closes_at_its_pace_and_the_workers_are_looked_after_meanwhile(case):
+def test_the_pace_delays_a_tick_while_workers_are_supervised(case):
     pace = Paced()
     run = case(ticks=3, pace=pace)
     for k in (0, 1):
@@ -314,5 +314,5 @@ def test_a_tick_closes_at_its_pace_and_the_workers_are_looked_after_meanwhile(ca
     ("size", "ticks"),
     [(0, 64), (1, 64), (2**18, 64), (2**19, 32), (2**22, 4), (2**23, 4), (2**40, 4)],
 )
-def test_workers_run_ahead_by_sixteen_megabytes_of_ticks(size, ticks):
+def test_the_window_is_sixteen_megabytes_of_ticks(size, ticks):
     assert window(size) == ticks

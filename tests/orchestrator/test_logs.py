@@ -23,7 +23,7 @@ def run(tmp_path, *options):
     return done
 
 
-def test_nothing_is_logged_unless_it_is_asked_for(tmp_path):
+def test_nothing_is_logged_by_default(tmp_path):
     assert run(tmp_path).stderr == ""
 
 
@@ -39,7 +39,7 @@ def test_workers_are_logged_with_time_level_and_place(tmp_path):
     assert "digest" in done.stdout
 
 
-def test_a_level_that_there_is_not_is_named(tmp_path):
+def test_an_unknown_log_level_is_named(tmp_path):
     command = [sys.executable, "-m", "nrs_cosim", "--log-level", "loud", "schema"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -29,7 +29,7 @@ def plain(screen):
 
 
 @pytest.mark.parametrize("width", [40, 60, 120])
-def test_lines_of_a_summary_end_between_words_and_hang_below_their_name(width):
+def test_summary_lines_wrap_between_words_and_are_indented(width):
     screen = console(terminal=True, width=width)
     grid(screen, {"driven": WORDS, "digest": "0" * 64})
     first, *more = plain(screen).splitlines()
@@ -40,7 +40,7 @@ def test_lines_of_a_summary_end_between_words_and_hang_below_their_name(width):
     assert " ".join(" ".join(text).split()) == f"driven {WORDS}"
 
 
-def test_sentences_end_their_lines_between_words_on_a_terminal_alone():
+def test_sentences_wrap_between_words_only_on_a_terminal():
     for terminal in (True, False):
         screen = console(terminal=terminal)
         prose(screen, WORDS)
@@ -49,7 +49,7 @@ def test_sentences_end_their_lines_between_words_on_a_terminal_alone():
         assert " ".join(line.strip() for line in described) == WORDS
 
 
-def test_recordings_that_differ_in_words_alone_have_no_table():
+def test_a_text_difference_is_shown_without_a_table():
     screen = console(terminal=False)
     first = type("First", (), {"between": lambda *_: "tick 1: text"})()
     summary_text.comparison(screen, Comparison({"run.seed": (1, 2)}, first, (), {}, {}, ""))
@@ -80,7 +80,7 @@ def described(*plants):
     return lines(about, errors)["driven"]
 
 
-def test_a_mixed_fleet_says_which_fmu_is_driven_how():
+def test_a_mixed_fleet_lists_how_each_fmu_is_driven():
     assert described(("a", "held"), ("b", "held"), ("c", "exact")) == "a, b: held; c: exact"
     assert described(("a", "held"), ("b", "held")) == "held"
 
@@ -97,7 +97,7 @@ def test_a_mixed_fleet_says_which_fmu_is_driven_how():
         ("--wait", "x", "a number"),
     ],
 )
-def test_an_option_takes_decimal_numbers_alone(option, value, expected):
+def test_a_numeric_option_takes_only_decimal_numbers(option, value, expected):
     done = nrs("replay", "a.mcap", "--publish", option, value)
     assert (done.returncode, done.stderr) == (
         2,
@@ -106,7 +106,7 @@ def test_an_option_takes_decimal_numbers_alone(option, value, expected):
 
 
 @pytest.mark.parametrize("value", ["0", "65536", "8_0", "1.5"])
-def test_a_port_is_a_whole_number(value):
+def test_a_port_that_is_not_a_whole_number_is_refused(value):
     least = 1 if value == "0" else 0
     option = "--expect" if least else "--port"
     done = nrs("run", "s.toml", "--live", option, value)
@@ -121,7 +121,7 @@ def test_help_names_no_types_of_python(command):
     assert "--help" in shown
 
 
-def test_folders_of_what_is_written_are_made(tmp_path, recorded):
+def test_missing_output_folders_are_created(tmp_path, recorded):
     for command in ("recover", "scene"):
         new = tmp_path / command / "deep" / "new.mcap"
         done = nrs(command, recorded, "-o", new)
@@ -133,7 +133,7 @@ def test_folders_of_what_is_written_are_made(tmp_path, recorded):
     assert "is a file and not a folder" in done.stderr
 
 
-def test_a_recording_and_a_scenario_are_not_taken_for_one_another(tmp_path, recorded):
+def test_a_recording_given_for_a_scenario_is_refused_and_vice_versa(tmp_path, recorded):
     done = nrs("run", recorded)
     assert (done.returncode, done.stderr) == (
         2,

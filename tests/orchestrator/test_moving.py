@@ -45,14 +45,14 @@ def ran(tmp_path_factory):
         yield one, other
 
 
-def test_what_a_comment_says_does_not_matter(tmp_path):
+def test_a_comment_does_not_matter(tmp_path):
     expected = read(tmp_path, MOVER, BRIEF).scenario
     text = (tmp_path / "moving.toml").read_text("utf-8")
     (tmp_path / "moving.toml").write_text(f'# what is "what is times" for?\n{text}', "utf-8")
     assert read_scenario(tmp_path / "moving.toml").scenario == expected
 
 
-def test_the_run_is_that_after_the_formula(ran):
+def test_a_run_after_the_fmu_agrees_with_the_formula(ran):
     one, other = (Recording(reader.path) for reader in ran)
     with one, other:
         for table in ("samples", "states"):
@@ -61,7 +61,7 @@ def test_the_run_is_that_after_the_formula(ran):
                 np.testing.assert_allclose(b[name], a[name], rtol=0, atol=1e-9)
 
 
-def test_its_samples_are_the_fmus_own(ran):
+def test_the_targets_samples_are_those_of_the_fmu(ran):
     """At t_k the bits are those in the text, which test_motion has from FMPy."""
     scenario = experiment_of(ran[1]).scenario
     known = dict(zip(scenario.target.times, scenario.target.positions, strict=True))
@@ -72,7 +72,7 @@ def test_its_samples_are_the_fmus_own(ran):
         assert tuple(row["position"]) == known[row["t"]]
 
 
-def test_the_recording_alone_repeats_the_run(ran):
+def test_the_run_can_be_repeated_from_the_recording_alone(ran):
     file = experiment_of(ran[1])
     digest = hashlib.sha256(build("planar_robot").read_bytes()).hexdigest()
     assert file.scenario.target.sha256 == digest
@@ -98,7 +98,7 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
         assert [outcome.ticks for outcome in outcomes] == [10, 10]
 
 
-def test_it_is_judged_as_any_target_is(ran):
+def test_bounds_of_an_fmu_target_are_of_its_cubics(ran):
     """γ1 and γ2 are of the cubics: those of the formula, to h²/192 with a quarter of h."""
     scenario = experiment_of(ran[1])
     result = ultimate_bounds(scenario)
@@ -121,7 +121,7 @@ def test_it_is_judged_as_any_target_is(ran):
         "target.variables = {position = 'q', velocity = 'qd'}",
     ],
 )
-def test_what_the_fmu_did_goes_with_the_text_which_stays_as_it_was(tmp_path, form):
+def test_the_fmus_samples_travel_beside_the_unchanged_text(tmp_path, form):
     rest = toml(BRIEF, {"target": None})
     text = f"{rest}\n{form}" if form[0] == "[" else f"{form}\n{rest}"
     (tmp_path / "moving.toml").write_text(text, "utf-8")
@@ -135,7 +135,7 @@ def test_what_the_fmu_did_goes_with_the_text_which_stays_as_it_was(tmp_path, for
 @pytest.mark.parametrize(
     ("step", "output", "count"), [(None, 0.1, 12), (None, 0.01, 30), (0.03, 0.05, 12), (1, 0.1, 3)]
 )
-def test_it_is_sampled_at_all_output_times_and_between(tmp_path, step, output, count):
+def test_an_fmu_target_is_sampled_at_output_times_and_between(tmp_path, step, output, count):
     mover = MOVER | ({"step": step} if step else {})
     file = read(tmp_path, mover, BRIEF, {"run.output_step": output})
     clock, sampled = file.clock, file.scenario.target
@@ -149,7 +149,7 @@ def test_it_is_sampled_at_all_output_times_and_between(tmp_path, step, output, c
     np.testing.assert_allclose(sampled.velocities, expected[:, 1], rtol=0, atol=1e-11)
 
 
-def test_cubics_of_hermite_give_back_what_they_were_given():
+def test_hermite_cubics_interpolate_their_samples():
     rng = np.random.default_rng(7)
     times = np.cumsum(rng.uniform(0.01, 0.1, 50))
     positions, velocities = rng.normal(size=(2, 50, 3))
@@ -180,7 +180,7 @@ BAD_TABLES = {
 
 
 @pytest.mark.parametrize("case", BAD_TABLES)
-def test_errors_of_tables_name_the_field_and_the_value(case):
+def test_an_error_in_the_target_table_names_field_and_value(case):
     given, message = BAD_TABLES[case]
     with pytest.raises(ScenarioError) as error:
         paper({"target": given})
@@ -222,25 +222,25 @@ BAD_RUNS = {
 
 
 @pytest.mark.parametrize("case", BAD_RUNS)
-def test_errors_of_the_fmu_name_the_file_and_what_is_wrong(tmp_path, case):
+def test_an_error_of_the_target_fmu_names_the_file_and_the_fault(tmp_path, case):
     change, message = BAD_RUNS[case]
     with pytest.raises(ScenarioError, match=message) as error:
         read(tmp_path, MOVER, change)
     assert "moving.toml: " in str(error.value)
 
 
-def test_what_is_wrong_elsewhere_is_told_without_running_it(tmp_path, monkeypatch):
+def test_an_error_elsewhere_is_reported_without_running_the_fmu(tmp_path, monkeypatch):
     monkeypatch.setattr("nrs_cosim.plant_fmu.motion.fmu_motion", None)
     with pytest.raises(ScenarioError, match=r"run\.seed"):
         read(tmp_path, MOVER, {"run.seed": -1})
 
 
-def test_schema_has_it():
+def test_the_schema_has_fmu_targets():
     kinds = json.loads(json.dumps(json_schema()))["$defs"]["FmuTarget"]["properties"]
     assert {"kind", "fmu", "parameters", "variables", "step", "isolate", "deadline"} <= kinds.keys()
 
 
-def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
+def test_a_third_party_fmu_is_only_needed_when_the_scenario_is_read(tmp_path):
     shutil.copy(build("two_link_arm", 2), tmp_path / "arm.fmu")
     with (tmp_path / "arm.fmu").open("ab") as file:
         file.write(b"\0")  # another digest: none of ours
@@ -254,7 +254,7 @@ def test_a_strangers_fmu_leaves_with_the_reading(tmp_path):
 JITTER = {"run.sampling_jitter": 0.5}
 
 
-def test_under_jitter_it_is_looked_at_when_samples_are_taken(tmp_path):
+def test_with_jitter_the_fmu_is_sampled_at_the_jittered_times(tmp_path):
     file = read(tmp_path, MOVER, SHORT, JITTER)
     clock, times = file.clock, file.scenario.target.times
     assert {clock.t(k) / 1e9 for k in range(11)} <= set(times)
@@ -263,7 +263,7 @@ def test_under_jitter_it_is_looked_at_when_samples_are_taken(tmp_path):
         assert verify(reader, experiment_of(reader), plants=True).difference is None
 
 
-def test_under_jitter_an_fmu_for_steps_of_one_length_is_refused(tmp_path):
+def test_with_jitter_an_fmu_of_fixed_step_is_refused(tmp_path):
     with ZipFile(build("planar_robot")) as old, ZipFile(tmp_path / "even.fmu", "w") as new:
         for name in old.namelist():
             data = old.read(name).replace(b'canHandleVariableCommunicationStepSize="true"', b"")

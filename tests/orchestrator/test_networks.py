@@ -53,7 +53,7 @@ def test_a_ring_a_path_and_a_star():
 @pytest.mark.parametrize(
     ("n", "k", "pinned"), [(2, 1, [1]), (40, 3, [1]), (40, 1, [17]), (9, 8, [9, 2]), (300, 5, [7])]
 )
-def test_in_a_random_network_each_hears_k_others_and_all_hear_of_the_target(n, k, pinned):
+def test_in_a_random_network_each_robot_has_k_neighbours_and_a_path_from_the_target(n, k, pinned):
     for seed in range(5):
         edges = generated(seed, kind="random_k_in", n=n, k=k, pinned=pinned)
         among = [edge for edge in edges if edge[0]]
@@ -65,7 +65,7 @@ def test_in_a_random_network_each_hears_k_others_and_all_hear_of_the_target(n, k
         assert reached(first) == set(range(n + 1))
 
 
-def test_who_is_heard_in_a_random_network_is_spread_over_all():
+def test_neighbours_in_a_random_network_are_spread_over_all_robots():
     edges = generated(kind="random_k_in", n=2000, k=4)
     heard = np.array([j for j, _ in edges if j])
     halves = np.mean(heard > 1000)
@@ -100,7 +100,7 @@ def test_a_random_network_depends_on_the_seed_alone():
         assert again[0] != again[1]
 
 
-def test_networks_are_those_of_networkx():
+def test_generated_networks_agree_with_networkx():
     networkx = pytest.importorskip("networkx")
 
     def same(ours, theirs):
@@ -139,7 +139,7 @@ def test_a_ring_of_a_hundred_runs_to_its_end(tmp_path):
     assert (outcome.status, outcome.ticks) == ("completed", 50)
 
 
-def test_the_edges_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path):
+def test_the_edges_of_a_file_travel_beside_the_unchanged_text(tmp_path):
     lines = [f"{j},{i}" for j, i in PAPERS]
     (tmp_path / "a.csv").write_text(
         "\ufeffsource,sink\r\n" + "\r\n\r\n \t \r\n".join(lines), "utf-8"
@@ -158,7 +158,7 @@ def test_the_edges_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path):
         assert file.text == form
 
 
-def test_what_a_comment_says_does_not_matter_to_a_file_of_edges(tmp_path):
+def test_a_comment_does_not_matter_to_a_file_of_edges(tmp_path):
     (tmp_path / "a.csv").write_text("source,sink\n0,1\n1,2\n", "utf-8")
     path = write(tmp_path / "net.toml", SHORT, {"network": {"edges": "a.csv"}})
     comment = '# "edges 0 that take the place of a file\'s name"\n'
@@ -274,13 +274,13 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         (generator(kind="random_k_in", n=100_000, k=5000), "expected n k of at most 10000000"),
     ],
 )
-def test_a_wrong_network_names_the_field_the_value_and_what_to_do(network, result):
+def test_a_wrong_network_names_field_value_and_remedy(network, result):
     with pytest.raises(ScenarioError) as error:
         on(network)
     assert result in str(error.value)
 
 
-def test_a_topology_is_made_once_and_cannot_be_written():
+def test_a_topology_is_built_once_and_read_only():
     scenario = on(generator(kind="ring", n=10_000))
     topology = scenario.topologies.links
     assert scenario.topologies.links is topology

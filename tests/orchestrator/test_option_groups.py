@@ -43,7 +43,7 @@ def test_a_command_has_its_groups_options_in_their_place_and_gets_the_groups():
     assert CliRunner().invoke(app, ["hi", "--times", "many"]).exit_code == 2
 
 
-def test_a_run_is_continued_by_the_options_that_it_is_started_by():
+def test_run_and_resume_have_the_same_options():
     run, resume = (
         {name: one.opts for one in command().commands[which].params if (name := one.name)}
         for which in ("run", "resume")

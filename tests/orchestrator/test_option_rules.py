@@ -70,7 +70,7 @@ def with_value(option):
     ],
     ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
 )
-def test_an_option_without_what_it_requires_exits_2_before_anything_is_read(arguments, message):
+def test_an_option_without_its_required_option_exits_2(arguments, message):
     done = nrs(*arguments)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", f"error: {message}\n")
 
@@ -109,6 +109,6 @@ def test_an_option_without_what_it_requires_exits_2_before_anything_is_read(argu
     ],
     ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
 )
-def test_a_value_that_an_option_does_not_take_is_told_with_what_it_takes(arguments, message):
+def test_a_wrong_option_value_is_refused_with_what_is_expected(arguments, message):
     done = nrs(*arguments)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", f"error: {message}\n")

@@ -19,20 +19,20 @@ def test_a_file_of_another_kind_is_not_replaced(tmp_path, held):
 
 
 @pytest.mark.parametrize("held", [None, b"", b"<!DOCTYPE html><title>"])
-def test_one_of_the_same_kind_an_empty_one_or_none_is(tmp_path, held):
+def test_a_file_of_the_same_kind_or_an_empty_one_is_replaced(tmp_path, held):
     path = tmp_path / "page.html"
     if held is not None:
         path.write_bytes(held)
     expect_replaceable(path, "report", b"<!doctype html")
 
 
-def test_a_folder_is_no_place_for_a_file(tmp_path):
+def test_a_folder_given_as_output_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="is no regular file"):
         expect_replaceable(tmp_path, "report", b"%PDF")
 
 
 @pytest.mark.parametrize("below", ["x.mcap", "deeper/x.mcap"])
-def test_a_file_is_no_folder(tmp_path, below):
+def test_a_file_given_as_output_folder_is_refused(tmp_path, below):
     (tmp_path / "file").touch()
     with (
         pytest.raises(InputError, match=r"file: is a file and not a folder"),
@@ -43,7 +43,7 @@ def test_a_file_is_no_folder(tmp_path, below):
         assert place.written.parent.is_dir()
 
 
-def test_what_is_read_is_not_written(tmp_path):
+def test_the_input_is_not_overwritten(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(b"x")
     (tmp_path / "same.mcap").symlink_to(path)
@@ -53,9 +53,7 @@ def test_what_is_read_is_not_written(tmp_path):
     expect_another(None, path)
 
 
-def test_a_recording_that_another_finishes_just_before_the_lock_is_not_replaced(
-    tmp_path, monkeypatch
-):
+def test_a_recording_finished_just_before_the_lock_is_not_replaced(tmp_path, monkeypatch):
     """Between the first look and the lock, another process ends, with a whole recording."""
     path = tmp_path / "run.mcap"
     found = output_paths.locked
@@ -70,7 +68,7 @@ def test_a_recording_that_another_finishes_just_before_the_lock_is_not_replaced(
     assert path.read_bytes() == MAGIC + b"whole"
 
 
-def test_the_lock_is_on_the_file_that_is_there_and_not_on_the_one_before(tmp_path, monkeypatch):
+def test_the_lock_is_on_the_current_file(tmp_path, monkeypatch):
     path, other = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
     path.touch()
     lock, renamed = locks._lock, []
@@ -88,7 +86,7 @@ def test_the_lock_is_on_the_file_that_is_there_and_not_on_the_one_before(tmp_pat
             locks.expect_unlocked(path)
 
 
-def test_a_link_to_a_file_that_is_not_there_stays_when_nothing_was_written(tmp_path):
+def test_a_dangling_link_stays_when_nothing_was_written(tmp_path):
     link, target = tmp_path / "link.mcap", tmp_path / "target.mcap"
     link.symlink_to(target)
     with place_for(link, "run"):

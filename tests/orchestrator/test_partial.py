@@ -69,7 +69,7 @@ class TestVerify:
         assert ("efforts in them are taken from the recording" in done.stdout) == bool(agents)
         assert ("agents and plants, run again" in done.stdout) != bool(agents)
 
-    def test_a_damaged_first_tick_leaves_nothing_to_look_at(self, whole, agents, tmp_path):
+    def test_with_a_damaged_first_tick_nothing_is_verified(self, whole, agents, tmp_path):
         path = flipped_in(whole, tmp_path / "a.mcap", 0)
         done = nrs("replay", path, "--verify", *agents)
         later, first = count(whole, lambda k: k > 0), count(whole, lambda k: k == 0)
@@ -113,7 +113,9 @@ class TestDiff:
         assert done.returncode == (0 if info["same"] else 1)
         return info, " ".join((done.stdout + done.stderr).split())
 
-    def test_two_that_lack_the_same_messages_are_not_said_to_be_the_same_run(self, whole, tmp_path):
+    def test_recordings_that_lack_the_same_messages_are_not_called_the_same_run(
+        self, whole, tmp_path
+    ):
         one, other = flipped_in(whole, tmp_path / "a.mcap", 6), tmp_path / "b.mcap"
         data = bytearray(whole.read_bytes())
         data[chunks(whole)[6] + 310] ^= 4
@@ -124,9 +126,7 @@ class TestDiff:
         assert f"damage: {one}: " in said
         assert "the same run" not in said
 
-    def test_one_that_does_not_say_how_it_ended_is_compared_as_far_as_it_goes(
-        self, whole, tmp_path
-    ):
+    def test_an_unfinished_recording_is_compared_as_far_as_it_goes(self, whole, tmp_path):
         cut = tmp_path / "cut.mcap"
         data = whole.read_bytes()
         cut.write_bytes(data[: data.rindex(b"nrs.end", 0, data.rindex(b"nrs.end"))])
@@ -134,7 +134,7 @@ class TestDiff:
         assert (info["same"], info["first"], info["partial"]) == (False, None, ["B"])
         assert "B lacks messages of its run: they are not compared" in said
 
-    def test_two_whole_ones_are(self, whole, tmp_path):
+    def test_two_complete_recordings_are_the_same_run(self, whole, tmp_path):
         copy = tmp_path / "copy.mcap"
         copy.write_bytes(whole.read_bytes())
         info, said = self.both(whole, copy)
@@ -146,13 +146,13 @@ class TestDigest:
     def info(self, path):
         return json.loads(nrs("info", path, "--json").stdout)
 
-    def test_a_whole_recording_has_the_runs(self, whole):
+    def test_a_complete_recording_has_the_runs_digest(self, whole):
         info = self.info(whole)
         assert info["digest"] == info["digest_here"]
         assert len(info["digest"]) == 64
 
     @pytest.mark.parametrize("how", ["flipped", "cut", "recovered"])
-    def test_a_part_of_a_run_has_none(self, whole, tmp_path, how):
+    def test_a_partial_recording_has_no_digest(self, whole, tmp_path, how):
         path = tmp_path / "a.mcap"
         if how == "cut":
             path.write_bytes(whole.read_bytes()[: chunks(whole)[8]])
@@ -190,7 +190,7 @@ class TestNoTick:
         ],
         ids=" ".join,
     )
-    def test_every_command_says_so(self, path, whole, tmp_path, command):
+    def test_every_command_reports_a_recording_without_ticks(self, path, whole, tmp_path, command):
         pytest.importorskip("foxglove_schemas_protobuf")
         words = [word.replace("{whole}", str(whole)).replace("{}", str(path)) for word in command]
         done = nrs(*words, cwd=tmp_path)
@@ -199,12 +199,12 @@ class TestNoTick:
         assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
 
     @pytest.mark.parametrize("agents", [(), ("--agents-only",)])
-    def test_nothing_is_verified(self, path, agents):
+    def test_nothing_is_verified_without_ticks(self, path, agents):
         done = nrs("replay", path, "--verify", *agents)
         assert done.returncode == 1
         assert "no message could be looked at: tick 0 is not here" in " ".join(done.stderr.split())
 
-    def test_no_error_was_measured(self, path):
+    def test_no_error_is_measured_without_ticks(self, path):
         info = json.loads(nrs("info", path, "--json").stdout)
         assert [row["measured"] for row in info["theory"]["quantities"]] == [None] * 4
         assert {row["status"] for row in info["theory"]["quantities"]} == {"not measured"}

@@ -43,14 +43,14 @@ def test_rows_are_positions_among_the_robots_that_are_opened():
     assert rows() == {}
 
 
-def test_an_fmu_that_no_own_robot_has_is_not_looked_for():
+def test_a_worker_does_not_open_fmus_of_other_robots():
     file = paper({"robots": [{"id": 2, "plant": {"fmu": "none.fmu"}}]})
     group_by_archive(file, [1, 3])
     with pytest.raises(FmuError, match=r"^robots\[0\].plant: .*none.fmu: no such FMU"):
         group_by_archive(file, [2])
 
 
-def test_robots_of_two_workers_move_as_those_of_one():
+def test_robots_split_over_workers_move_as_in_one():
     file = paper(OWN)
 
     def played(robots=None):
@@ -70,7 +70,7 @@ def test_robots_of_two_workers_move_as_those_of_one():
         assert parts_saved == [saved[row] for row in rows]
 
 
-def test_what_others_start_with_is_not_drawn(monkeypatch):
+def test_initial_states_of_other_robots_are_not_drawn(monkeypatch):
     scenario, drawn, draw = paper(OWN), [], initial.draw
 
     def heard(seed, purpose, robot, uniform, m):
@@ -90,13 +90,13 @@ def test_what_others_start_with_is_not_drawn(monkeypatch):
             assert getattr(body, name).tobytes() == getattr(whole[body.robot - 1], name).tobytes()
 
 
-def test_rows_that_are_given_are_the_robots_own():
+def test_given_initial_rows_belong_to_their_robots():
     rows = [[10.0 * robot, -1.0] for robot in range(1, 7)]
     scenario = paper({"initial.q": rows})
     assert [body.q.tolist() for body in scenario.bodies([2, 6])] == [[20, -1], [60, -1]]
 
 
-def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(tmp_path, monkeypatch):
+def test_a_worker_finds_an_fmu_by_its_hash(tmp_path, monkeypatch):
     built = build("planar_robot")
     sha256 = hashlib.sha256(built.read_bytes()).hexdigest()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path))
@@ -115,7 +115,7 @@ def test_a_worker_that_has_only_the_text_finds_an_fmu_by_its_content(tmp_path, m
     assert not group.archive.ours
 
 
-def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(tmp_path):
+def test_a_fleet_of_mixed_units_lists_the_robots_of_each(tmp_path):
     result = "robots 1, 3-4, 6 in rad, robots 2, 5 in m; a number over all robots mixes them"
     assert mixed_units(paper(OWN)).endswith(result)
     scenario = write(tmp_path / "s.toml", OWN, SHORT)
@@ -134,12 +134,12 @@ def test_a_fleet_of_unlike_units_says_which_robots_are_in_which(tmp_path):
     ],
     ids=["alike", "of another mass", "of another model"],
 )
-def test_a_fleet_of_one_unit_says_nothing(robots):
+def test_a_fleet_of_one_unit_gives_no_note(robots):
     assert mixed_units(paper({"robots": robots})) == ""
 
 
 @pytest.mark.parametrize(
     ("name", "unit"), [("rad", "rad"), ("deg", "rad"), ("m", "m"), ("mm", ""), ("", ""), ("-", "")]
 )
-def test_a_unit_is_a_multiple_of_one_of_those_expected(name, unit):
+def test_a_unit_gives_the_si_unit_it_is_a_multiple_of(name, unit):
     assert si_name(name, [], ("rad", "m")) == unit

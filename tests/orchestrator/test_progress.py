@@ -28,13 +28,13 @@ def shown(clock, parts, *, terminal=True):
     return screen.file.getvalue()
 
 
-def test_what_takes_two_seconds_shows_its_name_and_its_part():
+def test_work_of_two_seconds_shows_a_progress_bar():
     result = shown([0.0, 1.0, 2.5, 3.0], [0.25, 0.5, 0.75])
     assert "reading long [1].mcap" in result
     assert "75%" in result
 
 
-def test_after_its_work_a_bar_does_not_come_back():
+def test_a_finished_progress_bar_does_not_reappear():
     screen, times = console(terminal=True), iter([0.0, 9.0, 9.0])
     with reading(screen, lambda: next(times)) as follow:
         watch = follow("a.mcap")
@@ -47,11 +47,11 @@ def test_after_its_work_a_bar_does_not_come_back():
     [([0.0, 1.0, 1.9], True), ([0.0, 9.0, 99.0], False)],
     ids=["short", "pipe"],
 )
-def test_what_is_soon_done_or_goes_into_a_pipe_shows_nothing(clock, terminal):
+def test_short_work_and_pipes_show_no_progress_bar(clock, terminal):
     assert not shown(clock, [0.5, 1.0], terminal=terminal)
 
 
-def test_a_stage_is_shown_by_name_once_all_stages_take_two_seconds():
+def test_stages_are_shown_after_two_seconds():
     screen, now = console(terminal=True), [0.0]
     with stages(screen, lambda: now[0]) as begin:
         begin("equations")
@@ -66,14 +66,14 @@ def test_a_stage_is_shown_by_name_once_all_stages_take_two_seconds():
     assert "checking" in shown
 
 
-def test_stages_in_a_pipe_show_nothing():
+def test_stages_are_not_shown_in_a_pipe():
     screen = console(terminal=False)
     with stages(screen, lambda: 9.0) as begin:
         begin("checking")
     assert not screen.file.getvalue()
 
 
-def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(tmp_path):
+def test_a_reader_reports_its_progress(tmp_path):
     path = run(paper(), tmp_path / "run.mcap").path
     parts = []
     with Reader(path, verify=True, watch=parts.append) as reader:
@@ -87,7 +87,7 @@ def test_a_reader_says_what_part_of_its_file_each_pass_has_reached(tmp_path):
             assert parts[-1] > 0.9
 
 
-def test_check_tells_each_of_its_stages(monkeypatch):
+def test_check_reports_each_stage(monkeypatch):
     result = []
 
     @contextmanager

@@ -19,7 +19,7 @@ RUNS = 60
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="what is held is told by Linux only")
 @pytest.mark.parametrize(("runs", "workers"), [(RUNS, 1), (3, 2)], ids=["alone", "two workers"])
-def test_many_runs_hold_no_more_than_the_first(tmp_path, monkeypatch, runs, workers):
+def test_many_runs_use_no_more_memory_than_one(tmp_path, monkeypatch, runs, workers):
     folder = tmp_path / "t"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))

@@ -67,7 +67,7 @@ SMALL = sorted(set(SCENARIOS.glob("*.toml")) - {SCENARIOS / "random_10000.toml"}
 
 
 @pytest.mark.parametrize("path", SMALL, ids=lambda path: path.stem)
-def test_every_small_scenario_is_identical_when_it_is_run_again(path, tmp_path):
+def test_every_small_scenario_verifies_as_identical(path, tmp_path):
     file = read_scenario(path)
     outcome = run(file, tmp_path / "run.mcap")
     with Reader(outcome.path) as reader:
@@ -92,7 +92,7 @@ FLIPS = {
 
 @pytest.mark.parametrize(("topic", "at", "field"), FLIPS.values(), ids=FLIPS.keys())
 @pytest.mark.parametrize("plants", [True, False], ids=["plants", "agents"])
-def test_one_bit_is_found_where_it_was_flipped(tmp_path, plants, topic, at, field):
+def test_a_flipped_bit_is_found_by_verify(tmp_path, plants, topic, at, field):
     run(paper(SHORT, {"run.output_step": 0.1}), tmp_path / "run.mcap")
     rewritten(tmp_path / "run.mcap", tmp_path / "bad.mcap", flipped(topic, 7, at))
     with Reader(tmp_path / "bad.mcap", verify=True) as reader:
@@ -106,7 +106,7 @@ def test_one_bit_is_found_where_it_was_flipped(tmp_path, plants, topic, at, fiel
     assert np.allclose(found.recorded, found.replayed)
 
 
-def test_a_message_that_is_missing_or_too_many_is_found(tmp_path):
+def test_a_missing_or_extra_message_is_found_by_verify(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     rewritten(
         tmp_path / "run.mcap",
@@ -124,7 +124,7 @@ def test_a_message_that_is_missing_or_too_many_is_found(tmp_path):
 ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
 
 
-def test_a_plant_that_is_changed_gives_a_fresh_runs_file(tmp_path):
+def test_a_what_if_with_another_plant_equals_a_fresh_run(tmp_path):
     """Estimates do not depend on plants, so the traffic under which they are run is the same."""
     run(paper(SHORT), tmp_path / "run.mcap")
     changes = [Change.of("--plant", ONE_HEAVY)]
@@ -144,7 +144,7 @@ def test_a_plant_that_is_changed_gives_a_fresh_runs_file(tmp_path):
         assert by_robots.keys() == {(3,), (1, 2, 4, 5, 6)}
 
 
-def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(tmp_path):
+def test_a_what_if_with_another_algorithm_equals_a_fresh_run(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     with Reader(tmp_path / "run.mcap") as reader:
         gains = Change.of("--algorithm", "beta=0.9,alpha=1.0").within("algorithm")
@@ -171,7 +171,7 @@ def test_an_algorithm_that_is_changed_gives_a_fresh_runs_file(tmp_path):
         (None, "beta=fast", "algorithm.beta: expected"),
     ],
 )
-def test_a_change_that_is_wrong_is_named(plant, algorithm, message):
+def test_a_wrong_change_is_named(plant, algorithm, message):
     with pytest.raises(InputError) as error:
         changed(
             paper(),
@@ -182,7 +182,7 @@ def test_a_change_that_is_wrong_is_named(plant, algorithm, message):
     assert message in str(error.value)
 
 
-def test_distances_are_those_of_the_states(tmp_path):
+def test_compared_distances_are_those_of_the_states(tmp_path):
     base, other = paper(SHORT), paper(SHORT, {"algorithm.beta": 0.9})
     for name, file in (("a", base), ("b", other)):
         run(file, tmp_path / f"{name}.mcap")
@@ -212,7 +212,7 @@ JITTER = {"run.sampling_jitter": 0.2}
 ALONE = "why_not", "no tick has times in common: sampling times differ"
 
 
-def test_runs_of_other_sampling_times_say_that_they_are_not_measured(tmp_path):
+def test_runs_of_other_sampling_times_are_not_compared(tmp_path):
     a, b, picture = (tmp_path / name for name in ("a.mcap", "b.mcap", "apart.png"))
     run(paper(SHORT), a)
     run(paper(SHORT, JITTER), b)
@@ -225,7 +225,7 @@ def test_runs_of_other_sampling_times_say_that_they_are_not_measured(tmp_path):
     assert not picture.exists()
 
 
-def test_published_bytes_arrive_whole_and_paced(tmp_path):
+def test_published_messages_arrive_complete_and_paced(tmp_path):
     run(paper(SHORT), tmp_path / "run.mcap")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     waits, outcome = [], []
@@ -264,14 +264,14 @@ def test_published_bytes_arrive_whole_and_paced(tmp_path):
     assert sum(waits) < 1e-6
 
 
-def test_a_scenario_whose_text_was_changed_is_read_as_any_other():
+def test_a_changed_scenario_is_read_as_any_other():
     file = changed(paper(), [Change.of("--plant", ONE_HEAVY)])
     assert parse_scenario(file.text, "again", SCENARIOS, "again").scenario == file.scenario
     assert file.scenario.robots[0].plant.parameters == {"m2": 3.0}
     assert file.scenario.plant == paper().scenario.plant
 
 
-def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(tmp_path):
+def test_publishing_waits_for_a_listener(tmp_path):
     file = tmp_path / "run.mcap"
     run(paper(SHORT), file)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -299,7 +299,7 @@ def test_the_command_puts_a_recording_on_the_bus_once_somebody_listens(tmp_path)
     assert f"{len(wanted)} messages were published" in done.stdout
 
 
-def test_a_recording_that_nobody_listens_to_names_the_key(tmp_path):
+def test_publishing_without_a_listener_names_the_key(tmp_path):
     file = tmp_path / "run.mcap"
     run(paper(SHORT), file)
     endpoint = f"tcp/127.0.0.1:{free_port()}"

@@ -172,7 +172,7 @@ def expect_no_worse(path, folder, sealed, key, commands=all_commands):
 @pytest.mark.parametrize(
     ("record", "key"), [(record, key) for record, keys in FIELDS.items() for key in keys]
 )
-def test_a_field_of_a_record_is_what_it_should_be_or_refused(sealed, tmp_path, record, key):
+def test_a_changed_record_field_is_refused_or_harmless(sealed, tmp_path, record, key):
     accepted = []
     for number, value in enumerate(VALUES):
         if value is None and key in {"outputs_per_interval", "part_of"}:
@@ -193,7 +193,7 @@ def test_a_field_of_a_record_is_what_it_should_be_or_refused(sealed, tmp_path, r
 
 
 @pytest.mark.parametrize("key", PLANT)
-def test_a_field_of_the_plants_is_what_it_should_be_or_refused(sealed, tmp_path, key):
+def test_a_changed_plant_field_is_refused_or_harmless(sealed, tmp_path, key):
     values = [None, "x", 1, float("nan"), 10**40, [], [0], [1], [1, 1], [1, 2, 3], {"a": [[]]}]
     for number, value in enumerate(values):
 
@@ -209,7 +209,7 @@ def test_a_field_of_the_plants_is_what_it_should_be_or_refused(sealed, tmp_path,
 
 
 @pytest.mark.parametrize("record", [RUN, VERSIONS])
-def test_a_record_that_is_missing_is_named(sealed, tmp_path, record):
+def test_a_missing_record_is_named(sealed, tmp_path, record):
     def change(metadata):
         return {name: fields for name, fields in metadata.items() if name != record}
 

@@ -29,12 +29,12 @@ def test_robots_are_named_by_numbers_and_ranges(text, robots):
         ("1-3,3", "robot 3 is named twice"),
     ],
 )
-def test_what_names_no_robots(text, said):
+def test_text_that_is_no_list_of_robots_is_refused(text, said):
     with pytest.raises(InputError, match=r"^--robots: ") as rejected:
         parse_robots(text, "--robots", 7)
     assert said in str(rejected.value)
 
 
-def test_a_range_has_an_end_also_where_the_number_of_robots_is_not_known():
+def test_a_range_beyond_a_million_robots_is_refused():
     with pytest.raises(InputError, match="at most robot 1000000"):
         parse_robots("1-999999999", "--robots")

@@ -24,7 +24,7 @@ def compared(scenario, path, **changes):
         return compare_to_theory(reader, experiment_of(reader), measured).quantities[0]
 
 
-def test_an_ulp_of_a_large_position_is_not_beyond_a_bound_of_0(paper, tmp_path):
+def test_rounding_of_a_large_position_does_not_exceed_a_bound_of_0(paper, tmp_path):
     far = {"target.axes": [{"offset": 1e9}, {"offset": -3.3e8}], "run.divergence_limit": 1e12}
     row = compared(paper.replace(far), tmp_path / "run.mcap")
     assert row.bound.steady_state == 0.0
@@ -32,7 +32,7 @@ def test_an_ulp_of_a_large_position_is_not_beyond_a_bound_of_0(paper, tmp_path):
     assert (row.against_bound, row.above) == ("within", ())
 
 
-def test_a_tenth_of_a_nanometre_is_beyond_a_bound_of_two(paper, tmp_path):
+def test_an_excess_over_a_tiny_bound_is_found(paper, tmp_path):
     small = {"amplitude": 1e-9, "frequency": 1.0}
     slow = {"target.axes": [{"sines": [small]}, {"cosines": [small]}]}
     path = tmp_path / "run.mcap"

@@ -126,7 +126,7 @@ def test_outside_the_bound_the_error_grows_by_the_spectral_radius(case, radius, 
     assert radius**100 / factor < growth < radius**100 * factor
 
 
-def test_a_run_that_diverges_beyond_the_limit_says_so_and_when(tmp_path):
+def test_a_run_beyond_the_divergence_limit_fails_with_the_time(tmp_path):
     file = paper({"algorithm.alpha": 1.18, "algorithm.beta": 1.18, "run.divergence_limit": 1000})
     outcome = run(file, tmp_path / "run.mcap")
     assert outcome.status == "failed"
@@ -158,7 +158,7 @@ def test_each_quantity_beyond_the_limit_ends_the_run(tmp_path, change, name):
     assert f"diverged at t = 0 s: robot 1's {name} is [-1" in outcome.reason
 
 
-def test_a_torque_that_is_no_number_ends_the_run_before_it_is_recorded(tmp_path):
+def test_a_non_finite_torque_fails_the_run_before_it_is_recorded(tmp_path):
     with pytest.raises(
         StepError, match=r"robot 1 \(two_link_arm\) at t = 0 s: .* not finite: \[.*inf"
     ):
@@ -166,7 +166,7 @@ def test_a_torque_that_is_no_number_ends_the_run_before_it_is_recorded(tmp_path)
     assert not (tmp_path / "run.mcap").exists()
 
 
-def test_a_run_that_nothing_stops_ends_before_a_number_that_is_none(tmp_path):
+def test_a_diverging_run_without_limit_ends_before_a_non_finite_number(tmp_path):
     """With gains of 1e200 the second jump leaves the doubles; no NaN is ever recorded."""
     file = paper({"algorithm.alpha": 1e200, "algorithm.beta": 1e200, "run.divergence_limit": 1e308})
     outcome = run(file, tmp_path / "run.mcap")
@@ -183,7 +183,7 @@ def digest_of(file, path, **options):
         return reader.digest
 
 
-def test_the_digest_is_that_of_the_scenario_alone(tmp_path):
+def test_the_digest_depends_only_on_the_scenario(tmp_path):
     first = digest_of(paper(SHORT), tmp_path / "a.mcap")
     assert digest_of(paper(SHORT), tmp_path / "b.mcap") == first
     for compression in ("lz4", "none"):
@@ -194,7 +194,7 @@ def test_the_digest_is_that_of_the_scenario_alone(tmp_path):
     assert len(sizes) >= 3
 
 
-def test_each_robot_is_driven_as_the_scenario_says(tmp_path):
+def test_each_robot_has_its_own_drive(tmp_path):
     """Two solvers and a held torque in one run, beside the run that the FMU itself integrates."""
     rk4 = {"fmu": "two_link_arm", "solver": "rk4", "step": 0.002}
     held = {"fmu": "two_link_arm", "control": "hold", "control_step": 0.002}
@@ -257,7 +257,7 @@ class Kept:
         self.batches.append(sorted(m for part in tick for m in part.messages(self._topics)))
 
 
-def test_who_received_what_and_when(monkeypatch):
+def test_each_robot_receives_exactly_its_neighbours_samples(monkeypatch):
     """Listen to the session beside the run: nothing else is sent, and nobody hears anyone else."""
     received_at = []
 
@@ -303,7 +303,7 @@ def test_who_received_what_and_when(monkeypatch):
         assert Counter(said) == {"samples/target": 10, "samples/here": 10, "records/here": 11}
 
 
-def test_both_buses_carry_the_same_run():
+def test_both_buses_give_the_same_run():
     stories = []
     for make in (MemoryBus, lambda: ZenohBus("compared")):
         with ExitStack() as stack:
@@ -407,7 +407,7 @@ def test_a_bad_batch_of_samples_is_refused_and_its_worker_named(change, reason):
     assert loop.recorder.rejected == {reason: 1}
 
 
-def test_samples_that_are_lost_are_missed_and_named():
+def test_lost_samples_are_reported_with_their_worker():
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("samples/here", lambda _p: None), Kept())
         with pytest.raises(BusError, match="tick 1: no samples came from here"):
@@ -424,7 +424,7 @@ STATE_BATCH = {
 
 
 @pytest.mark.parametrize(("change", "rejected"), STATE_BATCH.values(), ids=STATE_BATCH.keys())
-def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(change, rejected):
+def test_a_missing_state_is_reported_with_its_worker(change, rejected):
     with ExitStack() as stack:
         loop = Loop(stack, paper(SHORT), Intercepted("records/here", change), Kept())
         silence = r"tick 0 did not close in 0.1 s of silence: robots 1-6 on worker here"
@@ -433,7 +433,7 @@ def test_a_state_that_is_not_recorded_is_missed_and_its_worker_named(change, rej
     assert loop.recorder.rejected == rejected
 
 
-def test_a_message_too_many_is_refused_and_counted():
+def test_an_extra_message_is_rejected_and_counted():
     with ExitStack() as stack:
         bus = MemoryBus()
         loop = Loop(stack, paper(SHORT), bus, Kept())
@@ -442,7 +442,7 @@ def test_a_message_too_many_is_refused_and_counted():
     assert loop.recorder.rejected == {"worker": 1}
 
 
-def test_what_is_said_again_is_kept_once():
+def test_a_repeated_batch_is_recorded_once():
     def twice(payload):
         put(payload)
         return payload
@@ -468,7 +468,7 @@ def test_the_recording_carries_its_scenario(tmp_path):
         assert reader.metadata["nrs.versions"].keys() >= {"nrs-cosim", "fmpy", "eclipse-zenoh"}
 
 
-def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
+def test_planar_robots_converge_to_a_target_at_rest(tmp_path):
     """m q̈ + d q̇ = kp (ε − q) + kd (υ − q̇) with ε at rest has its equilibrium at q = ε, τ = 0."""
     planar = paper(
         {
@@ -484,7 +484,7 @@ def test_planar_robots_settle_on_a_target_at_rest(tmp_path):
     np.testing.assert_allclose(last["effort"], 0, atol=1e-3)
 
 
-def test_links_of_an_arm_are_as_many_as_the_scenario_says(tmp_path):
+def test_the_scenario_sets_the_number_of_links_of_an_arm(tmp_path):
     """Seven links, set by the structural parameter, follow seven axes."""
     links = paper(
         {
@@ -505,7 +505,7 @@ def test_links_of_an_arm_are_as_many_as_the_scenario_says(tmp_path):
     assert np.abs(q[-1]).max() < 0.05
 
 
-def test_a_robots_own_disturbance_is_its_own(tmp_path):
+def test_a_robots_own_disturbance_moves_only_that_robot(tmp_path):
     own = {"robots": [{"id": 3, "disturbance": {"axes": [{"offset": 50.0}, {}]}}]}
     tables = []
     for name, change in (("all", {}), ("own", own)):
@@ -529,7 +529,7 @@ def test_robots_of_different_models_run_together(tmp_path):
     assert (states_a["position"][1:, 2] != states_b["position"][1:, 2]).all()
 
 
-def test_robots_that_a_recording_has_no_channels_for_are_refused_before_they_are_opened(tmp_path):
+def test_too_many_robots_for_a_recording_are_refused_before_they_are_opened(tmp_path):
     many = paper({"network": {"generator": {"kind": "ring", "n": 32768, "pinned": [1]}}})
     with pytest.raises(ScenarioError, match="32768 robots would need 65537 channels"):
         run(many, tmp_path / "run.mcap")

@@ -196,7 +196,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_scenario(change, message):
+def test_a_wrong_scenario_names_field_value_and_remedy(change, message):
     with pytest.raises(ScenarioError) as error:
         paper(change)
     assert message in str(error.value)
@@ -216,7 +216,7 @@ def test_bad_scenario(change, message):
         ),
     ],
 )
-def test_what_is_misspelt_is_not_missing_too(change, message):
+def test_a_misspelt_key_is_not_also_reported_as_missing(change, message):
     with pytest.raises(ScenarioError) as error:
         paper(change)
     assert str(error.value).splitlines() == [f"paper.toml: {message}"]
@@ -245,7 +245,7 @@ def test_a_text_that_is_not_toml_is_refused_in_one_line(text, message):
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n"])
-def test_an_empty_file_is_one_line(text):
+def test_an_empty_file_is_one_error_line(text):
     with pytest.raises(ScenarioError) as error:
         parse_scenario(text, "s", SCENARIOS, "s.toml")
     assert str(error.value) == (
@@ -254,7 +254,7 @@ def test_an_empty_file_is_one_line(text):
     )
 
 
-def test_all_faults_are_told_at_once():
+def test_all_faults_of_a_scenario_are_reported_at_once():
     with pytest.raises(ScenarioError) as error:
         paper({"algorithm.alpha": None, "algorithm.alhpa": 0.9, "run.seed": -1})
     assert [line.split(": ")[1] for line in str(error.value).splitlines()] == [
@@ -263,7 +263,7 @@ def test_all_faults_are_told_at_once():
     ]
 
 
-def test_missing_and_unreadable_files(tmp_path):
+def test_missing_and_unreadable_scenario_files_are_named(tmp_path):
     with pytest.raises(ScenarioError, match=r"none\.toml: no such file"):
         read_scenario(tmp_path / "none.toml")
     with pytest.raises(ScenarioError, match="cannot be read"):
@@ -273,7 +273,7 @@ def test_missing_and_unreadable_files(tmp_path):
         read_scenario(tmp_path / "binary.toml")
 
 
-def test_a_scenario_cannot_be_changed():
+def test_a_scenario_is_immutable():
     scenario = paper().scenario
     with pytest.raises(ValueError, match="frozen"):
         scenario.run.seed = 2
@@ -414,7 +414,7 @@ def test_a_robots_own_table_changes_the_keys_that_it_gives_and_keeps_the_others(
         ({"q": [[0.5, -1]] * 6}, [0.5, -1.0]),
     ],
 )
-def test_robots_start_at_rest_at_zero_or_as_one_number_or_row_says_for_all(given, row):
+def test_initial_joints_are_zero_or_one_number_or_one_row_for_all(given, row):
     made = paper({"initial": given}).bodies()
     assert [body.q.tolist() for body in made] == [row] * 6
     for body in made:
@@ -441,13 +441,13 @@ def test_a_missing_table_names_the_keys_that_it_must_have():
     ]
 
 
-def test_gains_as_a_number_a_vector_and_a_matrix():
+def test_gains_are_a_number_a_vector_or_a_matrix():
     assert gain(2.0, 2).tolist() == [[2, 0], [0, 2]]
     assert gain((2.0, 3.0), 2).tolist() == [[2, 0], [0, 3]]
     assert gain(((1.0, 2.0), (3.0, 4.0)), 2).tolist() == [[1, 2], [3, 4]]
 
 
-def test_target_is_the_papers():
+def test_the_target_is_that_of_the_paper():
     motion = paper().target.at(np.array([0.0, 0.3, 12.5]))
     for row, t in enumerate((0.0, 0.3, 12.5)):
         position, velocity = target(t)

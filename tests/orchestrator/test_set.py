@@ -32,7 +32,7 @@ def ran(path, *options):
     return digest(path)
 
 
-def test_a_run_with_changes_is_that_of_a_file_with_them(tmp_path):
+def test_a_run_with_changes_equals_that_of_a_changed_file(tmp_path):
     file = write(tmp_path / "changed.toml", {"run.duration": 1.0, "algorithm.alpha": 0.7})
     assert nrs("run", file, "-o", tmp_path / "file.mcap").returncode == 0
     options = ("--set", SHORT, "--set", "algorithm.alpha=0.7")
@@ -67,7 +67,7 @@ def test_standard_input_is_a_scenario(tmp_path, monkeypatch):
         (b"\x89MCAP0\r\n", "standard input: is a recording (MCAP)"),
     ],
 )
-def test_what_is_wrong_with_standard_input_names_it(monkeypatch, data, words):
+def test_an_error_on_standard_input_names_it(monkeypatch, data, words):
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(data)))
     done = nrs("check", "-")
     assert done.returncode == 2
@@ -75,14 +75,14 @@ def test_what_is_wrong_with_standard_input_names_it(monkeypatch, data, words):
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_run_prints_the_result_that_info_prints_and_nothing_else(tmp_path, workers):
+def test_run_as_json_prints_what_info_prints(tmp_path, workers):
     path = tmp_path / "run.mcap"
     done = nrs("run", PAPER_FILE, "-o", path, "--set", SHORT, "--json", "--workers", workers)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == json.loads(nrs("info", path, "--json").stdout)
 
 
-def test_a_run_that_fails_prints_its_result_and_exits_1(tmp_path):
+def test_a_failed_run_prints_its_result_and_exits_1(tmp_path):
     path = tmp_path / "run.mcap"
     done = nrs("run", PAPER_FILE, "-o", path, "--set", "run.divergence_limit=1e-3", "--json")
     result = json.loads(done.stdout)
@@ -103,14 +103,14 @@ def test_a_run_that_fails_prints_its_result_and_exits_1(tmp_path):
     ],
 )
 @pytest.mark.parametrize("command", ["run", "check"])
-def test_what_is_wrong_with_a_change_is_named(tmp_path, command, change, words):
+def test_an_error_in_a_change_is_named(tmp_path, command, change, words):
     where = ["-o", tmp_path / "run.mcap"] if command == "run" else []
     done = nrs(command, PAPER_FILE, *where, "--set", change)
     assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
     assert words in done.stderr
 
 
-def test_a_change_of_a_file_that_is_no_toml_leaves_that_to_be_told(tmp_path):
+def test_a_change_of_a_file_that_is_not_toml_reports_the_file(tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text("[run\n", "utf-8")
     done = nrs("check", file, "--set", SHORT)
@@ -121,7 +121,7 @@ def test_a_change_of_a_file_that_is_no_toml_leaves_that_to_be_told(tmp_path):
     assert (done.returncode, "[[robots]]" in done.stderr) == (2, True)
 
 
-def test_another_form_of_network_takes_the_place_of_the_old_one(tmp_path, monkeypatch):
+def test_another_form_of_network_replaces_the_old_one(tmp_path, monkeypatch):
     ring = read('network.generator={kind="ring",n=4}', SHORT)
     assert (ring.n, ring.scenario.network.adjacency) == (4, None)
     (tmp_path / "edges.csv").write_text("source,sink\n0,1\n1,2\n")
@@ -135,7 +135,7 @@ def pairs_of(links):
     return set(zip(links.source.tolist(), links.sink.tolist(), strict=True))
 
 
-def test_times_and_kinds_of_target_exclude_one_another():
+def test_a_changed_form_of_times_or_target_replaces_the_old_one():
     listed = read("run.sampling_times=[0.1,0.3],run.duration=0.6")
     assert [listed.clock.t(k) for k in range(5)] == [ns * 100_000_000 for ns in (0, 1, 3, 4, 6)]
     again = read("run.sampling_times=[0.1,0.3],run.duration=0.6", "run.sampling_period=0.2")
@@ -144,13 +144,13 @@ def test_times_and_kinds_of_target_exclude_one_another():
     assert still.target.bounds() == (0, 0)
 
 
-def test_a_change_confined_to_robots_is_theirs_alone():
+def test_a_change_for_some_robots_leaves_the_others():
     changed = read("robots=2-3,controller.kp=7", "robots=3,plant.parameters={m1=2.0}")
     assert [body.kp[0, 0] for body in changed.bodies()] == [200, 7, 7, 200, 200, 200]
     assert [body.parameters.get("m1") for body in changed.bodies()][1:4] == [None, 2.0, None]
 
 
-def test_a_completed_run_goes_on_for_longer_as_if_it_had_been_so_from_the_first(tmp_path):
+def test_extending_a_completed_run_equals_a_longer_run(tmp_path):
     short, longer = tmp_path / "short.mcap", tmp_path / "longer.mcap"
     ran(short, "--set", SHORT)
     done = nrs("resume", short, "-o", longer, "--set", "run.duration=2.5", "--json")
@@ -161,7 +161,7 @@ def test_a_completed_run_goes_on_for_longer_as_if_it_had_been_so_from_the_first(
     assert nrs("replay", longer, "--verify").returncode == 0
 
 
-def test_a_run_that_failed_at_a_limit_goes_on_with_a_higher_one(tmp_path):
+def test_a_run_failed_at_a_limit_continues_with_a_higher_one(tmp_path):
     failed, whole = tmp_path / "failed.mcap", tmp_path / "whole.mcap"
     limit = "run.divergence_limit=27"
     assert nrs("run", PAPER_FILE, "-o", failed, "--set", limit).returncode == 1
@@ -181,7 +181,7 @@ def test_a_run_that_failed_at_a_limit_goes_on_with_a_higher_one(tmp_path):
         ("run.duration=1.05", "run.duration: expected a whole number of sampling periods"),
     ],
 )
-def test_what_is_recorded_is_not_changed_by_resuming(tmp_path, change, words):
+def test_resume_refuses_changes_of_what_is_recorded(tmp_path, change, words):
     short = tmp_path / "short.mcap"
     ran(short, "--set", SHORT)
     done = nrs("resume", short, "-o", tmp_path / "more.mcap", "--set", change)
@@ -189,6 +189,6 @@ def test_what_is_recorded_is_not_changed_by_resuming(tmp_path, change, words):
     assert words in done.stderr
 
 
-def test_a_change_knows_nothing_of_a_table_that_is_none():
+def test_a_change_of_a_table_to_a_number_is_refused():
     with pytest.raises(InputError, match="plant: expected a table"):
         read("plant=3")

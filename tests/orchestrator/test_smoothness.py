@@ -39,7 +39,7 @@ def bouncing(at, before=-1.0, after=0.5):
 
 @pytest.mark.parametrize("at", [0.749, 0.75, 0.7512, 0.8])
 @pytest.mark.parametrize("step", [0.1, 0.01, 0.001])
-def test_a_velocity_that_jumps_is_told_with_its_time(at, step):
+def test_a_velocity_jump_is_reported_with_its_time(at, step):
     message, _ = compared(bouncing(at), step)
     assert message.startswith("ball.fmu: velocity_1 at t = ")
     assert "velocity_1 jumps from -1 to 0.5 at t = 0." in message
@@ -50,7 +50,7 @@ def test_a_velocity_that_jumps_is_told_with_its_time(at, step):
 
 
 @pytest.mark.parametrize("step", [0.02, 0.01])
-def test_a_position_in_stairs_jumps(step):
+def test_a_position_in_stairs_is_reported_as_a_jump(step):
     def motion(t):
         stair = np.floor(t / 0.1 + 1e-9) * 0.1
         return np.exp(-stair), -np.exp(-stair)
@@ -63,7 +63,7 @@ def test_a_position_in_stairs_jumps(step):
     )
 
 
-def test_a_shorter_step_is_advised_where_it_helps_and_does():
+def test_a_shorter_step_is_advised_only_where_it_helps():
     def motion(t):
         return np.sin(2 * pi * t), 2 * pi * np.cos(2 * pi * t)
 
@@ -72,7 +72,7 @@ def test_a_shorter_step_is_advised_where_it_helps_and_does():
     assert compared(motion, 0.05) == ("", [[k * 0.05 for k in range(41)]])
 
 
-def test_a_step_that_is_still_too_long_says_so():
+def test_a_step_still_too_long_is_reported():
     def motion(t):
         return np.sin(20 * pi * t + 0.1) / 20, pi * np.cos(20 * pi * t + 0.1)
 
@@ -82,14 +82,14 @@ def test_a_step_that_is_still_too_long_says_so():
 
 
 @pytest.mark.parametrize("step", [0.1, 0.01])
-def test_a_velocity_of_something_else_is_to_be_named(step):
+def test_an_unrelated_velocity_asks_for_the_variables(step):
     message, _ = compared(lambda t: (np.sin(t), np.sin(t)), step)
     assert message.endswith("; say in target.variables what they are")
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_an_fmu_that_bounces_off_a_wall_is_no_target(tmp_path, fmi):
+def test_an_fmu_that_bounces_off_a_wall_is_refused_as_target(tmp_path, fmi):
     hinge.build(fmi, tmp_path)
     target = {
         "kind": "fmu",
@@ -104,7 +104,7 @@ def test_an_fmu_that_bounces_off_a_wall_is_no_target(tmp_path, fmi):
     assert "velocity_1 jumps from -0.8 to 0.4 at t = 1.2" in message
 
 
-def test_where_the_fmu_cannot_be_sampled_again_both_ways_out_are_named():
+def test_without_resampling_both_remedies_are_named():
     times = [0.0, 1.0, 2.0]
     still, moving = np.zeros((3, 1)), np.ones((3, 1))
     with pytest.raises(FmuError, match=r"; take a shorter target.step, or say in target.variables"):

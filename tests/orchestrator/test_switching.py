@@ -44,7 +44,7 @@ def compared(path, file):
 # What a scenario says
 
 
-def test_turns_may_have_any_form_and_digraphs_of_their_own():
+def test_each_phase_may_have_any_form_of_network():
     network = phases((1, PAPER), (4, separate(PATH, PAPER)), repeat=9)
     scenario = on(network)
     topologies = scenario.topologies
@@ -58,7 +58,7 @@ def test_turns_may_have_any_form_and_digraphs_of_their_own():
     assert scenario.n == topologies.n == 6
 
 
-def test_what_a_turn_draws_depends_on_its_place():
+def test_the_random_network_of_a_phase_depends_on_its_place():
     random = generator(kind="random_k_in", n=40, k=3)
     one, two = on(phases((1, random), (2, random))).topologies.exchanges
     assert edges(one.position) != edges(two.position)
@@ -66,7 +66,7 @@ def test_what_a_turn_draws_depends_on_its_place():
     assert edges(again.exchanges[1].position) == edges(two.position)
 
 
-def test_files_of_edges_of_each_turn_go_with_the_text(tmp_path):
+def test_the_edges_of_each_phase_travel_beside_the_text(tmp_path):
     for name, rows in (("a", PAPERS), ("b", [(i, i + 1) for i in range(6)])):
         lines = ["source,sink", *(f"{j},{i}" for j, i in rows)]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines), "utf-8")
@@ -164,7 +164,7 @@ def test_files_of_edges_of_each_turn_go_with_the_text(tmp_path):
         ),
     ],
 )
-def test_what_is_wrong_names_the_field_the_value_and_what_to_do(network, result):
+def test_a_wrong_switching_network_names_field_value_and_remedy(network, result):
     with pytest.raises(ScenarioError) as error:
         on(network)
     assert result in str(error.value)
@@ -188,7 +188,7 @@ def test_sliding_uses_separate_digraphs_for_positions_and_velocities():
     assert len(checked.phases[0].digraphs) == 2
 
 
-def test_the_schema_knows_turns():
+def test_the_schema_has_switching_networks():
     schema = json_schema()["$defs"]
     assert schema["PhaseTable"]["properties"].keys() >= {
         "from",
@@ -208,7 +208,7 @@ def test_the_schema_knows_turns():
 
 
 @pytest.mark.parametrize("name", ["switching", "hetero_information"])
-def test_recorded_samples_are_those_of_dense_matrices_in_turn(tmp_path, name):
+def test_recorded_samples_agree_with_dense_switching_matrices(tmp_path, name):
     """x(t_{k+1}) from x(t_k) by the digraphs of k, read from the file by themselves."""
     given = tables({"run.duration": 4.0}, base=name)
     path = run(example(given), tmp_path / "run.mcap").path
@@ -251,7 +251,7 @@ def whole(tmp_path_factory):
     return run(switching(), tmp_path_factory.mktemp("whole") / "1.mcap").path
 
 
-def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole):
+def test_a_switching_run_is_resumed_and_verified(tmp_path, whole):
     def stop(time_ns):
         if time_ns >= 12_300_000_000:
             raise Interrupted
@@ -269,7 +269,7 @@ def test_a_run_of_turns_goes_on_where_it_stopped_and_is_verified(tmp_path, whole
 # What is promised
 
 
-def test_a_period_is_promised_and_kept(tmp_path):
+def test_a_periodic_switching_run_is_within_its_bounds(tmp_path):
     file = read_scenario(SCENARIOS / "switching.toml")
     checked = check(file)
     result = checked.as_json()
@@ -296,7 +296,7 @@ def test_a_period_is_promised_and_kept(tmp_path):
     assert found.measured_radius == pytest.approx(result["spectral_radius"], abs=0.01)
 
 
-def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
+def test_gains_above_1_that_suit_each_phase_may_diverge_under_switching(tmp_path):
     """Now robot 1 and now robot 2 hears the target: docs/theory.md has the numbers."""
     first, second = {"edge_list": [[0, 1], [1, 2]]}, {"edge_list": [[0, 2], [2, 1]]}
     pair = {
@@ -322,7 +322,7 @@ def test_gains_above_1_that_suit_each_turn_may_diverge_in_turn(tmp_path):
         assert found.why_not == ("" if settles else "the estimates diverge")
 
 
-def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_path):
+def test_bounds_of_switching_that_ends_are_of_the_last_phase(tmp_path):
     once = {"network.repeat": None}
     file = example("switching", once)
     last = on({"edge_list": [[0, 6], [6, 1], [6, 2], [6, 3], [6, 4], [6, 5]]})
@@ -339,7 +339,7 @@ def test_of_turns_that_end_the_last_one_is_promised_and_only_after_it_began(tmp_
     assert [row.against_bound for row in found.quantities] == ["unknown"] * 4
 
 
-def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
+def test_each_quantity_of_hetero_information_has_its_own_bound(tmp_path):
     file = read_scenario(SCENARIOS / "hetero_information.toml")
     checked = check(file)
     bounds = {condition.name: condition.right for condition in checked.conditions}
@@ -356,7 +356,7 @@ def test_each_quantity_of_hetero_information_has_a_bound_of_its_own(tmp_path):
         assert row.bound.steady_state <= row.bound.worst_case <= row.bound.paper
 
 
-def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
+def test_theorem_3_in_each_phase_is_not_enough_for_any_order():
     scenario = example("switching", {"algorithm.name": "dcea2"})
     checked = check(scenario)
     assert all(condition.holds for phase in checked.phases for condition in phase.conditions)
@@ -380,7 +380,7 @@ def test_theorem_3_of_each_turn_is_not_enough_in_any_order():
         ("switching", "sliding", "the algorithm does not jump linearly", False),
     ],
 )
-def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles):
+def test_with_jitter_the_reason_for_missing_bounds_is_given(name, algorithm, why_not, settles):
     scenario = example(name, {"algorithm.name": algorithm, "run.sampling_jitter": 0.2})
     checked = check(scenario)
     ultimate = ultimate_bounds(scenario, checked.rho)
@@ -389,7 +389,7 @@ def test_with_jitter_it_is_said_what_is_known(name, algorithm, why_not, settles)
     assert (checked.spectral_radius < 1) == settles
 
 
-def test_a_check_says_it_in_words():
+def test_check_describes_switching_networks():
     nrs = CliRunner()
     result = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
     assert "3 phases, over and over after 25 ticks" in result
@@ -399,14 +399,14 @@ def test_a_check_says_it_in_words():
     assert len(json.loads(result)["topologies"]) == 1
 
 
-def test_a_design_of_turns_goes_by_their_period():
+def test_a_design_for_switching_uses_the_period():
     scenario = read_scenario(SCENARIOS / "switching.toml")
     found = designed(scenario, ultimate_bounds(scenario).tracking.worst_case, 0.5)
     assert found.paper.period is None
     assert found.proven.period > 0
 
 
-def test_a_report_tells_that_not_all_links_are_there_at_all_times():
+def test_a_report_says_which_networks_are_active_when():
     switching, has_two_digraphs, paper = (
         subject_of(read_scenario(SCENARIOS / f"{name}.toml"), "rad")
         for name in ("switching", "hetero_information", "paper_first_order")

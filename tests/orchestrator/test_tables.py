@@ -40,20 +40,20 @@ def lines(screen):
         (18, ["what   value", "a [b]    0.9", "  holds; paper:", "  159, unproven"]),
     ],
 )
-def test_a_column_without_room_stands_below_its_row_with_its_title(width, expected):
+def test_a_column_that_does_not_fit_is_put_below_its_row(width, expected):
     screen = console(width)
     table(screen, COLUMNS, [ROW])
     assert [line.rstrip() for line in lines(screen)] == expected
 
 
-def test_in_a_pipe_there_is_room_for_all_columns():
+def test_in_a_pipe_all_columns_are_shown():
     screen = console(18, terminal=False)
     table(screen, COLUMNS, [ROW])
     assert lines(screen) == ["what   value         paper", "a [b]    0.9  holds  159, unproven"]
 
 
 @pytest.mark.parametrize("width", [30, 60, 120])
-def test_the_text_of_a_finding_hangs_beside_its_name_or_below(width):
+def test_the_text_of_a_finding_is_indented_beside_or_below_its_name(width):
     screen = console(width)
     text = "a torque that is held, of order one in its step and in no other way " * 3
     findings_table(screen, [("M symmetric", "[green]holds[/]", text)], (14, 8))
@@ -98,7 +98,7 @@ def screen_of(width, command):
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("command", ["check", "run", "fmu check", "fmu info"])
-def test_a_terminal_breaks_no_word(scenario, tmp_path, command, width):
+def test_a_terminal_wraps_only_between_words(scenario, tmp_path, command, width):
     given = ["two_link_arm"] if "fmu" in command else [str(scenario)]
     words = [*command.split(), *given]
     if command == "run":

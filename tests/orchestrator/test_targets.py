@@ -61,7 +61,7 @@ def read(folder, target=FROM_FILE, columns=None):
         "target.kind = 'sampled'\ntarget.file = 'track.csv'",
     ],
 )
-def test_the_samples_of_a_file_go_with_the_text_which_stays_as_it_was(tmp_path, form):
+def test_the_samples_of_a_file_travel_beside_the_unchanged_text(tmp_path, form):
     rest = toml({"target": None})
     text = f"{rest}\n{form}" if form[0] == "[" else f"{form}\n{rest}"
     (tmp_path / "track.csv").write_text(csv_of(table()), "utf-8")
@@ -82,7 +82,7 @@ def test_parquet_is_read_as_csv_is(tmp_path):
     assert read(tmp_path, FROM_FILE | {"file": "track.parquet"}).scenario == other.scenario
 
 
-def test_lines_of_blanks_are_no_samples(tmp_path):
+def test_blank_lines_are_ignored(tmp_path):
     expected = read(tmp_path, columns=table()).scenario
     lines = csv_of(table()).splitlines()
     (tmp_path / "track.csv").write_text("\n  \t\n\n".join(lines) + "\n  \t\n\n", "utf-8")
@@ -98,7 +98,7 @@ def test_parquet_needs_pyarrow(tmp_path, monkeypatch):
         read(tmp_path, FROM_FILE | {"file": "track.parquet"})
 
 
-def test_a_scenario_without_a_file_is_left_as_it_is():
+def test_a_scenario_without_a_target_file_is_unchanged():
     assert read_scenario(PAPER_FILE).text == PAPER_FILE.read_text("utf-8")
 
 
@@ -138,7 +138,7 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("case", BAD_FILES)
-def test_errors_of_files_name_the_field_and_what_is_wrong(tmp_path, case):
+def test_an_error_in_the_target_file_names_field_and_fault(tmp_path, case):
     content, message = BAD_FILES[case]
     if content is not None:
         raw = content if isinstance(content, bytes) else content.encode()
@@ -149,21 +149,21 @@ def test_errors_of_files_name_the_field_and_what_is_wrong(tmp_path, case):
     assert message in str(error.value)
 
 
-def test_a_file_of_another_kind_or_of_no_table():
+def test_a_file_that_is_no_table_is_refused():
     with pytest.raises(InputError, match=r"track.mat: expected a file named .csv or .parquet"):
         file_columns(b"", "track.mat")
     with pytest.raises(InputError, match=r"track\.parquet: no table of numbers"):
         file_columns(b"PAR1", "track.parquet")
 
 
-def test_velocities_decide_nothing_and_a_target_at_rest_has_some(tmp_path):
+def test_the_velocity_columns_do_not_change_the_target(tmp_path):
     with_them = read(tmp_path, columns=table()).scenario
     assert with_them == read(tmp_path, columns=table(names=NAMES[:2])).scenario
     transient = np.tile([0.1, 0.7, 0.0, 0.0], (len(TIMES), 1))
     assert read(tmp_path, columns=table(samples=transient)).scenario.m == 2
 
 
-def test_a_file_beside_times(tmp_path):
+def test_a_target_file_beside_times_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"target.file: got 'track.csv' and target.times too"):
         read(tmp_path, FROM_FILE | {"times": [0, 1]}, columns=table())
 
@@ -218,14 +218,14 @@ BAD_TABLES = {
 
 
 @pytest.mark.parametrize("case", BAD_TABLES)
-def test_errors_of_tables_name_the_field_and_the_value(case):
+def test_an_error_in_the_target_table_names_field_and_value(case):
     given, message = BAD_TABLES[case]
     with pytest.raises(ScenarioError) as error:
         paper({"target": given})
     assert f"paper.toml: {message}" in str(error.value)
 
 
-def test_schema_has_both_kinds():
+def test_the_schema_has_both_kinds_of_target():
     kinds = json.loads(json.dumps(json_schema()))["$defs"]
     assert kinds["SampledTarget"]["properties"].keys() == {"kind", "file", "times", "positions"}
     assert kinds["HarmonicTarget"]["properties"].keys() == {"kind", "axes"}
@@ -241,13 +241,13 @@ def ran(tmp_path_factory):
         yield one, other
 
 
-def test_the_papers_run_is_what_it_was(ran):
+def test_the_papers_run_keeps_its_digest(ran):
     digest = "130b001e4d8e4d4db8ab138a62c3c389b9ed5636233b4bc63f21242b435a418b"
     if sys.platform == "linux":
         assert ran[0].digest == digest
 
 
-def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
+def test_a_run_after_samples_is_close_to_that_of_the_formula(ran):
     harmonic, sampled = (measure(reader, experiment_of(reader)) for reader in ran)
     for name in ("position_estimate", "velocity_estimate", "position_tracking"):
         assert getattr(sampled, name) == pytest.approx(getattr(harmonic, name), rel=1e-3)
@@ -255,7 +255,7 @@ def test_a_run_after_samples_is_nearly_the_one_after_the_formula(ran):
     np.testing.assert_allclose(other.target["position"], one.target["position"], atol=1e-4)
 
 
-def test_the_recording_alone_repeats_the_run(ran, tmp_path):
+def test_the_run_can_be_repeated_from_the_recording_alone(ran, tmp_path):
     file = experiment_of(ran[1])
     assert "track.csv" in file.text
     run(file, tmp_path / "again.mcap")
@@ -275,7 +275,7 @@ def test_replays_and_resumed_runs_need_no_file(ran, tmp_path):
     assert other.scenario.target == file.scenario.target
 
 
-def test_promises_are_of_any_target_and_are_kept(ran):
+def test_a_sampled_target_has_worst_case_bounds_and_is_within_them(ran):
     file = experiment_of(ran[1])
     result = ultimate_bounds(file)
     harmonic = ultimate_bounds(experiment_of(ran[0]))
@@ -296,7 +296,7 @@ def test_promises_are_of_any_target_and_are_kept(ran):
     assert [c.holds for c in check(file).conditions] == [True] * 6
 
 
-def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
+def test_a_measurement_beyond_the_worst_case_bound_is_reported(ran):
     """The same run judged by a target that stood still: what it did was not allowed."""
     still = paper({"target": sampled([0, 40], [[0, 0], [0, 0]])})
     assert still.target.bounds() == (0, 0)
@@ -304,6 +304,6 @@ def test_what_is_beyond_the_bound_of_any_target_is_said(ran):
     assert compared.quantities[0].against_bound == "exceeds"
 
 
-def test_duration_may_end_with_the_samples():
+def test_the_duration_may_end_with_the_last_sample():
     target = sampled([0.0, 0.1, 0.2, 0.3], [[0, 0]] * 4)
     assert paper({"run.duration": 0.3, "target": target}).scenario.m == 2

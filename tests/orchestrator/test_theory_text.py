@@ -38,7 +38,7 @@ def table(scenario):
     return {row[0]: row[1:] for row in rows if len(row) > 2}
 
 
-def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
+def test_with_link_faults_the_spectral_radius_is_stated_for_links_without_them():
     lossy = said(read_scenario(SCENARIOS / "paper_lossy_links.toml"))
     plain = said(read_scenario(SCENARIOS / "paper_first_order.toml"))
     assert lossy["rho"] == (
@@ -48,7 +48,7 @@ def test_growth_is_said_to_be_of_links_without_faults_where_they_have_faults():
     assert lossy["rate"] == plain["rate"].partition(";")[0] + ", of links without faults"
 
 
-def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
+def test_with_a_delay_convergence_is_unknown():
     """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
     period = {"run.sampling_period": 0.4}
     plain = check(example("paper_example_3a", period))
@@ -68,25 +68,25 @@ def test_of_a_delay_with_which_the_estimates_diverge_convergence_is_unknown():
     assert "conditions are of links without faults" in written.getvalue()
 
 
-def test_a_warning_of_divergence_is_of_links_without_faults_where_they_have_faults():
+def test_with_link_faults_warnings_are_stated_for_links_without_them():
     warnings = check(example("paper_lossy_links", {"algorithm.alpha": 5})).warnings()
     assert warnings
     assert all(line.startswith("of links without faults: ") for line in warnings)
 
 
-def test_of_a_path_the_time_of_a_millionth_is_that_of_the_news():
+def test_on_a_path_the_settling_time_includes_the_hops():
     scenario = along_a_path(0.9)
     assert said(scenario)["rate"].startswith("23.03 per s in the long run; any error has fallen to")
     assert check(scenario).settling_time == pytest.approx(0.6)
     assert check(scenario).millionth > 3
 
 
-def test_gains_of_1_on_a_path_settle_without_limit_once_the_news_is_there():
+def test_gains_of_1_on_a_path_converge_in_finite_time():
     result = said(along_a_path(1))["rate"]
     assert result == "without limit in the long run; any error has fallen to a millionth in 3 s"
 
 
-def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
+def test_for_switching_networks_the_settling_time_is_not_computed():
     result = said(read_scenario(SCENARIOS / "switching.toml"))
     assert (
         result["rate"]
@@ -97,14 +97,14 @@ def test_of_networks_in_turn_it_is_not_said_how_long_the_beginning_lasts():
     )
 
 
-def test_of_a_bound_below_0_no_interval_is_told():
+def test_a_bound_below_0_shows_no_interval():
     warnings = check(example("paper_example_3a", {"algorithm.beta": 1.9})).warnings()
     begins = "algorithm dcea2: no sampling_period above 0 is within the"
     assert any(line.startswith(begins) for line in warnings)
     assert "(0, -" not in " ".join(warnings)
 
 
-def test_digits_that_are_rounding_are_not_shown_of_an_eigenvalue():
+def test_rounding_digits_of_an_eigenvalue_are_not_shown():
     assert _complex(2.77556e-17 - 0.840896j) == "0-0.840896j"
     assert _complex(0.5 + 1e-17j) == "0.5"
 
@@ -142,7 +142,7 @@ UNDECIDED = phases(
 )
 
 
-def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_near_enough():
+def test_convergence_in_any_order_is_proven_even_for_a_radius_near_1():
     gains = {"algorithm": {"name": "impulsive", "alpha": 0.294, "beta": 0.349}}
     times = {"run": {"duration": 1.0, "sampling_period": 0.05}}
     found = check(on(UNDECIDED, gains, times)).any_order
@@ -150,7 +150,7 @@ def test_that_turns_near_1_converge_in_any_order_is_proven_by_a_search_that_is_n
     assert 0.999 < found.lower <= found.upper <= 0.9994
 
 
-def test_one_is_no_plural_and_nothing_is_said_twice():
+def test_counts_of_one_are_singular_and_spectra_are_not_repeated():
     result = said(on({"edge_list": [[0, 1], [2, 1], [1, 2]]}))
     assert result["components"].startswith("1, strongly connected; of several robots: robots 1-2")
     assert "at most 2 links leads" in result["network"]
@@ -169,11 +169,11 @@ def test_one_is_no_plural_and_nothing_is_said_twice():
         (1.70710678e300, "1.70711e+300"),
     ],
 )
-def test_a_factor_is_short_and_never_that_of_another_verdict(radius, result):
+def test_a_rounded_spectral_radius_stays_on_its_side_of_1(radius, result):
     assert multiple(radius) == result
 
 
-def test_what_is_to_be_above_a_bound_stands_there_as_that():
+def test_a_lower_bound_is_shown_with_a_greater_than_sign():
     rows = table(read_scenario(SCENARIOS / "paper_first_order.toml"))
     assert rows["kp"][:3] == ["200", ">", "0.000000"]
     assert rows["kd-tracking"][:4] == ["300", ">", "30.778666", "+269.221334"]

@@ -54,7 +54,7 @@ clocks = st.builds(
 
 @quick
 @given(clocks, st.integers(0, 3000))
-def test_a_clock_goes_through_its_times_and_knows_where_it_is(clock, time):
+def test_a_clock_finds_the_tick_of_any_time(clock, time):
     gaps = np.diff([0, *clock.times])
     nominal = np.cumsum([0, *np.resize(gaps, 900)])
     early = [clock.jitter.at(k) if clock.jitter else 0 for k in range(901)]
@@ -92,7 +92,7 @@ def test_jitter_is_drawn_for_each_sampling_time_alone():
     assert early[7] != 800_000_000 - other.t(8)
 
 
-def test_no_jitter_is_periodic_sampling():
+def test_a_jitter_of_0_is_periodic_sampling():
     periodic = paper().clock
     assert paper({"run.sampling_jitter": 0}).clock == periodic
     assert paper(listed([0.1], duration=30, output_step=0.02)).clock == periodic
@@ -170,7 +170,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_times(change, message):
+def test_wrong_sampling_times_name_field_and_value(change, message):
     with pytest.raises(ScenarioError) as error:
         paper(change)
     assert message in str(error.value)
@@ -183,7 +183,7 @@ START = "reference_position", "reference_velocity", "position", "velocity"
 
 
 @pytest.mark.parametrize("order", [1, 2], ids=["first", "second"])
-def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(tmp_path, order):
+def test_listed_sampling_times_are_exact_and_agree_with_dop853(tmp_path, order):
     times = listed(TIMES, duration=2.0, output_step=0.05)
     outcome = run(paper(times, SECOND_ORDER if order == 2 else {}), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 25)
@@ -204,12 +204,12 @@ def test_a_list_is_kept_to_the_ns_and_agrees_with_dop853(tmp_path, order):
         np.testing.assert_allclose(sampled[name][:, 1:], estimates[1:, ours], atol=1e-12 * scale)
 
 
-def test_a_list_without_a_duration_is_the_whole_run(tmp_path):
+def test_listed_sampling_times_without_duration_are_run_once(tmp_path):
     outcome = run(paper(listed(TIMES)), tmp_path / "run.mcap")
     assert (outcome.status, outcome.ticks) == ("completed", 5)
 
 
-def test_a_report_draws_what_was_at_its_times(tmp_path):
+def test_a_report_draws_values_at_their_sampling_times(tmp_path):
     path = run(paper(listed(TIMES, duration=0.8, output_step=0.05)), tmp_path / "run.mcap").path
     with Reader(path) as reader:
         drawn, recorded = story_of(reader), rows_of(states(reader), 6)
@@ -226,7 +226,7 @@ def test_a_report_draws_what_was_at_its_times(tmp_path):
     assert "samples 0.03 to 0.15 s after one another and" in lead(drawn)
 
 
-def test_a_page_has_no_factor_where_there_is_none(tmp_path):
+def test_a_page_without_a_spectral_radius_has_null(tmp_path):
     with Reader(run(paper(JITTER, SECOND_ORDER, SHORT), tmp_path / "run.mcap").path) as reader:
         (page,) = page_data([story_of(reader)])["runs"]
     assert page["spectral_radius"] is None
@@ -234,7 +234,7 @@ def test_a_page_has_no_factor_where_there_is_none(tmp_path):
     json.dumps(page, allow_nan=False)
 
 
-def test_runs_of_all_kinds_of_times_keep_what_is_promised(tmp_path):
+def test_runs_with_jitter_or_listed_times_are_within_their_bounds(tmp_path):
     """Of both algorithms, and of a list: what is measured is within what is proven."""
     for name, changes in {
         "first": (JITTER, {"run.duration": 12.0}),
@@ -252,7 +252,7 @@ def test_runs_of_all_kinds_of_times_keep_what_is_promised(tmp_path):
             assert 0.1 * row.bound.worst_case < row.measured or row.bound.name.startswith("|q")
 
 
-def test_a_measurement_beyond_the_bound_is_told_with_its_tick(tmp_path):
+def test_with_listed_times_an_excess_is_reported_with_its_tick(tmp_path):
     file = paper(listed(TIMES, duration=4.0))
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         broken = SteadyState(1e3, 0.0, 0.0, 0.0, (3_700_000_001, 0, 0, 0))
@@ -261,7 +261,7 @@ def test_a_measurement_beyond_the_bound_is_told_with_its_tick(tmp_path):
     assert compared.quantities[0].tick == 5 * 9 + 2
 
 
-def test_the_theory_is_told_in_json_as_of_old_and_more():
+def test_jitter_adds_fields_to_the_theory_as_json():
     periodic, jittered = (check(paper(*more)).as_json() for more in ((), (JITTER,)))
     assert jittered.keys() - periodic.keys() == {"aperiodic"}
     assert periodic.keys() <= jittered.keys()
@@ -283,13 +283,13 @@ def test_the_theory_is_told_in_json_as_of_old_and_more():
         ),
     ],
 )
-def test_what_does_not_settle_is_warned_of(times, words):
+def test_divergence_with_jitter_or_listed_times_is_warned_of(times, words):
     scenario = paper(SECOND_ORDER, {"run.output_step": None}, times)
     assert words in check(scenario).warnings()[-1]
     assert "diverge" in ultimate_bounds(scenario).why_not
 
 
-def test_an_fmu_for_steps_of_one_length_is_refused_by_name(tmp_path):
+def test_with_jitter_a_fixed_step_fmu_is_refused_by_name(tmp_path):
     old = build("two_link_arm", 3)
     with ZipFile(old) as archive, ZipFile(tmp_path / "even.fmu", "w") as new:
         for name in archive.namelist():
@@ -301,7 +301,7 @@ def test_an_fmu_for_steps_of_one_length_is_refused_by_name(tmp_path):
         open_fleet(stack, group_by_archive(scenario), scenario.bodies())
 
 
-def test_a_jittered_run_goes_on_where_it_was_cut(tmp_path):
+def test_a_run_with_jitter_is_resumed_to_the_same_digest(tmp_path):
     file = paper(
         JITTER,
         {"run.duration": 3.0, "run.checkpoint_every": 10},

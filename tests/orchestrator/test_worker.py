@@ -136,7 +136,7 @@ def test_a_worker_is_at_the_beginning_until_it_runs():
     assert (worker.now, worker.place) == (0, (0, 0, 0))
 
 
-def test_a_worker_says_each_tick_whole_and_its_plants_advance_on_the_grid():
+def test_a_worker_sends_each_tick_complete_on_the_output_grid():
     case, reached = Case(), []
     assert case.run(watch=reached.append) == [*range(TICKS + 1)]
     assert sorted(case.samples()) == [*range(1, TICKS + 1)]
@@ -148,7 +148,7 @@ def test_a_worker_says_each_tick_whole_and_its_plants_advance_on_the_grid():
     assert case.lacks == [(k, ["here", TARGET, "there"]) for k in range(1, TICKS + 1)]
 
 
-def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
+def test_an_estimate_moves_and_jumps_by_received_samples():
     case = Case()
     ticks = case.worker.run(-1, lambda _t: None, case)
     next(ticks), next(ticks)
@@ -168,7 +168,7 @@ def test_an_estimate_moves_on_and_jumps_by_what_was_heard():
 
 @pytest.mark.parametrize("start", [2, 4])
 @pytest.mark.parametrize("recorded", [4, 5])
-def test_a_worker_that_was_restored_says_the_same_bits_and_only_what_is_new(start, recorded):
+def test_a_restored_worker_sends_the_same_bits_from_its_checkpoint_on(start, recorded):
     first = Case()
     first.run()
     again = Case()
@@ -202,14 +202,14 @@ def test_a_damaged_checkpoint_is_refused_and_its_robot_named(parts):
 
 
 @pytest.mark.parametrize(("every", "checkpointable"), [(0, True), (EVERY, False)])
-def test_no_checkpoint_is_taken_where_none_is_due_or_none_would_be_exact(every, checkpointable):
+def test_no_checkpoint_is_taken_off_schedule_or_of_plants_without_states(every, checkpointable):
     case = Case(every)
     case.plants.checkpointable = checkpointable
     case.run()
     assert not any(tick.checkpoints for tick in case.closed_ticks().values())
 
 
-def test_samples_come_in_any_order_and_what_is_not_believed_is_passed_over():
+def test_samples_arrive_in_any_order_and_rejected_ones_are_ignored():
     case = Case()
     others = [case.bus.said(worker, k) for k in (3, 1, 2, 4, 6, 5) for worker in (TARGET, "there")]
     spoilt = Message(others[0].key, others[0].payload[:-1])
@@ -222,7 +222,7 @@ def test_samples_come_in_any_order_and_what_is_not_believed_is_passed_over():
     assert case.samples() == reference.samples()
 
 
-def test_samples_of_everyone_are_heard_once_for_all():
+def test_samples_of_all_are_received_once():
     case, reference = Case(), Case()
     reference.run()
 
@@ -245,7 +245,7 @@ def test_samples_of_everyone_are_heard_once_for_all():
     ],
     ids=["q", "qd", "tau"],
 )
-def test_what_goes_beyond_all_bounds_is_named_with_its_place(spoil, words, done):
+def test_a_number_beyond_the_limit_is_named_with_its_robot(spoil, words, done):
     case = Case()
     spoil(case)
     with pytest.raises(DivergedError) as caught:
@@ -255,7 +255,7 @@ def test_what_goes_beyond_all_bounds_is_named_with_its_place(spoil, words, done)
 
 
 @pytest.mark.parametrize(("start", "limit", "fails"), [(5.0, 5.0, False), (5.0, 4.999, True)])
-def test_a_number_may_be_as_large_as_the_limit(start, limit, fails):
+def test_a_number_equal_to_the_limit_is_accepted(start, limit, fails):
     ticks = Case(limit=limit, start=start).worker.run(-1, lambda _t: None, Case())
     if fails:
         with pytest.raises(
@@ -266,7 +266,7 @@ def test_a_number_may_be_as_large_as_the_limit(start, limit, fails):
         assert next(ticks) == 0
 
 
-def test_robots_need_the_workers_of_those_that_they_hear_and_the_targets():
+def test_a_worker_receives_from_its_neighbours_workers_and_the_target():
     assert needed(np.array([2]), ASSIGNMENT) == {"there", TARGET}
     assert needed(np.array([1, 2]), ASSIGNMENT) == {"here", "there", TARGET}
     assert needed(np.array([0]), ASSIGNMENT) == {TARGET}

@@ -23,7 +23,7 @@ BEGIN = "[algorithm]\n"
         ("α = 0.9", (3, 1), "got 'α' (U+03B1 GREEK SMALL LETTER ALPHA); leave it out, or put "),
     ],
 )
-def test_a_character_that_is_not_tomls_is_told_with_its_place(tmp_path, given, place, said):
+def test_a_character_that_toml_forbids_is_named_with_its_place(tmp_path, given, place, said):
     file = tmp_path / "a.toml"
     file.write_text(BEGIN + "\n".join([LINES[0], given, *LINES[2:]]) + "\n", "utf-8")
     done = nrs("check", file)
@@ -32,7 +32,7 @@ def test_a_character_that_is_not_tomls_is_told_with_its_place(tmp_path, given, p
     assert said in done.stderr
 
 
-def test_what_is_not_about_a_character_is_in_the_parsers_words(tmp_path):
+def test_other_toml_errors_are_in_the_parsers_words(tmp_path):
     file = tmp_path / "a.toml"
     file.write_text(BEGIN + "alpha = 0.9 x\n", "utf-8")
     done = nrs("check", file)
@@ -53,7 +53,7 @@ def test_what_is_not_about_a_character_is_in_the_parsers_words(tmp_path):
         (b"[run]\n\x93a\x94", "line 2, column 1 is the byte 0x93; save the file as UTF-8"),
     ],
 )
-def test_a_text_that_is_not_utf_8_is_told_with_the_place_of_the_byte(tmp_path, data, said):
+def test_text_that_is_not_utf8_is_refused_with_the_place_of_the_byte(tmp_path, data, said):
     file = tmp_path / "a.toml"
     file.write_bytes(data)
     done = nrs("check", file)
@@ -61,7 +61,7 @@ def test_a_text_that_is_not_utf_8_is_told_with_the_place_of_the_byte(tmp_path, d
     assert f"a.toml: cannot be read: it is no text in UTF-8: {said}" in done.stderr
 
 
-def test_a_number_where_a_table_is_expected_is_told_as_that():
+def test_a_number_in_place_of_a_table_is_named():
     done = nrs("check", "scenarios/paper_first_order.toml", "--set", "plant.parameters=3")
     assert done.returncode == 2
     assert "plant.parameters: expected a table, got 3" in done.stderr

@@ -67,7 +67,7 @@ def with_entry(path: Path, entry: ZipInfo | str, content: bytes = b"") -> Path:
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_an_archive_is_read_and_unpacked_and_nothing_is_left(temporary, fmi):
+def test_an_archive_is_unpacked_and_its_folder_removed(temporary, fmi):
     here = Path.cwd()
     archive = open_archive(build("two_link_arm", fmi))
     assert (archive.name, archive.fmi_version) == ("two_link_arm", f"{fmi}.0")
@@ -82,7 +82,7 @@ def test_an_archive_is_read_and_unpacked_and_nothing_is_left(temporary, fmi):
     assert Path.cwd() == here
 
 
-def test_threads_that_load_together_leave_the_working_directory(monkeypatch):
+def test_threads_that_load_together_keep_the_working_directory(monkeypatch):
     """The second comes while the first is in its library's folder, unless it is made to wait."""
     here, archive, seen = Path.cwd(), open_archive(build("two_link_arm")), []
     first, second = Event(), Event()
@@ -105,7 +105,7 @@ def test_threads_that_load_together_leave_the_working_directory(monkeypatch):
     assert [*seen, Path.cwd()] == [here] * 3
 
 
-def test_the_folder_ends_with_an_interrupt(temporary):
+def test_an_interrupt_removes_the_unpacked_folder(temporary):
     archive = open_archive(build("two_link_arm"))
     with suppress(KeyboardInterrupt), unpacked(archive) as folder:
         assert list(temporary.iterdir()) == [folder]
@@ -125,7 +125,7 @@ def test_an_archive_that_has_changed_is_not_unpacked(tmp_path, temporary):
     assert not list(temporary.iterdir())
 
 
-def test_a_description_against_the_schema_still_serves(tmp_path):
+def test_a_description_that_violates_the_schema_still_works(tmp_path):
     def invalid(text: str) -> str:
         text = text.replace("<ModelStructure>", "<ModelStructure><Strange/>")
         return text.replace(' modelName="two_link_arm"', ' unheardOf="1"')
@@ -139,7 +139,7 @@ def test_a_description_against_the_schema_still_serves(tmp_path):
 # What is refused
 
 
-def test_a_file_whose_name_is_no_fmus(tmp_path):
+def test_a_file_not_named_fmu_is_refused(tmp_path):
     (tmp_path / "base.toml").touch()
     (tmp_path / "two_link_arm").touch()
     with pytest.raises(FmuError, match=r"^base\.toml: is no FMU, for its name does not end with"):
@@ -147,7 +147,7 @@ def test_a_file_whose_name_is_no_fmus(tmp_path):
     assert find_archive("two_link_arm", tmp_path).name == "two_link_arm"
 
 
-def test_what_is_no_archive(tmp_path):
+def test_a_file_that_is_no_archive_is_refused(tmp_path):
     path = tmp_path / "arm.fmu"
     assert refused(path) == f"no such FMU in {tmp_path}"
     assert refused(tmp_path).startswith("cannot be read: ")
@@ -161,7 +161,7 @@ def test_what_is_no_archive(tmp_path):
 @pytest.mark.parametrize(
     "name", ["/etc/x", "C:/x", "C:x", "a\\b", "resources/../../x", "..", "../x", "resources/x:y"]
 )
-def test_a_path_that_leads_elsewhere(tmp_path, name):
+def test_an_entry_outside_the_archives_folder_is_refused(tmp_path, name):
     entry = ZipInfo("placeholder")
     entry.filename = name
     message = refused(with_entry(tmp_path / "arm.fmu", entry))
@@ -184,7 +184,7 @@ def test_a_path_that_leads_elsewhere(tmp_path, name):
         ({"compress_type": ZIP_BZIP2}, "is compressed by another method than deflate"),
     ],
 )
-def test_an_entry_that_fmi_does_not_know(tmp_path, change, reason):
+def test_links_devices_and_unknown_compressions_are_refused(tmp_path, change, reason):
     entry = ZipInfo("resources/x")
     for attribute, value in change.items():
         setattr(entry, attribute, value)
@@ -192,7 +192,7 @@ def test_an_entry_that_fmi_does_not_know(tmp_path, change, reason):
     assert message == f"is refused: its entry 'resources/x' {reason}"
 
 
-def test_an_encrypted_entry(tmp_path):
+def test_an_encrypted_entry_is_refused(tmp_path):
     path = with_entry(tmp_path / "arm.fmu", "resources/x", b"x")
     content = bytearray(path.read_bytes())
     content[content.rindex(b"PK\1\2") + 8] |= 1
@@ -200,13 +200,13 @@ def test_an_encrypted_entry(tmp_path):
     assert refused(path) == "is refused: its entry 'resources/x' is encrypted"
 
 
-def test_an_entry_twice(tmp_path):
+def test_a_repeated_entry_is_refused(tmp_path):
     with pytest.warns(UserWarning, match="Duplicate name"):
         path = with_entry(tmp_path / "arm.fmu", NAME, description(3).encode())
     assert refused(path) == "is refused: its entry 'modelDescription.xml' is there more than once"
 
 
-def test_a_bad_checksum(tmp_path):
+def test_a_bad_checksum_is_refused(tmp_path):
     entry = ZipInfo("resources/x")
     entry.compress_type = ZIP_STORED
     path = with_entry(tmp_path / "arm.fmu", entry, b"sound content")
@@ -214,7 +214,7 @@ def test_a_bad_checksum(tmp_path):
     assert refused(path) == "is a damaged zip archive: 'resources/x' has a bad checksum"
 
 
-def test_a_bomb(tmp_path):
+def test_a_zip_bomb_is_refused(tmp_path):
     entry = ZipInfo("resources/x")
     entry.compress_type = ZIP_DEFLATED
     message = refused(with_entry(tmp_path / "arm.fmu", entry, bytes(entries.BOMB_BYTES)))
@@ -223,7 +223,7 @@ def test_a_bomb(tmp_path):
     )
 
 
-def test_a_bomb_that_understates_its_size(tmp_path):
+def test_a_zip_bomb_that_understates_its_size_is_refused(tmp_path):
     entry = ZipInfo("resources/x")
     entry.compress_type = ZIP_DEFLATED
     path = with_entry(tmp_path / "arm.fmu", entry, bytes(100_000))
@@ -242,7 +242,7 @@ def declaring(path: Path, size: int) -> Path:
     return path
 
 
-def test_too_much_of_anything(tmp_path, monkeypatch):
+def test_archives_beyond_any_limit_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "arm.fmu"
     assert refused(declaring(path, 3 << 30)) == "is refused: it unpacks to 3.0 GiB, more than 1 GiB"
     monkeypatch.setattr(entries, "MOST_ENTRIES", 5)
@@ -253,7 +253,7 @@ def test_too_much_of_anything(tmp_path, monkeypatch):
     assert refused(path) == "is 1.0 GiB, more than 1 GiB"
 
 
-def test_a_description_too_large(tmp_path, monkeypatch):
+def test_a_description_that_is_too_large_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(model_description, "MOST_BYTES", 1 << 10)
     assert refused(rewritten(tmp_path / "arm.fmu", 3, str)).startswith(
         "its modelDescription.xml is "
@@ -321,7 +321,7 @@ def test_a_description_too_large(tmp_path, monkeypatch):
         ),
     ],
 )
-def test_a_description_that_cannot_be_used(tmp_path, fmi, edit, message):
+def test_an_unusable_description_is_refused_with_the_line(tmp_path, fmi, edit, message):
     result = refused(rewritten(tmp_path / "arm.fmu", fmi, edit))
     assert re.match(
         f"its modelDescription.xml (cannot be used|is not valid XML): .*{message}", result
@@ -361,14 +361,14 @@ def moved(path: Path, fmi: int, to: str, *others: str, sources: bool = False) ->
 
 
 @EACH_PLATFORM
-def test_another_platform(tmp_path, fmi, here):
+def test_an_fmu_for_another_platform_is_refused(tmp_path, fmi, here):
     path = moved(tmp_path / "arm.fmu", fmi, "binaries/win32/two_link_arm.dll")
     lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
     assert refused(path) == f"{lacking} libraries for win32"
 
 
 @EACH_PLATFORM
-def test_a_folder_without_a_library_is_no_platform(tmp_path, fmi, here):
+def test_a_platform_folder_without_a_library_does_not_count(tmp_path, fmi, here):
     path = tmp_path / "arm.fmu"
     moved(
         path, fmi, f"binaries/win32/VisualStudio17/{LIBRARY}", "binaries/win64/", "binaries/a.txt"
@@ -378,7 +378,7 @@ def test_a_folder_without_a_library_is_no_platform(tmp_path, fmi, here):
 
 
 @EACH_PLATFORM
-def test_sources_may_be_compiled(tmp_path, fmi, here):
+def test_sources_without_a_binary_suggest_to_compile_them(tmp_path, fmi, here):
     path = moved(tmp_path / "arm.fmu", fmi, "binaries/readme", sources=True)
     lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
     assert refused(path) == (
@@ -397,7 +397,7 @@ def test_a_library_of_another_name_is_named(tmp_path, fmi, here):
     )
 
 
-def test_an_fmu_for_scheduled_execution_alone(tmp_path):
+def test_an_fmu_only_for_scheduled_execution_is_refused(tmp_path):
     def scheduled(text: str) -> str:
         text = re.sub(r"<CoSimulation[^>]*/>", "", text)
         return text.replace("<ModelExchange", "<ScheduledExecution")
@@ -420,7 +420,7 @@ def test_a_library_that_cannot_be_loaded_names_no_temporary_file(tmp_path, fmi, 
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
+def test_an_fmu_that_needs_its_tool_fails_with_that_hint(tmp_path, fmi):
     def needing(text: str) -> str:
         text = re.sub('generationTool="[^"]*"', 'generationTool="Arms 7"', text)
         return text.replace('needsExecutionTool="false"', 'needsExecutionTool="true"')
@@ -439,14 +439,14 @@ def test_an_fmu_that_needs_its_tool_says_so_where_it_fails(tmp_path, fmi):
         assert str(error.value).endswith("; it needs Arms 7 on this machine (needsExecutionTool)")
 
 
-def test_a_library_outside_of_the_archive(tmp_path):
+def test_a_library_outside_the_archive_is_refused(tmp_path):
     def outside(text: str) -> str:
         return text.replace('modelIdentifier="', 'modelIdentifier="../../../')
 
     assert "has no library" in refused(rewritten(tmp_path / "arm.fmu", 3, outside))
 
 
-def test_an_fmu_without_an_interface(tmp_path):
+def test_an_fmu_without_an_interface_is_refused(tmp_path):
     def none(text: str) -> str:
         return re.sub(r"<(ModelExchange|CoSimulation)[^>]*/>", "", text)
 
@@ -477,7 +477,7 @@ def outcome(path: Path, temporary: Path) -> str:
 
 @FUZZ
 @given(data=st.data(), fmi=st.sampled_from([2, 3]))
-def test_damaged_bytes(tmp_path, temporary, data, fmi):
+def test_damaged_bytes_give_an_archive_or_an_error(tmp_path, temporary, data, fmi):
     content = bytearray(build("two_link_arm", fmi).read_bytes())
     directory = content.index(b"PK\1\2")
     for _ in range(data.draw(st.integers(1, 4))):
@@ -499,7 +499,7 @@ def test_damaged_bytes(tmp_path, temporary, data, fmi):
     content=st.binary(max_size=20),
 )
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_any_entry(tmp_path, temporary, name, mode, content):
+def test_any_entry_gives_an_archive_or_an_error(tmp_path, temporary, name, mode, content):
     entry = ZipInfo("placeholder")
     entry.filename, entry.external_attr = name, mode << 16
     outcome(with_entry(tmp_path / "arm.fmu", entry, content), temporary)
@@ -565,7 +565,7 @@ EDITS: list[Callable[[str, random.Random], str]] = [
     seed=st.integers(0, 1 << 32),
     encoding=st.sampled_from(["utf-8"] * 8 + ["utf-16", "latin-1", "utf-7"]),
 )
-def test_any_description(tmp_path, temporary, fmi, edits, seed, encoding):
+def test_any_description_is_read_or_refused(tmp_path, temporary, fmi, edits, seed, encoding):
     chance = random.Random(seed)
     text = description(fmi)
     for edit in edits:
@@ -578,6 +578,6 @@ def test_any_description(tmp_path, temporary, fmi, edits, seed, encoding):
     outcome(path, temporary)
 
 
-def test_a_folder_is_no_fmu(tmp_path: Path) -> None:
+def test_a_folder_is_refused_as_fmu(tmp_path: Path) -> None:
     with pytest.raises(FmuError, match=r"cannot be read: Is a directory$"):
         open_archive(tmp_path)

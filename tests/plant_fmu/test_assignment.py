@@ -84,11 +84,11 @@ def body(parameters: dict[str, Any]) -> Body:
         ("n", 6, 0, [6]),
     ],
 )
-def test_a_value_arrives_in_the_variables_type(given, name, value, reference, read):
+def test_a_parameter_is_set_in_the_variables_type(given, name, value, reference, read):
     assert given({name: value}, reference, len(read)) == read
 
 
-def test_structural_parameters_come_first_and_decide_the_sizes(typed, given):
+def test_structural_parameters_are_set_first_and_decide_sizes(typed, given):
     assert given({"ratios": [1.0, 2.0], "n": 2}, 10, 2) == [1, 2]
     assert sizes_of(assignments(typed, {"ratios": [1.0, 2.0], "n": 2})) == {0: 2}
 
@@ -126,13 +126,13 @@ def test_structural_parameters_come_first_and_decide_the_sizes(typed, given):
         ("blob", "00", "'blob' cannot be set, for it is of type Binary"),
     ],
 )
-def test_what_cannot_be_given_is_refused_with_the_reason(typed, name, value, message):
+def test_an_impossible_parameter_is_refused_with_the_reason(typed, name, value, message):
     with pytest.raises(FmuError) as error:
         assignments(typed, {name: value})
     assert str(error.value).startswith(f"typed.fmu: {message}")
 
 
-def test_a_refusal_of_the_fmus_names_the_parameter_and_the_robot(tmp_path):
+def test_a_parameter_refused_by_the_fmu_names_parameter_and_robot(tmp_path):
     def whole(text: str) -> str:
         return re.sub(
             r'(name="m1".*?)<Real unit="kg" start="0.5"', r"\1<Integer", text, flags=re.DOTALL
@@ -145,7 +145,7 @@ def test_a_refusal_of_the_fmus_names_the_parameter_and_the_robot(tmp_path):
             open_plants(stack, archive, [body({"m1": 2})], {})
 
 
-def test_a_family_takes_a_list(tmp_path):
+def test_a_family_of_parameters_takes_a_list(tmp_path):
     xml = reals("m1", "m2", "k[1,1]", "k[1,2]", "arm.l1", "arm.l2").replace(
         "<ScalarVariable", '<ScalarVariable causality="parameter" variability="fixed"'
     )
@@ -157,7 +157,7 @@ def test_a_family_takes_a_list(tmp_path):
         assignments(archive, {"l": [1.0, 2.0]})
 
 
-def test_slices_of_arrays_are_driven_and_read_as_parts_of_them(typed):
+def test_slices_of_arrays_are_set_and_read(typed):
     """A step makes x what u is; what of u is not ours stays as it is."""
     with ExitStack() as stack:
         plants = open_plants(stack, typed, [body({"n": 4})], NAMES)
@@ -212,7 +212,7 @@ def stretch(first: int, size: int, length: int = 4) -> list[Quantity]:
     return [Quantity("u", (Part(1, length, first, size, 1.0, ()),))]
 
 
-def test_what_is_written_into_a_part_of_a_variable_leaves_the_rest(two: Instances) -> None:
+def test_setting_a_slice_leaves_the_rest_of_the_array(two: Instances) -> None:
     whole = np.arange(8.0).reshape(2, 4) + 1
     two.writes(stretch(0, 4), whole)(0.0)
     two.writes(stretch(1, 2), np.array([[70.0, 80.0], [71.0, 81.0]]))(0.0)
@@ -222,15 +222,13 @@ def test_what_is_written_into_a_part_of_a_variable_leaves_the_rest(two: Instance
 
 
 @pytest.mark.parametrize("act", ["reads", "writes"])
-def test_an_access_that_the_fmu_refuses_names_robot_time_and_variable(
-    two: Instances, act: str
-) -> None:
+def test_a_refused_access_names_robot_time_and_variable(two: Instances, act: str) -> None:
     words = r"robot 3 \(typed\.fmu\) at t = 0\.25 s: access to .*u.* ended with Error"
     with pytest.raises(StepError, match=words):
         getattr(two, act)(stretch(0, 3, length=3), np.zeros((2, 3)))(0.25)
 
 
-def test_a_disturbance_that_the_fmu_has_no_variables_for_is_refused(typed: Archive) -> None:
+def test_a_disturbance_without_variables_in_the_fmu_is_refused(typed: Archive) -> None:
     one, none = np.ones(2), np.zeros((2, 0))
     disturbed = replace(body({"n": 4}), disturbance=Disturbance(one, one, none, none, none))
     words = r"typed\.fmu: cannot take the disturbance of robot 1: .* it has no variable disturb"

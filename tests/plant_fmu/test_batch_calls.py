@@ -68,7 +68,7 @@ def opened() -> Iterator[Callable[..., tuple[Library, Instances]]]:
 class TestEveryRounds:
     """What rounds promise, however they are gone through."""
 
-    def test_what_was_set_is_got(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_set_values_are_read_back(self, opened: Any, make: Make, fmi: int) -> None:
         library, instances = opened(fmi)
         rounds, rows = make(library, instances), np.arange(6.0).reshape(3, 2)
         view = View([instances.vector("tau", 2)], rows)
@@ -78,7 +78,7 @@ class TestEveryRounds:
         assert read() is None
         np.testing.assert_array_equal(rows, np.arange(6.0).reshape(3, 2))
 
-    def test_a_step_is_followed_by_what_it_led_to(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_a_step_is_followed_by_its_outputs(self, opened: Any, make: Make, fmi: int) -> None:
         library, instances = opened(fmi)
         time = Quantity("time", (Part(0, 1, 0, 1, 1.0, ()),))
         rows = np.zeros((3, 1))
@@ -87,7 +87,7 @@ class TestEveryRounds:
             assert advance(k * H, H) is None
             np.testing.assert_array_equal(rows, np.full((3, 1), k * H + H))
 
-    def test_states_are_kept_and_gone_back_to(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_states_are_saved_and_restored(self, opened: Any, make: Make, fmi: int) -> None:
         library, instances = opened(fmi)
         rounds, rows, states = make(library, instances), np.zeros((3, 2)), (c_void_p * 3)()
         advance = rounds.advance(View([instances.vector("q", 2)], rows))
@@ -99,7 +99,7 @@ class TestEveryRounds:
         assert advance(0.0, H) is None
         np.testing.assert_array_equal(rows, there)
 
-    def test_the_first_that_fails_ends_the_round(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_the_first_failure_ends_the_batch(self, opened: Any, make: Make, fmi: int) -> None:
         library, instances = opened(fmi)
         rounds, time = make(library, instances), np.zeros((3, 1))
         now = View([Quantity("time", (Part(0, 1, 0, 1, 1.0, ()),))], time)
@@ -109,7 +109,7 @@ class TestEveryRounds:
         assert rounds.exchange(now, setting=False)() is None
         np.testing.assert_array_equal(time, [[H], [0.0], [0.0]])
 
-    def test_what_is_none_of_its_variables_ends_it(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_an_unknown_variable_ends_the_batch(self, opened: Any, make: Make, fmi: int) -> None:
         library, instances = opened(fmi)
         rounds = make(library, instances)
         view = View([Quantity("none", (Part(99999, 1, 0, 1, 1.0, ()),))], np.zeros((3, 1)))
@@ -117,7 +117,7 @@ class TestEveryRounds:
         assert rounds.exchange(view, setting=False)() == EarlyEnd(0, ERROR)
         assert rounds.advance(view)(0.0, H) == EarlyEnd(0, ERROR, stepping=False)
 
-    def test_each_call_is_announced(self, opened: Any, make: Make, fmi: int) -> None:
+    def test_each_call_is_announced_to_progress(self, opened: Any, make: Make, fmi: int) -> None:
         progress = Progress(memoryview(bytearray(SIZE)))
 
         def load(archive: Archive, folder: Path, kind: Any) -> Library:
@@ -154,7 +154,7 @@ def from_python() -> Iterator[None]:
 
 @each_version
 @pytest.mark.parametrize("name", DRIVES)
-def test_both_ways_lead_to_the_same_bits(name: str, fmi: int) -> None:
+def test_batch_calls_from_c_and_python_give_the_same_bits(name: str, fmi: int) -> None:
     held, archive = wandering(slice(6)), open_archive(build("two_link_arm", fmi))
     with ExitStack() as stack:
         plants = open_plants(stack, archive, bodies(), {}, DRIVES[name])
@@ -179,7 +179,7 @@ def failure(archive: Archive, fault: str) -> str:
 
 
 @pytest.mark.parametrize("fault", ["discard", "error", "fatal", "nan", "end", "early", "no status"])
-def test_both_ways_fail_alike(faulty: Path, fault: str) -> None:
+def test_batch_calls_from_c_and_python_fail_alike(faulty: Path, fault: str) -> None:
     archive = open_archive(faulty)
     result = failure(archive, fault)
     assert "robot 2 " in result
@@ -188,7 +188,7 @@ def test_both_ways_fail_alike(faulty: Path, fault: str) -> None:
 
 
 @each_version
-def test_both_ways_pass_on_an_fmus_last_words(fmi: int) -> None:
+def test_batch_calls_from_c_and_python_pass_on_the_fmus_messages(fmi: int) -> None:
     archive, result = open_archive(build("two_link_arm", fmi)), []
     wild = np.array([[0.0, 0.0], [0.0, np.nan], [np.nan, 0.0]])
 
@@ -232,7 +232,7 @@ def test_without_a_compiler_the_calls_are_made_from_python(
     )
 
 
-def test_code_that_cannot_be_loaded_is_told_once_with_what_to_do(
+def test_unloadable_batch_code_is_reported_once_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def refused(_path: str) -> None:

@@ -19,7 +19,7 @@ def two_link(q, eta):
     return np.array([[M11, M12], [M12, m2 * r2**2 + J2]]), C, G
 
 
-def test_bounds_of_the_paper_s_arm_are_those_of_a_fine_grid():
+def test_bounds_of_the_papers_arm_agree_with_a_fine_grid():
     angles = np.linspace(-np.pi, np.pi, 121)
     turns = [np.array([np.cos(a), np.sin(a)]) for a in np.linspace(0, np.pi, 91)]
     least, most, turning, weight = np.inf, 0.0, 0.0, 0.0
@@ -38,7 +38,7 @@ def test_bounds_of_the_paper_s_arm_are_those_of_a_fine_grid():
     assert ours.source == "exact"
 
 
-def test_lambda_c_of_two_links_is_what_a_search_over_directions_finds():
+def test_lambda_c_of_two_links_agrees_with_a_search():
     def turning(angle):
         return np.linalg.norm(two_link((0.0, np.pi / 2), (np.cos(angle), np.sin(angle)))[1], 2)
 
@@ -46,7 +46,7 @@ def test_lambda_c_of_two_links_is_what_a_search_over_directions_finds():
     assert bounds_of("two_link_arm", {}, 2).lambda_c == pytest.approx(-best.fun, rel=1e-12)
 
 
-def test_the_general_arm_is_the_paper_s_where_it_has_its_numbers():
+def test_the_general_arm_has_the_bounds_of_the_papers_arm():
     numbers = {"m": [0.5, 1.5], "r": [1.0, 0.8], "c": [1.0, 0.8], "I": 0.0, "J": 5.0}
     assert bounds_of("n_link_arm", numbers, 2) == bounds_of("two_link_arm", {}, 2)
 
@@ -66,7 +66,7 @@ def mass_of(q, mass, r, c, own, J):
 
 
 @pytest.mark.parametrize("n", [1, 3, 4])
-def test_bounds_of_longer_arms_are_safe_and_where_they_are_exact_they_are_reached(n):
+def test_bounds_of_longer_arms_are_safe_and_reached_when_exact(n):
     """C by Christoffel's symbols, of differences of M."""
     rng = np.random.default_rng(n)
     mass, r, c, own, J = rng.uniform(0.3, 2.0, (5, n))
@@ -106,12 +106,12 @@ def test_bounds_of_longer_arms_are_safe_and_where_they_are_exact_they_are_reache
     assert ours.lambda_g == pytest.approx(np.linalg.norm(pull), rel=1e-12)
 
 
-def test_a_point_mass_has_its_mass_and_its_drag():
+def test_a_point_mass_is_bounded_by_its_mass_and_drag():
     drag = Bounds(3.0, 3.0, 0.0, 0.0, 0.5, "exact")
     assert bounds_of("planar_robot", {"m": 3.0}, 2) == drag
 
 
-def test_what_is_not_known_is_not_told():
+def test_unknown_plants_have_no_bounds():
     assert bounds_of("their_arm.fmu", {}, 2) is None
     for refused in (-1.0, [1.0, 2.0], "heavy"):
         assert bounds_of("two_link_arm", {"m1": refused}, 2) is None

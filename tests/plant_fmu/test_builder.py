@@ -59,14 +59,14 @@ def kept_in(cache: Path) -> list[Path]:
     return files
 
 
-def test_what_is_cached_is_not_built_again(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cached_model_is_not_rebuilt(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = build("planar_robot")
     monkeypatch.setenv("PATH", "")
     assert build("planar_robot") == path
     assert kept_in(cache) == [path]
 
 
-def test_a_library_is_kept_by_its_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_is_cached_by_its_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = [{"f.c": b"int f(void);\nint f(void) { return %d; }\n" % i} for i in range(2)]
     monkeypatch.setattr(builder, "FLAGS", tuple(f for f in FLAGS if "visibility" not in f))
     paths = [build_library("f", files) for files in sources]
@@ -76,7 +76,7 @@ def test_a_library_is_kept_by_its_content(cache: Path, monkeypatch: pytest.Monke
     assert kept_in(cache) == sorted(paths)
 
 
-def test_many_may_build_at_once(cache: Path) -> None:
+def test_concurrent_builds_do_not_interfere(cache: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         paths = set(pool.map(build, ["planar_robot"] * 4))
     assert kept_in(cache) == list(paths)
@@ -84,7 +84,7 @@ def test_many_may_build_at_once(cache: Path) -> None:
         assert archive.testzip() is None
 
 
-def test_anyone_can_build_it_from_its_sources(tmp_path: Path) -> None:
+def test_an_fmu_can_be_built_from_its_own_sources(tmp_path: Path) -> None:
     for fmi in (2, 3):
         path = build("two_link_arm", fmi)
         folder = tmp_path / str(fmi)
@@ -96,7 +96,7 @@ def test_anyone_can_build_it_from_its_sources(tmp_path: Path) -> None:
         assert (folder / "sources" / "library").read_bytes() == binary(path)
 
 
-def test_the_binary_tells_nothing_of_this_machine(tmp_path: Path) -> None:
+def test_the_binary_contains_no_local_paths(tmp_path: Path) -> None:
     for name in ("planar_robot", "two_link_arm"):
         library = tmp_path / name
         library.write_bytes(binary(build(name)))
@@ -109,7 +109,7 @@ def test_the_binary_tells_nothing_of_this_machine(tmp_path: Path) -> None:
         assert not hasattr(functions, "model_derivatives")
 
 
-def test_write_copies_it_out(tmp_path: Path) -> None:
+def test_write_copies_the_fmu(tmp_path: Path) -> None:
     write("planar_robot", 2, tmp_path / "mine.fmu")
     assert (tmp_path / "mine.fmu").read_bytes() == build("planar_robot", 2).read_bytes()
 
@@ -138,7 +138,7 @@ def test_a_missing_compiler_says_what_to_install(
     assert not cache.exists()
 
 
-def test_a_failed_build_shows_why_and_leaves_nothing(
+def test_a_failed_build_shows_the_compilers_error_and_leaves_no_file(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(builder, "FLAGS", (*FLAGS, "-DSTATES=4"))
@@ -147,7 +147,7 @@ def test_a_failed_build_shows_why_and_leaves_nothing(
     assert not cache.exists()
 
 
-def test_a_cache_that_cannot_be_written_says_so(
+def test_an_unwritable_cache_is_reported(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
@@ -158,7 +158,7 @@ def test_a_cache_that_cannot_be_written_says_so(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="XDG is of Unix")
-def test_the_cache_is_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_is_in_the_users_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NRS_CACHE", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", "/cache")

@@ -154,7 +154,7 @@ def outputs(robot: Robot) -> Array:
 
 @each_version
 @pytest.mark.parametrize("model", bundled_models())
-def test_fmpy_finds_no_fault(model: str, fmi: int) -> None:
+def test_fmpy_validates_the_model(model: str, fmi: int) -> None:
     assert validate_fmu(str(build(model, fmi))) == []
 
 
@@ -210,7 +210,7 @@ def test_the_communication_step_does_not_matter(robot: Open) -> None:
 
 
 @each_version
-def test_a_passive_arm_keeps_its_energy(robot: Open, fmi: int) -> None:
+def test_a_passive_arm_conserves_energy(robot: Open, fmi: int) -> None:
     def energy(q: Array, qd: Array) -> float:
         m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.8
         y1 = r1 * np.sin(q[0])
@@ -234,7 +234,7 @@ def test_a_passive_arm_keeps_its_energy(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_the_reference_flows(robot: Open, fmi: int) -> None:
+def test_a_reference_moves_with_its_velocity(robot: Open, fmi: int) -> None:
     with robot("planar_robot", fmi) as r:
         r.initialize(start=5.0, position_ref=[1.0, 2.0], velocity_ref=[0.5, 0.0])
         assert r.get("position_ref").tolist() == [1.0, 2.0]
@@ -253,7 +253,7 @@ def test_the_reference_flows(robot: Open, fmi: int) -> None:
 )
 @pytest.mark.parametrize("calls", [1, 2])
 @each_version
-def test_a_position_holds_whenever_it_is_set(
+def test_a_position_reference_holds_in_any_order_of_setting(
     robot: Open, fmi: int, calls: int, order: tuple[str, str]
 ) -> None:
     values = {"position_ref": [3.0, 4.0], "velocity_ref": [0.1, 0.2]}
@@ -277,7 +277,7 @@ def test_a_position_holds_whenever_it_is_set(
 
 @each_version
 @each_model
-def test_derivatives_are_the_equations(robot: Open, model: str, fmi: int) -> None:
+def test_derivatives_agree_with_the_equations(robot: Open, model: str, fmi: int) -> None:
     random = np.random.default_rng(1)
     drive = Drive(eps=np.array([0.2, 0.4]), ups=np.array([1.0, -3.0]), tau=np.array([5.0, 6.0]))
     with robot(model, fmi, "Model") as r:
@@ -363,7 +363,7 @@ def test_a_fresh_process_continues_with_the_same_bits(
 
 
 @each_version
-def test_a_foreign_state_is_refused(robot: Open, fmi: int) -> None:
+def test_a_state_of_another_fmu_is_refused(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r, robot("two_link_arm", fmi, "Model") as model:
         state = r.fmu.getFMUState()
         bytes_ = bytes(r.fmu.serializeFMUState(state))
@@ -376,7 +376,7 @@ def test_a_foreign_state_is_refused(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_a_reset_forgets(robot: Open, fmi: int) -> None:
+def test_a_reset_restores_the_start_values(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         r.initialize(**SETTINGS)
         first = play(r, 0, STEPS)
@@ -391,7 +391,7 @@ def test_a_reset_forgets(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_variables_refuse_what_is_not_declared(robot: Open, fmi: int) -> None:
+def test_undeclared_accesses_of_variables_are_refused(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
         getter = r.fmu.getReal if fmi == 2 else r.fmu.getFloat64
@@ -422,7 +422,7 @@ def test_arrays_are_read_and_set_as_a_whole(robot: Open) -> None:
 
 
 @each_version
-def test_calls_out_of_turn_are_refused(robot: Open, fmi: int) -> None:
+def test_calls_in_the_wrong_state_are_refused(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         step = r.fmu.doStep
         assert r.refuses(lambda: step(0.0, H)) == "a step is not allowed before initialization"
@@ -441,7 +441,7 @@ def test_calls_out_of_turn_are_refused(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_what_is_not_there_is_refused(robot: Open, fmi: int) -> None:
+def test_unknown_value_references_are_refused(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         getter = r.fmu.getInteger if fmi == 2 else r.fmu.getInt32
         assert "no variables of type" in r.refuses(lambda: getter([0]))
@@ -453,7 +453,9 @@ def test_what_is_not_there_is_refused(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_another_fmus_token_is_refused(unpacked: Callable[[str, int], Path], fmi: int) -> None:
+def test_the_instantiation_token_of_another_fmu_is_refused(
+    unpacked: Callable[[str, int], Path], fmi: int
+) -> None:
     with pytest.raises(Exception, match="Failed to instantiate"):
         Robot("two_link_arm", fmi, unpacked("two_link_arm", fmi), "Slave", token="another")
 
@@ -478,7 +480,7 @@ def test_a_null_instance_is_an_error(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_a_step_that_diverges_says_when(robot: Open, fmi: int) -> None:
+def test_a_diverging_step_reports_the_time(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         r.initialize(J1=0.0, J2=0.0, m1=0.0, m2=0.0)
         assert r.refuses(lambda: r.fmu.doStep(0.0, H)) == "at t = 0 s: a derivative is not finite"
@@ -491,7 +493,7 @@ def test_a_step_that_diverges_says_when(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_a_step_that_never_ends_is_given_up(robot: Open, fmi: int) -> None:
+def test_a_step_that_never_ends_is_aborted(robot: Open, fmi: int) -> None:
     with robot("planar_robot", fmi) as r:
         r.initialize(kd=1e12 * np.eye(2), qd=[1.0, 1.0])
         message = r.refuses(lambda: r.fmu.doStep(0.0, 1000.0))
@@ -500,7 +502,7 @@ def test_a_step_that_never_ends_is_given_up(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_the_tolerance_must_be_possible(robot: Open, fmi: int) -> None:
+def test_an_impossible_tolerance_is_refused(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi) as r:
         assert r.refuses(lambda: r.initialize(relative_tolerance=1e-20)) == (
             "relative_tolerance: expected 1e-14 to 1, got 1e-20"
@@ -508,7 +510,7 @@ def test_the_tolerance_must_be_possible(robot: Open, fmi: int) -> None:
 
 
 @each_version
-def test_a_derivative_that_is_not_finite_is_counted_from_one(robot: Open, fmi: int) -> None:
+def test_a_non_finite_derivative_is_named_by_its_joint_from_one(robot: Open, fmi: int) -> None:
     with robot("two_link_arm", fmi, "Model") as r:
         r.initialize()
         r.fmu.enterContinuousTimeMode()

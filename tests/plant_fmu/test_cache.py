@@ -75,7 +75,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
 @pytest.mark.parametrize("make", [lambda: build("two_link_arm"), library], ids=["fmu", "so"])
-def test_a_damaged_file_is_made_again(
+def test_a_damaged_cache_file_is_rebuilt(
     cache: Path,
     compiled: list[str],
     make: Callable[[], Path],
@@ -95,7 +95,7 @@ def test_a_damaged_file_is_made_again(
     assert cache in path.parents
 
 
-def test_an_fmu_that_was_changed_in_the_cache_is_not_ours(cache: Path) -> None:
+def test_an_fmu_changed_in_the_cache_is_not_trusted(cache: Path) -> None:
     path = build("two_link_arm")
     assert find_archive("two_link_arm", Path()).ours
     planted = path.with_name("two_link_arm-fmi3-planted.fmu")
@@ -122,7 +122,7 @@ def run(tmp_path: Path) -> "subprocess.CompletedProcess[str]":
 
 @pytest.mark.parametrize("damage", ["truncated", "emptied"])
 @pytest.mark.usefixtures("cache")
-def test_a_run_mends_code_that_would_end_it(tmp_path: Path, damage: str) -> None:
+def test_a_run_rebuilds_damaged_cached_code(tmp_path: Path, damage: str) -> None:
     path = library()
     whole = path.read_bytes()
     path.write_bytes(DAMAGES[damage](whole))
@@ -133,7 +133,7 @@ def test_a_run_mends_code_that_would_end_it(tmp_path: Path, damage: str) -> None
 
 @needs_root
 @pytest.mark.usefixtures("cache")
-def test_code_that_another_user_planted_is_not_run(tmp_path: Path) -> None:
+def test_code_cached_by_another_user_is_not_run(tmp_path: Path) -> None:
     path = library()
     planted = build_library("planted", {"planted.c": PLANTED})
     for suffix in ("", ".sha256"):
@@ -147,7 +147,7 @@ def test_code_that_another_user_planted_is_not_run(tmp_path: Path) -> None:
 
 @needs_root
 @pytest.mark.parametrize("mode", [0o1777, 0o755])
-def test_a_folder_of_another_user_is_refused_in_one_line(
+def test_a_cache_folder_of_another_user_is_refused_in_one_line(
     cache: Path, tmp_path: Path, mode: int
 ) -> None:
     library()
@@ -163,7 +163,7 @@ def test_a_folder_of_another_user_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("mode", [0o1777, 0o770, 0o702])
-def test_a_folder_that_others_may_write_to_is_refused(cache: Path, mode: int) -> None:
+def test_a_cache_folder_writable_by_others_is_refused(cache: Path, mode: int) -> None:
     for folder in (cache, cache / "by-sha256"):
         folder.mkdir()
         folder.chmod(mode)
@@ -174,7 +174,7 @@ def test_a_folder_that_others_may_write_to_is_refused(cache: Path, mode: int) ->
         folder.chmod(0o700)
 
 
-def test_a_link_or_a_file_that_others_may_write_to_is_as_if_not_there(cache: Path) -> None:
+def test_a_cached_link_or_file_writable_by_others_is_ignored(cache: Path) -> None:
     path = caching.keep("x", b"x")
     assert caching.stored("x") == path
     path.chmod(0o666)
@@ -185,12 +185,12 @@ def test_a_link_or_a_file_that_others_may_write_to_is_as_if_not_there(cache: Pat
     assert caching.stored("x") is None
 
 
-def test_a_new_cache_is_the_users_alone(cache: Path) -> None:
+def test_a_new_cache_is_only_accessible_to_the_user(cache: Path) -> None:
     caching.keep("by-sha256/x", b"x")
     assert [path.stat().st_mode & 0o777 for path in (cache, cache / "by-sha256")] == [0o700] * 2
 
 
-def test_a_file_is_on_the_disk_before_it_has_its_name(
+def test_a_cache_file_is_synced_before_it_is_renamed(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[str] = []
@@ -207,9 +207,7 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(
 
 
 @pytest.mark.parametrize("chosen", ["", "relative", "./cache", "~/cache"])
-def test_a_relative_xdg_folder_is_not_looked_at(
-    monkeypatch: pytest.MonkeyPatch, chosen: str
-) -> None:
+def test_a_relative_xdg_folder_is_ignored(monkeypatch: pytest.MonkeyPatch, chosen: str) -> None:
     """XDG Base Directory Specification: a relative path is invalid, and is to be ignored."""
     monkeypatch.delenv("NRS_CACHE", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
@@ -218,7 +216,7 @@ def test_a_relative_xdg_folder_is_not_looked_at(
     assert cache_folder() == Path("/home/somebody/.cache/nrs-cosim")
 
 
-def test_who_has_no_home_needs_none_where_a_cache_is_named(
+def test_without_a_home_the_named_cache_is_used(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def none() -> Path:

@@ -87,7 +87,7 @@ def talker(tmp_path_factory):
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_all_instances_of_two_libraries_are_freed_and_say_so(talker, fmi):
+def test_all_instances_of_two_libraries_are_freed(talker, fmi):
     script = """
 load(sys.argv[1], "robot 1", "robot 2")
 load(sys.argv[1], "robot 1", "robot 3")
@@ -144,7 +144,7 @@ words = lambda: heard
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_the_words_of_robot_1_are_not_those_of_robot_2(talker, fmi):
+def test_log_messages_are_kept_by_robot(talker, fmi):
     script = """
 library, handles = load(sys.argv[1], "robot 1", "robot 2")
 refuse(library, handles[0])
@@ -154,7 +154,7 @@ refuse(library, handles[0])
     ]
 
 
-def test_another_who_logs_by_fmpy_takes_no_words_away(talker):
+def test_another_user_of_fmpys_logger_takes_no_messages_away(talker):
     script = """
 from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.logging import addLoggerProxy
@@ -179,9 +179,7 @@ stack.close()
         ("given->componentEnvironment", "NULL", {"robot 1": "refused", "robot 2": "born"}),
     ],
 )
-def test_words_without_the_given_environment_go_to_the_name_or_to_nobody(
-    tmp_path, environment, name, heard
-):
+def test_log_messages_without_environment_go_by_instance_name(tmp_path, environment, name, heard):
     path = build_talker(tmp_path / "talker.fmu", 2, environment, name)
     script = """
 library, handles = load(sys.argv[1], "robot 1", "robot 2")
@@ -220,7 +218,7 @@ def nrs(place, *arguments):
         ("run", "isolate_false.toml", "-o", "false.mcap"),
     ],
 )
-def test_no_command_dies_of_an_fmu_that_logs_to_its_end(place, arguments):
+def test_an_fmu_that_logs_until_it_is_freed_crashes_no_command(place, arguments):
     done = nrs(place, *arguments)
     assert done.returncode == 0, f"{done.returncode}: {done.stdout}{done.stderr}"
     assert "crashed" not in done.stdout + done.stderr
@@ -229,7 +227,7 @@ def test_no_command_dies_of_an_fmu_that_logs_to_its_end(place, arguments):
 
 
 @pytest.mark.parametrize("isolate", [True, False])
-def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
+def test_a_refused_step_is_reported_with_the_robots_own_message(place, isolate):
     write(place / "refused.toml", base=two_robots(isolate=isolate, refuses=0.55))
     done = nrs(place, "run", "refused.toml", "-o", f"refused_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
@@ -238,7 +236,7 @@ def test_a_step_that_robot_1_refuses_ends_with_its_own_words(place, isolate):
 
 
 @pytest.mark.parametrize("isolate", [True, False])
-def test_nothing_is_called_after_a_fatal_step(place, isolate):
+def test_nothing_is_called_after_a_fatal_status(place, isolate):
     write(place / "fatal.toml", base=two_robots(isolate=isolate, refuses=-0.55))
     done = nrs(place, "run", "fatal.toml", "-o", f"fatal_{isolate}.mcap")
     assert done.returncode == 1, f"{done.returncode}: {done.stderr}"
@@ -247,7 +245,7 @@ def test_nothing_is_called_after_a_fatal_step(place, isolate):
 
 @pytest.mark.parametrize("isolate", [True, False])
 @pytest.mark.parametrize("command", ["check", "run"])
-def test_what_an_fmu_prints_is_no_part_of_our_output(tmp_path, isolate, command):
+def test_an_fmus_printing_does_not_reach_our_standard_output(tmp_path, isolate, command):
     build_talker(tmp_path / "talker.fmu", prints=True)
     write(tmp_path / "s.toml", base=two_robots(isolate=isolate))
     options = ["--json"] if command == "check" else ["-o", "run.mcap"]

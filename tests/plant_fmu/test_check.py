@@ -63,7 +63,7 @@ def test_bundled_models_obey_mechanics(model, fmi):
     assert power.text.startswith("loses energy" if model == "planar_robot" else "energy is kept")
 
 
-def test_damping_is_what_the_closed_form_says():
+def test_damping_agrees_with_the_closed_form():
     """Of m v̇ = −d v the power is −d v'v, beside v'mv / s: −0.5 / (0.5 + 2)."""
     power = found(check(CheckTask(open_archive(build("planar_robot")))), "power")
     np.testing.assert_allclose(power.value, -0.2, rtol=1e-6)
@@ -89,7 +89,7 @@ def test_wrong_mechanics_are_found(tmp_path, model, old, new, fails, solver):
     assert [name for name, status in statuses(checked).items() if status == "fails"] == [fails]
 
 
-def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
+def test_a_crash_is_a_finding_after_the_earlier_ones(tmp_path):
     crash = changed(tmp_path, "planar_robot", ("(void)q;", "if (q[0] != 0.0) __builtin_trap();"))
     command = [sys.executable, "-m", "nrs_cosim.orchestrator", "fmu", "check", crash, "--json"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
@@ -106,7 +106,7 @@ def test_a_crash_is_a_finding_after_those_before_it(tmp_path):
     ("act", "ending"),
     [("exit(0);", "exited with status 0"), ("for (;;) {}", f"did not return within {LIMIT:g} s")],
 )
-def test_an_end_or_a_hang_is_a_finding(tmp_path, act, ending):
+def test_an_exit_or_a_hang_is_a_finding(tmp_path, act, ending):
     path = changed(
         tmp_path,
         "planar_robot",
@@ -148,7 +148,7 @@ LIES = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_a_state_that_is_not_all_is_found(tmp_path, lie):
+def test_an_incomplete_fmu_state_is_found(tmp_path, lie):
     models = tmp_path / "models"
     shutil.copytree(MODELS, models)
     name, *edits = LIES[lie]
@@ -174,7 +174,7 @@ def test_a_state_that_is_not_all_is_found(tmp_path, lie):
 
 
 @pytest.mark.parametrize("solver", [None, "cvode"])
-def test_a_state_that_is_all_is_found_to_be(solver):
+def test_a_complete_fmu_state_is_confirmed(solver):
     m = np.zeros(2)
     body = Body(1, {}, np.eye(2), np.eye(2), Disturbance(m, m, *np.zeros((3, 2, 0))), m, m, m, m)
     task = CheckTask(open_archive(build("planar_robot", 2)), body, driving=Driving(solver=solver))
@@ -183,7 +183,7 @@ def test_a_state_that_is_all_is_found_to_be(solver):
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_a_state_that_is_not_claimed_is_a_note(tmp_path, fmi):
+def test_a_missing_fmu_state_is_a_note(tmp_path, fmi):
     state = "state" if fmi == 2 else "State"
     claim = f'canSerializeFMU{state}="true"'
 
@@ -196,7 +196,7 @@ def test_a_state_that_is_not_claimed_is_a_note(tmp_path, fmi):
     assert found(checked, "resumed").status == "note"
 
 
-def test_names_that_are_not_found_tell_what_to_write(tmp_path):
+def test_names_not_found_are_reported_with_what_to_write(tmp_path):
     def edit(text):
         return renamed(
             text,
@@ -214,7 +214,7 @@ def test_names_that_are_not_found_tell_what_to_write(tmp_path):
     assert found(mended, "q").text == "phi_1_ (rad), phi_2_ (rad)"
 
 
-def test_what_is_missing_is_told_once_and_only_where_it_is_needed(tmp_path):
+def test_missing_variables_are_reported_once_where_needed(tmp_path):
     """Of theta, omega and u, first with no names given, then with those that are needed."""
     new = {"q": "theta", "qd": "omega", "tau": "u", "position_ref": "a", "velocity_ref": "b"}
 
@@ -234,7 +234,7 @@ def test_what_is_missing_is_told_once_and_only_where_it_is_needed(tmp_path):
     assert mapped.passes
 
 
-def test_a_scenario_tells_names_gains_and_driving(tmp_path):
+def test_a_scenario_gives_the_check_names_gains_and_drive(tmp_path):
     paper = Path("scenarios/paper_first_order.toml")
     done = nrs("fmu", "check", "two_link_arm", "--json", "--scenario", paper)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -248,7 +248,7 @@ def test_a_scenario_tells_names_gains_and_driving(tmp_path):
     assert alone["text"].startswith("1 s by Model Exchange, RK4 step 0.001 s: finite")
 
 
-def test_json_has_each_finding():
+def test_check_as_json_has_each_finding():
     result = json.loads(nrs("fmu", "check", "planar_robot", "--json").stdout)
     assert set(result) == {"fmu", "sha256", "passes", "findings"}
     assert all(set(f) == {"topic", "name", "status", "text", "value"} for f in result["findings"])
@@ -256,7 +256,7 @@ def test_json_has_each_finding():
     assert topics == ["valid", "loads", "variables", "drives", "physics", "runs"]
 
 
-def test_exit_statuses(tmp_path):
+def test_fmu_check_exits_by_its_findings(tmp_path):
     good = nrs("fmu", "check", "planar_robot")
     assert good.returncode == 0
     assert "loses energy (damping)" in good.stdout

@@ -25,7 +25,7 @@ pytestmark = [
 ]
 
 
-def test_a_stage_that_is_given_up_is_unknown_and_the_others_are_not():
+def test_a_stage_over_budget_is_unknown_and_the_others_are_checked():
     """By a clock that goes by 1 s at each look: mechanics wants thousands, running alone 100."""
     ticks = count()
     budget = Budget(limit=1000.0, clock=lambda: float(next(ticks)))
@@ -37,7 +37,7 @@ def test_a_stage_that_is_given_up_is_unknown_and_the_others_are_not():
 
 
 @pytest.mark.parametrize("damping", [0.0, 2e4])
-def test_running_alone_is_given_up_with_the_reason_where_the_equations_are_stiff(damping):
+def test_a_stiff_model_gives_up_running_alone_with_the_reason(damping):
     """Of m = 2 kg with kd = 1 and d = 2e4 the fastest rate is 1e4 per s."""
     ticks, stages = count(), [""]
     budget = Budget(
@@ -69,7 +69,7 @@ def test_python_code_is_stopped_by_its_processor_time():
         work()
 
 
-def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(monkeypatch):
+def test_a_description_slow_to_validate_is_reported(monkeypatch):
     def endless(_):
         raise OutOfTime
 
@@ -81,7 +81,7 @@ def test_a_description_that_takes_too_long_to_validate_is_told_so_and_no_more(mo
     assert {f.status for f in result if f.topic == "physics"} == {"holds"}
 
 
-def test_problems_of_one_kind_are_told_once_with_how_many_they_are(tmp_path):
+def test_problems_of_one_kind_are_reported_once_with_their_count(tmp_path):
     given = 'causality="parameter"'
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace(given, f'{given} order="1"'))
     parameters = description(3).count(given)
@@ -91,7 +91,7 @@ def test_problems_of_one_kind_are_told_once_with_how_many_they_are(tmp_path):
     assert problem.text.endswith(f" ({parameters} times alike)")
 
 
-def test_stages_are_told_as_they_begin(tmp_path):
+def test_stages_are_reported_as_they_begin(tmp_path):
     stages = []
     ours = open_archive(build("planar_robot"))
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace("planar", "flat"))
@@ -111,7 +111,7 @@ def test_stages_are_told_as_they_begin(tmp_path):
 
 
 @pytest.mark.parametrize("gains", ["guessed", "given"])
-def test_a_torque_against_its_sign_is_told_and_a_run_away_is_no_run(tmp_path, gains):
+def test_a_torque_of_wrong_sign_is_reported_and_a_runaway_is_no_run(tmp_path, gains):
     """On springs of 4 and of kp = 1, by M⁻¹ = -100 M0⁻¹, exp(sqrt(500 · 0.72) t) / 10 > 1e6."""
 
     def edit(text):

@@ -112,14 +112,16 @@ class TestEveryDrive:
 
     @each_version
     @pytest.mark.parametrize("name", DRIVES)
-    def test_it_follows_dop853(self, opened: Open, oracle: Any, name: str, fmi: int) -> None:
+    def test_a_drive_agrees_with_dop853(
+        self, opened: Open, oracle: Any, name: str, fmi: int
+    ) -> None:
         held, q = oracle
         plants = opened(fmi, DRIVES[name], bodies())
         error = np.abs(play(plants, held, 0, len(held) - 1)[:, :, :2] - q[1:]).max()
         assert error < BOUNDS[name]
 
     @each_drive
-    def test_it_begins_at_the_states_that_it_was_told(self, opened: Open, driving: Driving) -> None:
+    def test_a_drive_begins_at_the_given_states(self, opened: Open, driving: Driving) -> None:
         of = bodies(2)
         plants = opened(3, driving, of)
         for row, body in enumerate(of):
@@ -129,7 +131,7 @@ class TestEveryDrive:
             np.testing.assert_allclose(plants.tau[row], tau, rtol=1e-12)
 
     @each_drive
-    def test_its_torque_is_the_laws_at_the_time_it_has_reached(
+    def test_the_torque_is_that_of_the_pd_law_at_the_time_reached(
         self, opened: Open, oracle: Any, driving: Driving
     ) -> None:
         held, _ = oracle
@@ -140,7 +142,7 @@ class TestEveryDrive:
         np.testing.assert_allclose(plants.tau, tau, rtol=1e-9, atol=1e-9)
 
     @each_drive
-    def test_a_robot_moves_alike_to_the_last_bit_in_any_company(
+    def test_a_robot_moves_by_the_same_bits_in_any_group(
         self, opened: Open, oracle: Any, driving: Driving
     ) -> None:
         held, _ = oracle
@@ -156,7 +158,7 @@ class TestEveryDrive:
 
     @each_version
     @each_drive
-    def test_it_goes_on_from_a_checkpoint_to_the_last_bit(
+    def test_a_checkpoint_continues_to_the_same_bits(
         self, opened: Open, oracle: Any, driving: Driving, fmi: int
     ) -> None:
         held, _ = oracle
@@ -171,7 +173,7 @@ class TestEveryDrive:
             np.testing.assert_array_equal(play(resumed, held, 2, 4), onwards)
 
     @each_drive
-    def test_a_checkpoint_of_others_is_refused(self, opened: Open, driving: Driving) -> None:
+    def test_a_checkpoint_of_other_robots_is_refused(self, opened: Open, driving: Driving) -> None:
         two, three, other = (opened(fmi, driving, bodies(n)) for fmi, n in ((3, 2), (3, 3), (2, 2)))
         first, second = two.save()
         for data, words in (
@@ -232,9 +234,7 @@ def wandering(rows: slice) -> list[tuple[Array, Array]]:
 
 
 @each_version
-def test_a_fresh_process_goes_on_to_the_last_bit_with_some_of_the_robots(
-    opened: Open, fmi: int
-) -> None:
+def test_a_fresh_process_continues_some_robots_to_the_same_bits(opened: Open, fmi: int) -> None:
     saved, onwards = [], []
     for driving in DRIVES.values():
         plants, never_saved = (opened(fmi, driving, bodies()) for _ in range(2))
@@ -253,7 +253,7 @@ def test_a_fresh_process_goes_on_to_the_last_bit_with_some_of_the_robots(
 
 
 @each_drive
-def test_a_robots_checkpoint_is_the_same_in_any_company(opened: Open, driving: Driving) -> None:
+def test_a_robots_checkpoint_is_the_same_in_any_group(opened: Open, driving: Driving) -> None:
     saved = []
     for row in (slice(6), slice(3), slice(3, 6)):
         plants = opened(3, driving, bodies()[row])
@@ -263,7 +263,7 @@ def test_a_robots_checkpoint_is_the_same_in_any_company(opened: Open, driving: D
     assert whole == parts[0] + parts[1]
 
 
-def test_a_fleet_is_saved_and_put_back_with_all_its_groups(opened: Open, oracle: Any) -> None:
+def test_a_fleet_is_saved_and_restored_with_all_groups(opened: Open, oracle: Any) -> None:
     held, _ = oracle
     of = bodies()
 
@@ -328,7 +328,7 @@ STATELESS = {
 @each_version
 @pytest.mark.parametrize("name", ["reference", "cvode", "rk4", "hold"])
 @pytest.mark.parametrize("lacking", [slice(2), slice(1), slice(1, 2)], ids=["both", "get", "bytes"])
-def test_without_states_of_its_own_it_has_no_checkpoint(
+def test_an_fmu_without_states_has_no_checkpoint(
     altered: Callable[..., Archive], name: str, fmi: int, lacking: slice
 ) -> None:
     with ExitStack() as stack:
@@ -337,7 +337,7 @@ def test_without_states_of_its_own_it_has_no_checkpoint(
 
 
 @each_version
-def test_each_way_is_offered_where_the_fmu_has_what_it_takes(
+def test_a_drive_is_offered_where_the_fmu_supports_it(
     altered: Callable[..., Archive], fmi: int
 ) -> None:
     def ways(*replacements: tuple[str, str]) -> list[str]:
@@ -351,7 +351,7 @@ def test_each_way_is_offered_where_the_fmu_has_what_it_takes(
     assert ways((tau, tau.replace("tau", "torque"))) == ["reference"]
 
 
-def test_what_is_asked_for_is_taken_or_refused(altered: Callable[..., Archive]) -> None:
+def test_a_requested_drive_is_taken_or_refused(altered: Callable[..., Archive]) -> None:
     archive = altered(3)
     assert choose(archive, {}, Driving(solver="rk4")).way == "rk4"
     refused = {
@@ -371,7 +371,7 @@ def test_what_is_asked_for_is_taken_or_refused(altered: Callable[..., Archive]) 
 
 
 @each_version
-def test_what_takes_steps_of_one_length_alone_is_driven_in_many_by_model_exchange(
+def test_a_fixed_step_fmu_is_driven_by_model_exchange(
     fmi: int, altered: Callable[..., Archive]
 ) -> None:
     can = ('canHandleVariableCommunicationStepSize="true"', "")
@@ -384,7 +384,7 @@ def test_what_takes_steps_of_one_length_alone_is_driven_in_many_by_model_exchang
 
 
 @each_version
-def test_a_torque_that_is_not_told_is_the_laws(
+def test_an_unreported_torque_is_computed_by_the_pd_law(
     altered: Callable[..., Archive], oracle: Any, opened: Open, fmi: int
 ) -> None:
     held, _ = oracle
@@ -396,7 +396,9 @@ def test_a_torque_that_is_not_told_is_the_laws(
         np.testing.assert_allclose(play(silent, held, 0, 2), result, rtol=1e-10, atol=1e-9)
 
 
-def test_a_disturbance_that_it_cannot_take_is_refused(altered: Callable[..., Archive]) -> None:
+def test_a_disturbance_that_the_drive_cannot_take_is_refused(
+    altered: Callable[..., Archive],
+) -> None:
     archive = altered(3, ('"disturbance_rate', '"drift'))
     calm = replace(bodies(1)[0], disturbance=Disturbance(*np.zeros((2, 2)), *np.zeros((3, 2, 0))))
     with ExitStack() as stack:
@@ -421,7 +423,7 @@ def test_a_control_step_beyond_the_limit_is_refused_with_the_figure(opened: Open
         opened(fmi, Driving(solver="rk4", step=0.06), bodies(1))
 
 
-def test_the_limit_is_that_of_the_robot_whose_gains_are_the_highest(opened: Open) -> None:
+def test_the_control_step_limit_is_that_of_the_highest_gains(opened: Open) -> None:
     of = bodies(3)
     of[1] = replace(of[1], kd=1000 * np.eye(2))
     with pytest.raises(FmuError, match=r"about 0.01 s estimated for robot 2"):
@@ -430,7 +432,7 @@ def test_the_limit_is_that_of_the_robot_whose_gains_are_the_highest(opened: Open
 
 @pytest.mark.parametrize("step", [0.005, 0.001])
 @pytest.mark.parametrize("control", ["hold", "heun"])
-def test_the_error_that_is_stated_is_about_the_error_that_is_made(
+def test_the_stated_error_of_a_held_torque_is_close_to_the_real_one(
     opened: Open, oracle: Any, control: Any, step: float
 ) -> None:
     held, q = oracle
@@ -447,9 +449,7 @@ CLOCK = (
 
 
 @pytest.mark.parametrize("interval", ["constant", "triggered"])
-def test_an_fmu_whose_clocks_nobody_ticks_is_not_run_by_model_exchange(
-    tmp_path: Path, interval: str
-) -> None:
+def test_an_fmu_with_clocks_is_not_driven_by_model_exchange(tmp_path: Path, interval: str) -> None:
     def clocked(text: str) -> str:
         return text.replace("</ModelVariables>", CLOCK.format("beat", interval))
 

@@ -73,12 +73,12 @@ def bounces(times: Array, q: float, g: float, e: float) -> Array:
     return np.array(heights)
 
 
-def test_a_state_event_is_found_where_it_is(play: Play) -> None:
+def test_a_state_event_is_located_at_its_time(play: Play) -> None:
     _, q = play(12, -9.8, q=1.0, wall=1.0, e=0.8)
     np.testing.assert_allclose(q, bounces(np.arange(13) * H, 1.0, 9.8, 0.8), rtol=0, atol=1e-7)
 
 
-def test_a_time_event_comes_when_it_was_planned(play: Play) -> None:
+def test_a_time_event_happens_at_its_time(play: Play) -> None:
     at, t = 0.2337, np.arange(9) * H
     _, q = play(8, 3.0, load=1.0, t_load=at)
     late = np.clip(t - at, 0, None)
@@ -92,7 +92,7 @@ def test_a_time_event_on_a_sampling_time_comes_after_it(play: Play) -> None:
     np.testing.assert_allclose(q, 3 * t**2 / 2 - 3 * late**2 / 4, atol=1e-9)
 
 
-def test_a_step_event_is_heard(play: Play) -> None:
+def test_a_step_event_is_handled(play: Play) -> None:
     t = np.arange(11) * H
     _, q = play(10, 2.0, q=1.0, qd=15.0, turn=1.0)
     assert q.max() <= np.pi
@@ -113,7 +113,7 @@ def test_each_jump_of_the_torque_is_an_event(play: Play, monkeypatch: pytest.Mon
     assert times == pytest.approx([0.0, H, 2 * H, 3 * H])
 
 
-def test_an_fmu_that_ends_the_simulation_is_an_error_that_says_when(play: Play) -> None:
+def test_an_fmu_that_ends_the_simulation_is_an_error_with_the_time(play: Play) -> None:
     with pytest.raises(StepError, match=r"robot 1 .* at t = 0\.2\d* s: the FMU ended the simul"):
         play(8, 1.0, end=1.0, t_load=0.2)
 
@@ -128,7 +128,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_a_checkpoint_knows_what_has_happened_and_what_is_planned(play: Play, scene: str) -> None:
+def test_a_checkpoint_keeps_past_and_planned_events(play: Play, scene: str) -> None:
     torque, settings = SCENES[scene]
     uninterrupted, _ = play(12, torque, **settings)
     plants, _ = play(4, torque, **settings)
@@ -143,14 +143,14 @@ def test_a_checkpoint_knows_what_has_happened_and_what_is_planned(play: Play, sc
     )
 
 
-def test_what_it_lacks_for_another_way_is_said(archive: Archive) -> None:
+def test_what_an_fmu_lacks_for_another_drive_is_named(archive: Archive) -> None:
     with pytest.raises(FmuError, match=r"'hold'; .* cvode, rk4, .* CoSimul"):
         choose(archive, {}, Driving(control="hold"))
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("nominal", ["0.0", "-1.0", "NAN"])
-def test_a_nominal_value_that_is_not_positive_is_taken_for_1_and_told(
+def test_a_nominal_value_that_is_not_positive_is_read_as_1_with_a_warning(
     tmp_path: Path, fmi: int, nominal: str
 ) -> None:
     plants, q = [], []
@@ -170,7 +170,7 @@ def test_a_nominal_value_that_is_not_positive_is_taken_for_1_and_told(
     assert [each.drive for each in plants] == [drive + remark, drive]
 
 
-def test_a_solver_that_cannot_begin_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_solver_that_cannot_start_frees_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each context, vector, matrix and solver that was made is freed, as many as there were."""
     made, freed = [], []
 

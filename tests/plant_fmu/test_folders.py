@@ -32,7 +32,7 @@ def test_a_folder_ends_with_its_context(place):
     assert [*place.iterdir()] == []
 
 
-def test_a_folder_whose_process_was_killed_is_removed_and_no_other(place):
+def test_the_folder_of_a_killed_process_is_removed_and_no_other(place):
     (place / "nrs-own-link").symlink_to(place / "kept")
     (place / "kept").mkdir()
     (place / "nrs-own-file").touch()

@@ -45,7 +45,7 @@ def inertia(path):
 
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_the_inertia_of_joints_that_step_is_right(tmp_path, step, fmi):
+def test_the_inertia_of_joints_with_internal_steps_is_found(tmp_path, step, fmi):
     """But for ω² d²/8 of a spring, by which Euler's method is off, with ω² < 4 here."""
     stairs, mass = inertia(build_stepping(tmp_path / "a.fmu", step, fmi))
     assert stairs.internal == pytest.approx(step, rel=1e-6)
@@ -53,7 +53,7 @@ def test_the_inertia_of_joints_that_step_is_right(tmp_path, step, fmi):
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
-def test_sound_joints_that_step_pass(tmp_path, step):
+def test_correct_joints_with_internal_steps_pass(tmp_path, step):
     checked = check(CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step))))
     result = dict.fromkeys(PHYSICS, "holds")
     if step > 1e-3:  # q̈ is known to d times its rate, which is more than the tolerance
@@ -67,7 +67,7 @@ def test_sound_joints_that_step_pass(tmp_path, step):
 
 
 @pytest.mark.parametrize("at", [0.25, -0.25])
-def test_joints_that_a_torque_of_one_holds_where_they_start_are_probed(tmp_path, at):
+def test_joints_held_by_a_unit_torque_are_probed(tmp_path, at):
     """Their springs pull by 4 q, that is by 1."""
     archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.01))
     start = replace(body(), q=NONE + at, position=NONE + at)
@@ -76,7 +76,7 @@ def test_joints_that_a_torque_of_one_holds_where_they_start_are_probed(tmp_path,
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
 
 
-def test_joints_that_stand_still_after_a_reset_are_unknown_with_that_reason(tmp_path):
+def test_joints_that_stop_moving_after_a_reset_are_unknown(tmp_path):
     path = build_stepping(tmp_path / "a.fmu", 1e-3, lasting=True)
     checked = check(CheckTask(open_archive(path)))
     result = dict.fromkeys(PHYSICS, "holds") | dict.fromkeys(("rests", "power"), "unknown")
@@ -104,7 +104,7 @@ DECLARED = {
 
 
 @pytest.mark.parametrize("how", DECLARED)
-def test_what_takes_only_the_steps_that_it_declares_is_asked_for_no_others(tmp_path, how):
+def test_a_fixed_step_fmu_is_only_asked_for_its_step(tmp_path, how):
     fmi, edit = DECLARED[how]
     path = build_stepping(tmp_path / "a.fmu", 0.02, fmi, strict=True, edit=edit)
     stairs, mass = inertia(path)
@@ -124,7 +124,7 @@ WRONG = {
 
 @pytest.mark.parametrize("step", [1e-3, 0.02])
 @pytest.mark.parametrize("wrong", WRONG)
-def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
+def test_wrong_mechanics_with_internal_steps_are_found(tmp_path, wrong, step):
     checked = check(
         CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong])))
     )
@@ -132,7 +132,7 @@ def test_wrong_mechanics_that_step_are_found_as_well(tmp_path, wrong, step):
     assert [n for n, status in statuses(checked).items() if status == "fails"] == [wrong]
 
 
-def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
+def test_an_energy_gain_that_internal_steps_may_explain_is_unknown(tmp_path):
     """Steps of 50 ms tell q̈ to d times its rate, far more than damping of -0.02 gains."""
     path = build_stepping(tmp_path / "a.fmu", 0.05, damping=-0.02)
     power = found(check(CheckTask(open_archive(path))), "power")
@@ -141,7 +141,7 @@ def test_a_gain_of_power_that_steps_alone_may_explain_is_unknown(tmp_path):
 
 
 @pytest.mark.parametrize("case", ["too long a step", "no torque that acts"])
-def test_what_does_not_move_is_unknown_and_not_without_inertia(tmp_path, case):
+def test_an_fmu_that_does_not_move_is_unknown(tmp_path, case):
     step, mobility = (9.0, None) if case == "too long a step" else (0.01, np.zeros((2, 2)))
     checked = check(
         CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, mobility=mobility)))
@@ -160,14 +160,14 @@ def test_a_joint_that_does_not_move_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02])
-def test_p3_is_sampled_of_joints_that_step(tmp_path, step):
+def test_p3_is_sampled_of_joints_with_internal_steps(tmp_path, step):
     found = p3_of(CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step)), body()))
     least, most = np.linalg.eigvalsh(INERTIA)
     assert [found.lambda_m, found.lambda_M] == pytest.approx([least, most], rel=max(1e-6, step**2))
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 0.02, 0.05])
-def test_gains_too_high_for_the_steps_are_told_before_a_run(tmp_path, step):
+def test_gains_too_high_for_internal_steps_are_reported_before_a_run(tmp_path, step):
     """Of a torque held over T the limit is 2 M/kd, here of the lighter axis, and T its own step."""
     lightest = np.linalg.eigvalsh(INERTIA)[0]
     archive = open_archive(build_stepping(tmp_path / "a.fmu", step))

@@ -41,7 +41,7 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C co
 
 NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.cli.main import main; main()"]
 LATE = f"the FMU did not return within {LIMIT:g} s (plant.deadline)"
-BEFORE_THE_RUN = -1.0
+BEFORE_THE_RUN, NEVER = -1.0, 3600.0
 
 
 class Life:
@@ -163,7 +163,7 @@ def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at
     assert "failed" in done.stdout
 
 
-def test_a_crash_is_named_too_where_nothing_can_be_compiled(run_here, tmp_path, life, monkeypatch):
+def test_a_crash_is_named_without_a_compiler(run_here, tmp_path, life, monkeypatch):
     monkeypatch.setenv("CC", "none-such")
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "nothing"))
     errors = run_here(three_robots("segfault")).stderr
@@ -192,7 +192,7 @@ def test_a_fault_before_the_run_is_bad_input(run_here, place, life, fault, cause
     assert not (place / "run.mcap").exists()
 
 
-def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, life, monkeypatch):
+def test_a_library_that_crashes_on_loading_is_bad_input(run_here, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     done = run_here(three_robots())
     assert done.returncode == 2
@@ -203,9 +203,7 @@ def test_a_library_that_cannot_be_loaded_alive_is_bad_input(run_here, place, lif
 
 
 @pytest.mark.parametrize("needs", [True, False])
-def test_a_crash_before_the_run_is_told_with_the_tool_that_the_fmu_needs(
-    faulty, monkeypatch, needs
-):
+def test_a_crash_before_the_run_names_the_tool_the_fmu_needs(faulty, monkeypatch, needs):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     archive = open_archive(faulty, "faulty.fmu")
     archive.description.coSimulation.needsExecutionTool = needs
@@ -217,8 +215,8 @@ def test_a_crash_before_the_run_is_told_with_the_tool_that_the_fmu_needs(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
-def test_a_killed_parent_leaves_no_worker_behind(start, life):
-    command = start(three_robots("hang", deadline=3600))
+def test_a_killed_parent_leaves_no_fmu_process(start, life):
+    command = start(three_robots("hang", deadline=NEVER))
     words = life.until("hangs")
     command.kill()
     command.communicate(timeout=GUARD)
@@ -256,7 +254,7 @@ def test_isolation_changes_no_bit(tmp_path, fmi):
     assert digests[0] == digests[1]
 
 
-def test_only_what_was_built_here_is_ours(faulty, tmp_path):
+def test_only_fmus_built_here_are_trusted(faulty, tmp_path):
     assert find_archive("two_link_arm", Path()).ours
     for fmi in (2, 3):
         builder.write("planar_robot", fmi, tmp_path / "copy.fmu")
@@ -274,7 +272,7 @@ def bodies(n, **parameters):
     ]
 
 
-def test_an_fmu_that_a_process_may_have_only_once_gets_a_process_for_each_robot(faulty, life):
+def test_a_once_per_process_fmu_gets_a_process_for_each_robot(faulty, life):
     archive = open_archive(faulty)
     with ExitStack() as stack:
         together = IsolatedPlants(stack, archive, bodies(3), {}, Driving(), 10.0)
@@ -332,7 +330,7 @@ def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
                 assert np.array_equal(play(other, rows, range(2, 4)), onwards[:, :, rows])
 
 
-def test_a_checkpoint_that_is_refused_apart_says_why(faulty):
+def test_a_checkpoint_refused_by_an_fmu_process_gives_the_reason(faulty):
     archive, of = open_archive(faulty), bodies(2)
     with ExitStack() as stack:
         other = open_plants(stack, open_archive(build("planar_robot")), of, {}, Driving())
@@ -357,7 +355,7 @@ def test_once_per_process_is_counted_over_all_groups(place, monkeypatch):
         open_fleet(stack, groups, bodies(2))
 
 
-def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
+def test_a_killed_fmu_process_is_reported_with_its_robots(faulty, life):
     with ExitStack() as stack:
         plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
         (pid,) = life.until("\n")
@@ -366,7 +364,7 @@ def test_a_worker_that_is_killed_from_outside_names_its_robots(faulty, life):
             plants.advance(0.0, 0.1)
 
 
-def test_a_worker_that_ends_while_it_saves_is_a_failed_step(faulty, life):
+def test_an_fmu_process_that_ends_while_saving_is_a_failed_step(faulty, life):
     with ExitStack() as stack:
         plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
         (pid,) = life.until("\n")
@@ -376,12 +374,12 @@ def test_a_worker_that_ends_while_it_saves_is_a_failed_step(faulty, life):
             plants.save()
 
 
-def test_what_is_wrong_with_the_scenario_is_told_as_without_isolation(faulty):
+def test_a_wrong_parameter_is_reported_as_without_isolation(faulty):
     with ExitStack() as stack, pytest.raises(FmuError, match="has no parameter 'mm'"):
         IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, Driving(), 10.0)
 
 
-def test_progress_is_what_was_announced_last():
+def test_progress_is_the_last_announced_call():
     shared = memoryview(bytearray(SIZE))
     writer, reader = Progress(shared), Progress(shared)
     assert (reader.calls, reader.who, reader.act) == (0, "", "")

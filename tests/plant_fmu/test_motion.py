@@ -49,14 +49,14 @@ def only(kind, text):
     return re.sub(rf"<{other} [^>]*[^/]>.*?</{other}>", "", short, flags=re.DOTALL)
 
 
-def test_a_bundled_model_moves_in_this_process():
+def test_a_bundled_models_motion_agrees_with_its_formula():
     moved = fmu_motion(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
     np.testing.assert_allclose(moved, expected(), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize(("kind", "error"), [("CoSimulation", 1e-10), ("ModelExchange", 1e-9)])
-def test_what_a_strangers_fmu_does_is_found_by_name(tmp_path, fmi, kind, error):
+def test_the_motion_of_a_third_party_fmu_is_found_by_variable_name(tmp_path, fmi, kind, error):
     """`lead.position` and `lead.velocity`: scalars in FMI 2, arrays in FMI 3."""
 
     def edit(text):
@@ -76,7 +76,7 @@ def test_what_a_strangers_fmu_does_is_found_by_name(tmp_path, fmi, kind, error):
     np.testing.assert_allclose(moved, expected(), rtol=0, atol=error)
 
 
-def test_it_is_exactly_what_the_fmu_says(unpacked):
+def test_the_motion_has_the_bits_of_the_fmus_outputs(unpacked):
     """FMPy, stepped from time to time, to the last bit."""
     moved = fmu_motion(find_archive("planar_robot", None), PARAMETERS, NAMES, TIMES, None)
     robot = Robot("planar_robot", 3, unpacked("planar_robot", 3), "Slave")
@@ -91,7 +91,7 @@ def test_it_is_exactly_what_the_fmu_says(unpacked):
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_events_of_model_exchange_are_met(tmp_path, fmi):
+def test_events_of_model_exchange_are_handled(tmp_path, fmi):
     """A joint under tau = 3, whose inertia doubles at t = 0.4 s; and one that ends the run."""
     archive = open_archive(hinge.build(fmi, tmp_path))
     times = [0.05 * j for j in range(17)]
@@ -143,7 +143,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_wrong_with_its_variables_is_said(case):
+def test_wrong_target_variables_are_named(case):
     names, message = BAD[case]
     with pytest.raises(FmuError) as error:
         fmu_motion(find_archive("planar_robot", None), {}, names, TIMES, None)
@@ -159,7 +159,7 @@ def test_what_is_wrong_with_its_variables_is_said(case):
         ("end", "ended with the wish to end the simulation"),
     ],
 )
-def test_what_fails_is_the_target(faulty, tmp_path, fault, cause):
+def test_an_error_of_the_fmu_is_an_error_of_the_target(faulty, tmp_path, fault, cause):
     shutil.copy(faulty, tmp_path / "faulty.fmu")
     parameters = {"fault": FAULTS.index(fault), "fault_time": 0.55}
     times = [0.0, 0.25, 0.5, 0.75]
@@ -169,14 +169,14 @@ def test_what_fails_is_the_target(faulty, tmp_path, fault, cause):
     assert cause in str(error.value)
 
 
-def test_before_its_first_step_it_is_bad_input(faulty, tmp_path):
+def test_an_error_before_the_first_step_is_bad_input(faulty, tmp_path):
     shutil.copy(faulty, tmp_path / "faulty.fmu")
     parameters = {"fault": FAULTS.index("segfault"), "fault_time": -1.0}
     with pytest.raises(CosimError, match=r"target: the FMU crashed with SIGSEGV"):
         fmu_motion(open_archive(tmp_path / "faulty.fmu"), parameters, NAMES, [0.0, 1.0], LIMIT)
 
 
-def test_its_inputs_keep_their_start_values():
+def test_inputs_of_a_target_fmu_keep_their_start_values():
     """An arm that nobody drives falls from where it is held: q̈ = −M⁻¹ G at first."""
     archive = find_archive("two_link_arm", None)
     moved = fmu_motion(archive, {"q": [0.3, 0.0]}, NAMES, [0.0, 1e-3], None)

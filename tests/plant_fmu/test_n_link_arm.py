@@ -160,7 +160,7 @@ def start(robot: Robot, x: Array, *result: Arm | Drive) -> None:
 # The description
 
 
-def test_it_declares_its_sizes_by_n() -> None:
+def test_the_n_link_arm_declares_its_sizes_by_n() -> None:
     description = fmpy.read_model_description(build("n_link_arm"))
     variables = {v.name: v for v in description.modelVariables}
     n = variables["n"]
@@ -178,7 +178,7 @@ def test_it_declares_its_sizes_by_n() -> None:
     assert description.numberOfContinuousStates == 6
 
 
-def test_in_fmi_2_it_has_three_links() -> None:
+def test_in_fmi_2_the_n_link_arm_has_three_links() -> None:
     description = fmpy.read_model_description(build("n_link_arm", 2))
     names = {v.name for v in description.modelVariables}
     assert {"q[3]", "kp[3,3]", "J[3]"} <= names
@@ -191,7 +191,7 @@ def test_in_fmi_2_it_has_three_links() -> None:
 
 
 @each_size
-def test_derivatives_are_the_equations(robot: Open, n: int) -> None:
+def test_derivatives_agree_with_the_equations(robot: Open, n: int) -> None:
     arm, drive = some_arm(n), some_drive(n)
     with robot("n_link_arm", 3, "Model") as r:
         start(r, np.zeros(2 * n), arm, drive)
@@ -232,7 +232,7 @@ def test_one_link_swings_as_a_pendulum(robot: Open) -> None:
         assert np.allclose(state(arm), x, atol=1e-7)
 
 
-def test_two_links_can_be_those_of_two_link_arm(robot: Open) -> None:
+def test_two_links_agree_with_two_link_arm(robot: Open) -> None:
     x, drive = some_state(2), some_drive(2)
     masses = Arm(*np.array([[0.5, 1.5], [1.0, 0.8], [1.0, 0.8], [0.0, 0.0], [5.0, 5.0]]))
     ends = []
@@ -249,7 +249,7 @@ def test_two_links_can_be_those_of_two_link_arm(robot: Open) -> None:
     assert np.allclose(ends[0], ends[1], rtol=0, atol=1e-11)
 
 
-def test_passive_links_keep_their_energy(robot: Open) -> None:
+def test_passive_links_conserve_energy(robot: Open) -> None:
     arm, x = some_arm(7), some_state(7)
     with robot("n_link_arm", 3) as r:
         start(r, x, arm)
@@ -289,7 +289,7 @@ def test_both_versions_give_the_same_bits(robot: Open) -> None:
     assert np.array_equal(ends[0], ends[1])
 
 
-def test_a_link_without_inertia_cannot_move(robot: Open) -> None:
+def test_a_link_without_inertia_is_an_error(robot: Open) -> None:
     with robot("n_link_arm", 3) as r:
         start(r, some_state(2), Arm(*np.zeros((5, 2))))
         message = r.refuses(lambda: r.fmu.doStep(0.0, H))

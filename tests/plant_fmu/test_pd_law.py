@@ -49,7 +49,7 @@ def test_torque_and_effort_are_those_of_the_equation():
             assert law.effort(t, state) == pytest.approx(tau + disturbance, rel=1e-12, abs=1e-12)
 
 
-def test_references_that_were_taken_do_not_change_with_the_arrays_they_came_in():
+def test_references_are_copied():
     law, state = Law(BODIES), np.zeros((ROWS, 2 * M))
     position, velocity = RNG.normal(size=(2, ROWS, M))
     law.hold(0.5, position, velocity)

@@ -91,14 +91,14 @@ def held():
         ("os.kill(os.getpid(), signal.SIGHUP)", "was killed (SIGHUP)"),
     ],
 )
-def test_how_a_process_ended_is_said(act, code, said):
+def test_the_end_of_a_process_is_described(act, code, said):
     process = act(code)
     assert describe_ending(process.wait(GUARD)) == said
     assert describe_ending(end_group(process)) == said, "its own end counts, not ours"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time signals")
-def test_a_signal_without_a_name_is_said_by_its_number(act):
+def test_a_signal_without_a_name_is_given_by_number(act):
     number = signal.SIGRTMIN + 1
     process = act(f"os.kill(os.getpid(), {number})")
     assert describe_ending(process.wait(GUARD)) == f"was killed (signal {number})"
@@ -111,20 +111,20 @@ def test_a_process_that_runs_has_no_status_and_one_that_is_ended_has(act):
     assert wait_group(process) == -signal.SIGKILL
 
 
-def test_a_process_that_is_killed_has_printed_its_last_words(act, place):
+def test_the_last_output_of_a_killed_process_is_kept(act, place):
     lines = "for i in range(5): sys.stdout.write(f'line {i}\\n')"
     act(f"{lines}\nsys.stdout.write('half'); os.kill(os.getpid(), signal.SIGKILL)").wait(GUARD)
     assert last_words(printed_tail(place / "printed")) == "; it printed: line 3 / line 4 / half"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="what C prints goes out by the line on Linux")
-def test_what_c_printed_is_there_when_the_process_is_killed(act, place):
+def test_output_of_c_code_is_kept_when_the_process_is_killed(act, place):
     prints = "follow_parent()\nctypes.CDLL(None).printf(b'from C\\n')"
     act(f"{prints}\nos.kill(os.getpid(), signal.SIGKILL)").wait(GUARD)
     assert last_words(printed_tail(place / "printed")) == "; it printed: from C"
 
 
-def test_last_words_are_three_lines_of_the_end_on_one_and_steer_no_terminal(tmp_path):
+def test_the_last_output_is_three_escaped_lines_joined_into_one(tmp_path):
     assert last_words(b"") == last_words(b" \n\t\n") == ""
     assert last_words(b"a\n\nb\r\nc\n d \n") == "; it printed: b / c / d"
     assert last_words(b"\x1b[2Jgone\xff") == "; it printed: [2Jgone\ufffd"
@@ -135,7 +135,7 @@ def test_last_words_are_three_lines_of_the_end_on_one_and_steer_no_terminal(tmp_
 
 
 @pytest.mark.parametrize("how", ["polled", "ended while it runs", "ended after its end"])
-def test_what_a_process_started_ends_with_it(act, how):
+def test_children_of_a_process_end_with_it(act, how):
     """The one it started holds a pipe, and would for ever."""
     with held() as (theirs, read):
         other = "subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'], "
@@ -174,7 +174,7 @@ def test_a_process_whose_parent_ended_first_ends_too(act, place):
     assert printed_tail(place / "printed") == b""
 
 
-def test_a_process_imports_what_its_parent_would_and_nothing_of_its_folder(act, place, monkeypatch):
+def test_a_process_imports_from_its_parents_path_and_not_its_folder(act, place, monkeypatch):
     folder = place / "elsewhere"
     folder.mkdir()
     for name in ("nrs_cosim", "tempfile", "acts"):
@@ -183,14 +183,14 @@ def test_a_process_imports_what_its_parent_would_and_nothing_of_its_folder(act, 
     assert act("pass").wait(GUARD) == 0, printed_tail(place / "printed")
 
 
-def test_its_temporary_files_go_where_it_is_told(act, place):
+def test_temporary_files_of_a_process_go_to_the_given_folder(act, place):
     assert act("print(tempfile.gettempdir())", temporary=place).wait(GUARD) == 0
     assert printed_tail(place / "printed").decode().strip() == str(place)
     assert act("print(tempfile.gettempdir())").wait(GUARD) == 0
     assert printed_tail(place / "printed").decode().strip() == tempfile.gettempdir()
 
 
-def test_what_cannot_start_is_an_os_error(monkeypatch):
+def test_a_process_that_cannot_start_is_an_os_error(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     with pytest.raises(FileNotFoundError):
         start_python("acts", stderr=subprocess.DEVNULL)

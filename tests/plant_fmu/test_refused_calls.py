@@ -91,7 +91,7 @@ def test_an_event_stops_at_a_call_that_is_refused(refused, fmi):
         assert refusing.after == []
 
 
-def test_a_state_whose_size_is_not_told_is_not_asked_for():
+def test_after_a_refused_state_size_no_state_is_requested():
     refusing = Refusing("size", ERROR)
     with ExitStack() as stack:
         archive = open_archive(build("two_link_arm"))

@@ -82,7 +82,7 @@ def states(m: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarr
         yield random.uniform(-3, 3, m), random.uniform(-2, 2, m), random.uniform(-20, 20, m)
 
 
-def test_random_trees_accelerate_as_those_of_another_library(pinocchio, robots, tmp_path):
+def test_accelerations_of_random_trees_agree_with_another_library(pinocchio, robots, tmp_path):
     from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
     wrong = []
@@ -99,7 +99,7 @@ def test_random_trees_accelerate_as_those_of_another_library(pinocchio, robots, 
     assert not wrong
 
 
-def test_random_trees_have_the_mass_matrix_of_another_library(pinocchio, robots, tmp_path):
+def test_mass_matrices_of_random_trees_agree_with_another_library(pinocchio, robots, tmp_path):
     """That which tells whether a URDF has inertias enough."""
     for seed, drawn in enumerate(robots):
         robot = read(drawn, tmp_path)
@@ -113,7 +113,7 @@ def test_random_trees_have_the_mass_matrix_of_another_library(pinocchio, robots,
             assert (np.diag(found) <= largest * (1 + 1e-13)).all()
 
 
-def test_the_trees_have_all_combinations_of_what_a_joint_can_be(robots):
+def test_random_trees_cover_all_kinds_of_joints(robots):
     joints = [joint for robot in robots for joint in robot.joints]
     places, yes_no = ("base", "welded", "moving"), (False, True)
     seen = {(j.kind, j.rotated, j.on) for j in joints}
@@ -125,7 +125,7 @@ def test_the_trees_have_all_combinations_of_what_a_joint_can_be(robots):
     assert {len(robot.moving) for robot in robots} == set(range(1, MOST_JOINTS + 1))
 
 
-def test_compiled_trees_accelerate_as_their_equations_do(robots, tmp_path):
+def test_compiled_trees_agree_with_their_equations(robots, tmp_path):
     """C agrees with the function that it is generated from, for both versions of FMI."""
     from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
 
@@ -159,7 +159,7 @@ UNIVERSAL_JOINT = (
 )
 
 
-def test_a_rod_on_a_massless_cross_in_closed_form(tmp_path):
+def test_a_rod_on_a_massless_cross_agrees_with_the_closed_form(tmp_path):
     """Of kinetic energy T = (J x'^2 + I y'^2)/2, J = 0.1 + 0.5 cos^2 y, I = 0.6, without gravity.
 
     Then J x" = tau1 + sin y cos y x' y', I y" = tau2 - sin y cos y x'^2 / 2.
@@ -190,7 +190,7 @@ TURNING_SLIDER = (
     ("rpy", "axis"),
     [("0 0 0", "1 0 0"), (f"0 {np.pi / 2} 0", "0 0 1"), (f"0 0 {np.pi / 2}", "0 -1 0")],
 )
-def test_a_slider_on_a_turning_link_in_closed_form(tmp_path, rpy, axis):
+def test_a_slider_on_a_turning_link_agrees_with_the_closed_form(tmp_path, rpy, axis):
     """Spellings of one robot: whatever the slider's frame, it slides along the link's x axis.
 
     With r = 1 + q2 and I = 0.6 + 2 r^2, qdd1 = (tau1 - 4 r qd1 qd2) / I, qdd2 = tau2/2 + r qd1^2.

@@ -40,7 +40,7 @@ def task(archive, driving=BEST, joints=2, **parameters):
 
 
 @pytest.mark.parametrize("driving", [BEST, Driving(solver="rk4"), Driving(control="hold")], ids=str)
-def test_the_paper_s_arm_is_within_a_hundredth_of_what_is_proven_and_never_above(driving):
+def test_sampled_bounds_of_the_papers_arm_are_within_a_hundredth_below_the_proven(driving):
     found = sampled(task(find_archive("two_link_arm", None), driving), Budget())
     proven = bounds_of("two_link_arm", {}, 2)
     assert found.lambda_m >= proven.lambda_m * (1 - PROBED)
@@ -53,12 +53,12 @@ def test_the_paper_s_arm_is_within_a_hundredth_of_what_is_proven_and_never_above
     assert 1000 < found.states < 2500
 
 
-def test_drag_is_found_where_there_is_any():
+def test_drag_is_found():
     found = sampled(task(find_archive("planar_robot", None), d=0.7), Budget())
     assert [getattr(found, name) for name in LAMBDAS] == pytest.approx([2, 2, 0, 0, 0.7], abs=1e-9)
 
 
-def test_a_longer_arm_is_below_its_safe_bounds():
+def test_sampled_bounds_of_a_longer_arm_are_below_its_safe_bounds():
     numbers = {"m": [1.0, 0.8, 0.5], "r": [1.0, 0.7, 0.5], "c": [0.5, 0.3, 0.2]}
     found = sampled(task(find_archive("n_link_arm", None), joints=3, **numbers), Budget())
     safe = bounds_of("n_link_arm", numbers, 3)
@@ -68,14 +68,14 @@ def test_a_longer_arm_is_below_its_safe_bounds():
     assert 0 < found.lambda_c <= safe.lambda_c
 
 
-def test_a_stranger_s_is_sampled_apart_to_the_same_bits(tmp_path):
+def test_a_third_party_fmu_is_sampled_in_its_process_to_the_same_bits(tmp_path):
     path = rewritten(tmp_path / "arm.fmu", 3, lambda text: text.replace("two-link", "2-link"))
     archive = open_archive(path)
     assert not archive.ours
     assert p3_of(task(archive)) == sampled(task(find_archive("two_link_arm", None)), Budget())
 
 
-def test_what_crashes_says_so(faulty, tmp_path):
+def test_a_crash_while_sampling_is_reported(faulty, tmp_path):
     shutil.copy(faulty, tmp_path / "faulty.fmu")
     fault = {"fault": FAULTS.index("segfault"), "fault_time": 0.001}
     with pytest.raises(FmuError, match="the process of the FMU crashed with SIGSEGV; it printed"):
@@ -107,7 +107,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_no_such_mechanics_says_why(tmp_path, case):
+def test_an_fmu_without_such_mechanics_gives_the_reason(tmp_path, case):
     old, new, name, other, why = BAD[case]
     if name:
         archive = open_archive(
@@ -119,6 +119,6 @@ def test_what_is_no_such_mechanics_says_why(tmp_path, case):
         sampled(task(archive), Budget())
 
 
-def test_an_fmu_of_fmi_2_is_sampled_as_well():
+def test_an_fmu_of_fmi_2_is_sampled():
     found = sampled(task(open_archive(build("two_link_arm", 2))), Budget())
     assert found.lambda_M == pytest.approx(bounds_of("two_link_arm", {}, 2).lambda_M, rel=1e-3)

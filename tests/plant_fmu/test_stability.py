@@ -15,19 +15,21 @@ INERTIA = np.array([[3.0, 1.0], [1.0, 2.0]])
 
 
 @pytest.mark.parametrize(("kp", "kd", "mass"), [(10, 100, 2), (200, 1, 5), (0.1, 300, 5.08)])
-def test_a_held_torque_on_one_axis(kp: float, kd: float, mass: float) -> None:
+def test_the_limit_of_a_held_torque_on_one_axis_agrees_with_the_closed_form(
+    kp: float, kd: float, mass: float
+) -> None:
     limit = step_limit(np.array([[kp, kd]]) / mass, held)
     assert limit == pytest.approx(min(2 * mass / kd, 2 * kd / kp), rel=1e-6)
 
 
-def test_a_damped_speed_alone() -> None:
+def test_the_limit_of_a_damped_speed_agrees_with_the_closed_form() -> None:
     """Where kp hardly matters: |1 - z + z²/2| < 1 and |1 - z + z²/2 - z³/6 + z⁴/24| < 1."""
     feedback = np.array([[1e-3, 10.0]])
     assert step_limit(feedback, heun) == pytest.approx(2 / 10, rel=1e-3)
     assert step_limit(feedback, runge_kutta) == pytest.approx(2.785294 / 10, rel=1e-3)
 
 
-def test_a_law_that_does_not_damp_has_no_limit() -> None:
+def test_a_control_law_without_damping_has_no_limit() -> None:
     assert step_limit(np.array([[10.0, 0.0]]), held) == np.inf
 
 
@@ -52,7 +54,7 @@ class Block:
         self.qd = self.qd + step * np.linalg.solve(INERTIA, self._torque)
 
 
-def test_inertia_is_probed_where_the_plant_lets_itself_be() -> None:
+def test_inertia_is_probed_where_the_plant_allows_it() -> None:
     none, wave = np.zeros(2), np.zeros((2, 0))
     body = Body(
         robot=3,

@@ -87,7 +87,7 @@ CASES: dict[str, tuple[int, tuple[Any, ...], dict[str, str], dict[str, str], str
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_parameter_that_is_told_brings_the_start_about(tmp_path: Path, case: str) -> None:
+def test_the_suggested_parameter_sets_the_start_value(tmp_path: Path, case: str) -> None:
     fmi, parameters, more, names, name = CASES[case]
     archive = talker(tmp_path, fmi, *parameters, **more)
     message = start_text(archive, 0.3, names)
@@ -98,7 +98,7 @@ def test_the_parameter_that_is_told_brings_the_start_about(tmp_path: Path, case:
     assert started(archive, 0.3, given, names) == 0.3
 
 
-def test_a_parameter_is_told_in_its_own_unit(tmp_path: Path) -> None:
+def test_a_suggested_parameter_is_in_its_own_unit(tmp_path: Path) -> None:
     units = (
         '<UnitDefinitions><Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>'
         "</UnitDefinitions><ModelVariables>"
@@ -128,7 +128,7 @@ def test_a_parameter_is_told_in_its_own_unit(tmp_path: Path) -> None:
     ],
     ids=["two with the number", "none with the number", "of another unit", "none at all"],
 )
-def test_where_no_parameter_stands_out_none_is_told(
+def test_without_a_clear_parameter_none_is_suggested(
     tmp_path: Path, parameters: tuple[Any, ...]
 ) -> None:
     assert start_text(talker(tmp_path, 2, *parameters), 0.3, {}).endswith("can be set")

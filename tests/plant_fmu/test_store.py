@@ -25,7 +25,7 @@ def files(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-def test_what_was_kept_is_found(cache: Path) -> None:
+def test_a_stored_fmu_is_found(cache: Path) -> None:
     assert stored_fmu(SHA256) is None
     path = keep_fmu(DATA, SHA256)
     assert stored_fmu(SHA256) == path
@@ -34,7 +34,7 @@ def test_what_was_kept_is_found(cache: Path) -> None:
     assert files(cache) == [path]
 
 
-def test_what_has_another_digest_is_not_kept(cache: Path) -> None:
+def test_content_of_another_digest_is_not_stored(cache: Path) -> None:
     with pytest.raises(
         FmuError, match=f"to have sha256 {SHA256}, but its bytes have [0-9a-f]{{64}}"
     ):
@@ -43,7 +43,7 @@ def test_what_has_another_digest_is_not_kept(cache: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [DATA[:-1], b"", DATA[:500] + b"\0" + DATA[501:]])
-def test_a_damaged_file_is_not_there_and_is_replaced(damage: bytes) -> None:
+def test_a_damaged_stored_file_is_ignored_and_replaced(damage: bytes) -> None:
     path = keep_fmu(DATA, SHA256)
     path.write_bytes(damage)
     assert stored_fmu(SHA256) is None
@@ -51,7 +51,7 @@ def test_a_damaged_file_is_not_there_and_is_replaced(damage: bytes) -> None:
     assert path.read_bytes() == DATA
 
 
-def test_a_digest_leads_nowhere_else(cache: Path) -> None:
+def test_a_malformed_digest_leads_to_no_path(cache: Path) -> None:
     kept = keep_fmu(DATA, SHA256)
     (cache / f"{SHA256}.fmu").write_bytes(DATA)
     for name in ("", "..", f"../{SHA256}", str(kept.with_suffix("")), SHA256.upper(), "\0" * 64):
@@ -61,16 +61,14 @@ def test_a_digest_leads_nowhere_else(cache: Path) -> None:
     assert stored_fmu(SHA256) is None
 
 
-def test_many_may_keep_at_once(cache: Path) -> None:
+def test_concurrent_stores_do_not_interfere(cache: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         paths = set(pool.map(lambda _: keep_fmu(DATA, SHA256), range(32)))
     assert files(cache) == list(paths)
     assert stored_fmu(SHA256) in paths
 
 
-def test_a_store_that_cannot_be_written_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unwritable_store_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "file"))
     assert stored_fmu(SHA256) is None

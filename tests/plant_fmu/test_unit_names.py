@@ -30,7 +30,7 @@ def test_a_name_is_a_factor_and_exponents(name, factor, exponents):
     assert unit.factor == pytest.approx(factor, rel=1e-15)
 
 
-def test_a_multiple_is_told_apart_from_a_unit_and_from_nothing():
+def test_a_multiple_is_distinguished_from_a_unit_and_from_none():
     assert [has_multiple(name) for name in ("kN.m", "mrad/s", "N.m", "furlong")] == [
         *(True, True),
         *(False, False),
@@ -70,7 +70,7 @@ def test_a_bundled_models_units_are_defined_as_their_names_say(model, fmi):
 
 
 @pytest.mark.parametrize("unit", ["deg", "furlong"])
-def test_a_declaration_names_products_of_si_units_alone(unit):
+def test_a_declared_unit_must_be_a_product_of_si_units(unit):
     model = declaration("planar_robot")
     first, *others = model.variables
     wrong = replace(model, variables=(replace(first, unit=unit), *others))

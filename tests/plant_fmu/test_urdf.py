@@ -226,7 +226,7 @@ def states(m: int, n: int) -> Iterator[tuple[Array, Array, Array]]:
 
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("path", [ARM, IIWA, GANTRY], ids=lambda path: path.stem)
-def test_accelerations_are_those_of_newton_and_euler(equations: Open, path: Path, fmi: int) -> None:
+def test_accelerations_agree_with_newton_euler(equations: Open, path: Path, fmi: int) -> None:
     oracle, fmu = Oracle(path), equations(path, fmi)
     for q, qd, tau in states(len(oracle.axes), 20):
         wanted = oracle.acceleration(q, qd, tau)
@@ -234,7 +234,7 @@ def test_accelerations_are_those_of_newton_and_euler(equations: Open, path: Path
         assert error <= 1e-11 * np.abs(wanted).max()
 
 
-def test_the_arm_of_two_links_in_closed_form(equations: Open) -> None:
+def test_the_two_link_arm_agrees_with_its_closed_form(equations: Open) -> None:
     m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.80665
     fmu = equations(ARM)
     for q, qd, tau in states(2, 20):
@@ -250,7 +250,7 @@ def test_the_arm_of_two_links_in_closed_form(equations: Open) -> None:
         np.testing.assert_allclose(fmu.acceleration(q, qd, tau), wanted, rtol=1e-12, atol=1e-12)
 
 
-def test_mass_gravity_and_bias_of_a_published_arm(equations: Open) -> None:
+def test_mass_gravity_and_bias_of_a_published_arm_agree(equations: Open) -> None:
     """M from the responses to unit torques, G and h from those to none."""
     oracle, fmu = Oracle(IIWA), equations(IIWA)
     zero = np.zeros(7)
@@ -265,7 +265,7 @@ def test_mass_gravity_and_bias_of_a_published_arm(equations: Open) -> None:
         np.testing.assert_allclose(-M @ fmu.acceleration(q, qd, zero), bias, atol=1e-9)
 
 
-def test_gravity_is_what_was_asked_for(equations: Open) -> None:
+def test_gravity_has_the_given_direction(equations: Open) -> None:
     oracle, gravity = Oracle(ARM), (1.5, 0.3, -2.0)
     fmu = equations(ARM, gravity=gravity)
     for q, qd, tau in states(2, 5):
@@ -279,7 +279,7 @@ def passive(q: Array, qd: Array) -> Body:
     return Body(1, {}, np.zeros((m, m)), np.zeros((m, m)), none, q, qd, zero, zero)
 
 
-def test_without_torque_and_damping_energy_is_kept(tmp_path: Path) -> None:
+def test_without_torque_and_damping_energy_is_conserved(tmp_path: Path) -> None:
     path = tmp_path / "undamped.urdf"
     path.write_text(IIWA.read_text("utf-8").replace('damping="0.5"', ""), "utf-8")
     oracle = Oracle(path)
@@ -299,7 +299,7 @@ def test_without_torque_and_damping_energy_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_fmpy_finds_no_fault(fmi: int) -> None:
+def test_fmpy_validates_the_model(fmi: int) -> None:
     path = build_urdf(read_urdf(GANTRY), fmi)
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(path)
@@ -313,7 +313,7 @@ def test_fmpy_finds_no_fault(fmi: int) -> None:
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_an_fmu_says_what_its_joints_are_called_and_whether_each_turns(fmi: int) -> None:
+def test_an_fmu_names_its_joints_and_their_kinds(fmi: int) -> None:
     archive = open_archive(build_urdf(read_urdf(GANTRY), fmi))
     named = joints_of(archive, find_quantity(archive, "q"))
     names = ["right wrist", "left slide", "bridge", "left pivot"]
@@ -414,7 +414,7 @@ def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
     assert result["kinds"] == ["CoSimulation", "ModelExchange"]
 
 
-def test_an_fmu_that_is_no_mechanics_is_not_written(
+def test_a_urdf_that_fails_the_check_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The slider's frame is turned, and what generates its equations is made to forget that."""
@@ -466,7 +466,7 @@ def test_a_crash_of_the_check_is_a_failure() -> None:
 
 
 @pytest.mark.parametrize("gravity", ["0,0", "0,0,nan", "0,0,1_0", "0,0,١"])
-def test_gravity_is_three_numbers(tmp_path: Path, gravity: str) -> None:
+def test_gravity_must_be_three_numbers(tmp_path: Path, gravity: str) -> None:
     done = nrs("fmu", "from-urdf", str(ARM), "-o", str(tmp_path / "a.fmu"), "--gravity", gravity)
     assert done.returncode == 2
     assert done.stderr == (

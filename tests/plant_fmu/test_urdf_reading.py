@@ -135,7 +135,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_named(tmp_path: Path, case: str) -> None:
+def test_a_wrong_urdf_is_named(tmp_path: Path, case: str) -> None:
     text, message = WRONG[case]
     path = tmp_path / "robot.urdf"
     path.write_text(text, "utf-8")
@@ -144,7 +144,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, case: str) -> None:
     assert str(caught.value) == f"{path}: {message}"
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_urdf_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(FmuError, match=r"arm\.urdf: cannot be read: No such file or directory"):
         read_urdf(tmp_path / "arm.urdf")
 
@@ -159,7 +159,7 @@ def turning(name: str, parent: str, child: str, within: str = "") -> str:
     )
 
 
-def test_all_faults_are_told_at_once_and_those_of_a_kind_in_one_line(tmp_path: Path) -> None:
+def test_all_faults_of_a_urdf_are_reported_at_once_grouped_by_kind(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     follower = '<mimic joint="j" multiplier="-1"/>'
     links = "".join(f'<link name="{name}"/>' for name in ("world", "a", "b", "c", "d"))
@@ -192,7 +192,7 @@ def read(folder: Path, text: str | bytes) -> UrdfRobot:
     return read_urdf(path)
 
 
-def test_rounding_is_no_negative_moment(tmp_path: Path) -> None:
+def test_rounding_is_not_taken_for_a_negative_moment(tmp_path: Path) -> None:
     """A point of 1 kg, 0.1 m off its axis: what a tool has rounded is nothing beside 0.01 kg m2."""
     point = (
         '<origin xyz="0.1 0 0"/><mass value="1"/>'
@@ -203,7 +203,7 @@ def test_rounding_is_no_negative_moment(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("moment", "refused"), [("-1e-13", False), ("-1e-11", True)])
-def test_moments_are_compared_with_the_largest_of_the_robot(
+def test_small_moments_are_compared_with_the_largest_of_the_robot(
     tmp_path: Path, moment: str, refused: bool
 ) -> None:
     """The arm has 1 kg m2, of whose last digits a finger's moments may be made."""
@@ -219,7 +219,7 @@ def test_moments_are_compared_with_the_largest_of_the_robot(
         assert len(read(tmp_path, text).axes) == 2
 
 
-def test_a_massless_link_between_two_joints_is_one_of_a_universal_joint(tmp_path: Path) -> None:
+def test_a_massless_link_of_a_universal_joint_is_accepted(tmp_path: Path) -> None:
     text = robot(
         '<link name="cross"/>', turning("y", "base", "cross") + JOINT.replace("base", "cross")
     )
@@ -256,9 +256,7 @@ def test_a_massless_link_at_the_end_is_named_alone(tmp_path: Path) -> None:
     ids=["mass alone", "an empty number", "negative mass", "negative moment"],
 )
 @pytest.mark.parametrize("link", ["base", "stand"])
-def test_inertias_of_links_that_do_not_move_are_not_looked_at(
-    tmp_path: Path, inertial: str, link: str
-) -> None:
+def test_inertias_of_fixed_links_are_ignored(tmp_path: Path, inertial: str, link: str) -> None:
     stand = robot('<link name="stand"/>', JOINT + FIXED.format("k", "base", "stand"))
     wrong = stand.replace(
         f'<link name="{link}"/>', f'<link name="{link}"><inertial>{inertial}</inertial></link>'
@@ -342,7 +340,7 @@ LENIENT = {
 
 
 @pytest.mark.parametrize("case", LENIENT)
-def test_what_others_read_is_read_with_a_warning(tmp_path: Path, case: str) -> None:
+def test_urdf_deviations_that_others_accept_give_a_warning(tmp_path: Path, case: str) -> None:
     text, *warnings = LENIENT[case]
     plain = read(tmp_path, ONE)
     if case == "no name":
@@ -353,7 +351,7 @@ def test_what_others_read_is_read_with_a_warning(tmp_path: Path, case: str) -> N
 
 
 @pytest.mark.parametrize("case", [c for c in LENIENT if c not in {"UTF-16", "no name"}])
-def test_what_is_read_with_a_warning_is_read_by_another_parser(tmp_path: Path, case: str) -> None:
+def test_another_parser_accepts_what_gives_a_warning(tmp_path: Path, case: str) -> None:
     """By urdfdom, in Pinocchio; that one asks for a name, for limits, and for bytes of ASCII."""
     pinocchio = pytest.importorskip("pinocchio", reason="needs the package pin, of the extra test")
     text, *_ = LENIENT[case]
@@ -386,13 +384,13 @@ UNEXPANDED = {
 
 
 @pytest.mark.parametrize("case", UNEXPANDED)
-def test_what_xacro_must_still_expand_is_refused(tmp_path: Path, case: str) -> None:
+def test_unexpanded_xacro_is_refused(tmp_path: Path, case: str) -> None:
     with pytest.raises(FmuError) as caught:
         read(tmp_path, with_more(XACRO, UNEXPANDED[case]))
     assert str(caught.value) == f"{tmp_path / 'robot.urdf'}: {EXPAND}"
 
 
-def test_macros_alone_are_no_robot(tmp_path: Path) -> None:
+def test_a_file_of_macros_only_is_refused(tmp_path: Path) -> None:
     macro = '<robot name="r"><xacro:macro name="arm"><link name="a"/></xacro:macro></robot>'
     with pytest.raises(FmuError, match="is a xacro file"):
         read(tmp_path, macro.replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"'))
@@ -421,13 +419,13 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("case", HOSTILE)
-def test_what_is_no_plain_document_is_refused(tmp_path: Path, case: str) -> None:
+def test_a_document_with_entities_or_wrong_encoding_is_refused(tmp_path: Path, case: str) -> None:
     text, message = HOSTILE[case]
     with pytest.raises(FmuError, match=message):
         read(tmp_path, text)
 
 
-def test_a_file_without_end_is_not_read_to_its_end(
+def test_an_endless_file_is_not_read_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("nrs_cosim.plant_fmu.bundled.urdf_xml.MOST_BYTES", 1 << 20)
@@ -439,7 +437,7 @@ INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 @pytest.mark.parametrize("joints", [500, 501, 3000])
-def test_a_tree_deeper_than_can_be_walked_down_is_refused_by_name(tmp_path, joints):
+def test_a_tree_that_is_too_deep_is_refused_by_name(tmp_path, joints):
     ones = " ".join(f'{axes}="{int(axes[1] == axes[2])}"' for axes in INERTIA)
     inertial = f'<inertial><mass value="1"/><inertia {ones}/></inertial>'
     links = "".join(f'<link name="l{i}">{inertial}</link>' for i in range(joints + 1))

@@ -27,7 +27,7 @@ def by_fmpy(name):
 
 
 @pytest.mark.parametrize("name", [*GOOD.replace("a b", "a_b").split(), "'a b'.q"])
-def test_structured_names_are_taken_as_by_the_grammar(name):
+def test_structured_names_are_accepted_as_by_the_grammar(name):
     assert by_fmpy(name)
     assert is_structured(name)
 
@@ -61,7 +61,7 @@ def test_many_variables_and_long_names_are_never_parsed_by_the_general_parser(
     assert validated(path) == [("holds", "it is as FMI 3.0 has it")]
 
 
-def test_names_that_are_not_structured_are_told(tmp_path):
+def test_names_that_are_not_structured_are_reported(tmp_path):
     more = '<Float64 name="a b" valueReference="10000" causality="local"/></ModelVariables>'
     path = rewritten(tmp_path / "a.fmu", 3, lambda text: text.replace("</ModelVariables>", more))
     ((status, text),) = validated(path)

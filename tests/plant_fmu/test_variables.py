@@ -89,11 +89,11 @@ def test_a_matrix_is_read_row_by_row(fmu):
         ),
     ],
 )
-def test_two_families_are_refused_with_what_to_write(fmu, names, may_be):
+def test_two_matching_families_are_refused_with_what_to_write(fmu, names, may_be):
     assert refused(fmu(*names)).startswith(may_be)
 
 
-def test_what_an_ambiguity_advises_resolves_it(fmu):
+def test_the_advice_on_an_ambiguity_resolves_it(fmu):
     archive = fmu("q[1]", "q[2]", "arm.q[0]", "arm.q[1]", "j1.q")
     specs = [
         family.spec
@@ -102,12 +102,12 @@ def test_what_an_ambiguity_advises_resolves_it(fmu):
     assert sorted(references(archive, spec=spec) for spec in specs) == [[0, 1], [2, 3], [4]]
 
 
-def test_names_for_the_same_variables_are_no_ambiguity(fmu):
+def test_aliases_are_not_an_ambiguity(fmu):
     xml = reals("q[1]", "q[2]") + reals("arm.q[1]", "arm.q[2]")
     assert references(fmu(xml=xml)) == [0, 1]
 
 
-def test_numbers_of_another_type_are_no_aliases(fmu):
+def test_variables_of_another_type_are_no_aliases(fmu):
     whole = reals("arm.q[1]", "arm.q[2]").replace("<Real/>", '<Integer start="0"/>')
     message = refused(fmu(xml=whole + reals("q[1]", "q[2]")))
     assert message.startswith("'q' may be arm.q[1], arm.q[2] or q[1], q[2]; write")
@@ -116,7 +116,7 @@ def test_numbers_of_another_type_are_no_aliases(fmu):
     assert message.startswith("variable 'arm.q[1]' for q is of type Integer")
 
 
-def test_an_exact_name_comes_before_all_families(fmu):
+def test_an_exact_name_is_preferred_to_families(fmu):
     assert references(fmu("q", "q[1]", "q[2]", "arm.q")) == [0]
     assert references(fmu("time", "arm.q")) == [1]
 
@@ -124,11 +124,11 @@ def test_an_exact_name_comes_before_all_families(fmu):
 @pytest.mark.parametrize(
     "names", [("q1", "q3"), ("q2", "q3"), ("q[1,1]", "q[2,2]"), ("q01", "q02")]
 )
-def test_a_family_with_a_gap_is_none(fmu, names):
+def test_a_family_with_a_gap_is_not_matched(fmu, names):
     assert "has no variable 'q'" in refused(fmu(*names))
 
 
-def test_a_name_twice_is_refused(fmu):
+def test_a_repeated_name_is_refused(fmu):
     archive = fmu(xml=reals("q", "q") + reals("v1", "v2", "v1"))
     assert refused(archive) == "has 2 variables named 'q'"
     assert refused(archive, "v") == "has 2 variables named 'v1'"
@@ -164,7 +164,7 @@ def test_a_user_may_write_a_list_a_pattern_a_stem_or_a_slice(fmu):
         ("w[0:2]", "w[0:2] for q is beyond the 1 numbers of 'w'"),
     ],
 )
-def test_what_there_is_not_is_told_with_what_is_near(fmu, spec, message):
+def test_an_unknown_name_is_reported_with_the_nearest(fmu, spec, message):
     assert message in refused(fmu("a.phi1", "a.phi2", "w"), spec=spec)
 
 
@@ -178,14 +178,14 @@ def test_a_wrong_size_names_the_structural_parameter_that_decides_it():
     assert references(archive, size=2, sizes=sizes_of(assignments(archive, {"n": 2})))
 
 
-def test_nothing_found_tells_what_to_write(fmu):
+def test_no_match_is_reported_with_what_to_write(fmu):
     assert refused(fmu("phi1", "phi2")) == (
         "has no variable 'q'; it has phi1, phi2. Write in the scenario's [plant]: "
         'variables.q = "its name", or a list of names, or { pattern = "q[{i}]", base = 1 }'
     )
 
 
-def test_a_wrong_size_tells_what_was_found_and_how_to_take_a_part(fmu):
+def test_a_wrong_size_is_reported_with_how_to_take_a_slice(fmu):
     archive = fmu("q1", "q2", "q3")
     assert refused(archive, size=2) == (
         "q takes 2 numbers here, one for each of the scenario's target.axes, but the FMU has 3: "
@@ -199,7 +199,7 @@ def test_a_wrong_size_tells_what_was_found_and_how_to_take_a_part(fmu):
     )
 
 
-def test_without_qd_the_derivative_of_q_is_it(fmu):
+def test_without_qd_the_derivative_of_q_is_used(fmu):
     archive = fmu("j.q[1]", "j.q[2]", "der(j.q[1])", "der(j.q[2])", "a", "der(a)")
     assert references(archive, "qd") == [2, 3]
     assert [p.reference for p in find_quantity(archive, "qd", {"q": ("a",)}).parts] == [5]
@@ -224,13 +224,13 @@ STATE = (
 )
 
 
-def test_arrays_have_the_sizes_that_structural_parameters_give(fmu):
+def test_structural_parameters_set_array_sizes(fmu):
     archive = fmu(fmi=3, xml=STATE)
     assert [find_quantity(archive, name).size for name in ("q", "x", "A")] == [2, 4, 8]
     assert [find_quantity(archive, n, sizes={9: 3}).size for n in ("q", "x", "A")] == [2, 3, 6]
 
 
-def test_slices_of_one_array_share_it(fmu):
+def test_slices_of_one_array_share_its_variable(fmu):
     archive = fmu(fmi=3, xml=STATE)
     names = {"q": "x[2:4]", "qd": ("x[1:2]", "x[0:1]")}
     quantities = [find_quantity(archive, name, names, size=2) for name in ("q", "qd")]
@@ -251,7 +251,7 @@ def test_absurd_dimensions_are_refused(fmu, dimension):
 
 
 @pytest.mark.parametrize("kind", ["Float32", "Int32", "Boolean", "String"])
-def test_a_state_is_real(fmu, kind):
+def test_a_state_must_be_a_real_variable(fmu, kind):
     message = refused(fmu(fmi=3, xml=f'<{kind} name="q" valueReference="1"/>'))
     assert f"'q' for q is of type {kind}" in message
     assert message.endswith("expected Real or Float64")
@@ -280,7 +280,7 @@ def test_a_state_is_real(fmu, kind):
         ("degC", 'K="1" offset="273.15"', "other", 1),
     ],
 )
-def test_numbers_are_brought_to_si(fmu, unit, definition, name, factor):
+def test_units_are_converted_to_si(fmu, unit, definition, name, factor):
     units = f'<Unit name="{unit}"><BaseUnit {definition}/></Unit>' if definition else ""
     (part,) = find_quantity(fmu(name, unit=unit, units=units), name).parts
     assert part.factor == pytest.approx(factor, rel=1e-12)
@@ -310,18 +310,18 @@ def test_a_unit_that_contradicts_is_refused(fmu, unit, definition, name, reason)
 
 
 @pytest.mark.parametrize("unit", ["/", "N.(m)", "rad/s/", "²"])
-def test_a_unit_that_cannot_be_read_is_refused(unit):
+def test_an_unreadable_unit_is_refused(unit):
     assert parse_unit(unit) is None
     with pytest.raises(ValueError, match="a unit that the FMU does not define"):
         si_factor(unit, [], ["rad"])
 
 
 @pytest.mark.parametrize("unit", ["", "-"])
-def test_a_dash_is_no_unit(unit):
+def test_a_dash_means_no_unit(unit):
     assert si_factor(unit, [], ["rad"]) == 1.0
 
 
-def test_the_unit_of_a_declared_type_counts(tmp_path):
+def test_the_unit_of_a_declared_type_is_used(tmp_path):
     variable = (
         '<ScalarVariable name="q" valueReference="0"><Real declaredType="A"/></ScalarVariable>'
     )
@@ -386,13 +386,13 @@ STYLES: dict[str, tuple[Callable[[str, list[int]], str], dict[str, Spec]]] = {
 
 
 @pytest.mark.parametrize(("name", "names"), STYLES.values(), ids=STYLES)
-def test_an_fmu_runs_the_same_under_any_names(tmp_path, plain, name, names):
+def test_renamed_variables_give_the_same_run(tmp_path, plain, name, names):
     path = rewritten(tmp_path / "arm.fmu", 2, lambda text: renamed(text, name))
     assert description(2) != renamed(description(2), name)
     assert story(open_archive(path), names).tolist() == plain.tolist()
 
 
-def test_slices_of_one_family_run_the_same(tmp_path, plain):
+def test_slices_of_one_family_give_the_same_run(tmp_path, plain):
     order = ("q", "qd", "tau_applied")
 
     def name(stem: str, ij: list[int]) -> str:
@@ -407,7 +407,7 @@ def test_slices_of_one_family_run_the_same(tmp_path, plain):
     assert story(archive, names).tolist() == plain.tolist()
 
 
-def test_an_fmu_in_degrees_is_told_and_asked_in_radians(tmp_path, plain):
+def test_an_fmu_in_degrees_is_driven_and_recorded_in_radians(tmp_path, plain):
     """The arm's equations with its angles declared in degrees: the same numbers, another unit."""
 
     def in_degrees(text: str) -> str:

@@ -20,7 +20,7 @@ def record(channel, data, *, kind=5, length=None):
 WHOLE = record(1, b"abc") + record(7, b"") + record(1, b"defg")
 
 
-def test_messages_are_found_with_all_that_they_say():
+def test_messages_are_found_with_their_fields():
     found = columns(WHOLE, CHANNELS)
     assert found.channel.tolist() == [1, 7, 1]
     assert found.sequence.tolist() == [3, 3, 3]
@@ -59,17 +59,17 @@ def test_messages_are_found_with_all_that_they_say():
         "a length that turns over",
     ],
 )
-def test_what_is_no_message_of_the_recording_is_damage(damaged, like):
+def test_a_malformed_message_is_damage(damaged, like):
     guess = None if like is None else np.array(like)
     with pytest.raises(DamageError):
         columns(damaged, CHANNELS, guess)
 
 
-def test_no_records_are_no_messages():
+def test_no_records_give_no_messages():
     assert len(columns(b"", CHANNELS).channel) == 0
 
 
-def test_only_what_is_asked_for_is_kept():
+def test_only_requested_messages_are_read():
     data = b"".join(
         struct.pack("<BQHIQQ", 5, 23, channel, k, t, t) + b"x"
         for k, (channel, t) in enumerate([(1, 10), (7, 20), (1, 30), (7, 40)])

@@ -147,7 +147,7 @@ def accepted_by_others(path: Path) -> list[Message]:
 
 @pytest.mark.parametrize("compression", get_args(Compression))
 @pytest.mark.parametrize("chunks", [EACH_TICK, {"chunk_bytes": 1000}, NEVER])
-def test_what_is_written_is_read_by_all_readers(
+def test_recordings_are_read_by_all_readers(
     tmp_path: Path, compression: Compression, chunks: dict[str, Any]
 ) -> None:
     made = ticks(20)
@@ -208,7 +208,7 @@ def test_ranges_are_half_open_and_topics_are_chosen(tmp_path: Path) -> None:
         assert len([*reader.batches()]) > 3
 
 
-def test_digest_frames_do_not_share_bytes() -> None:
+def test_the_digest_separates_its_parts() -> None:
     """What moves between topic, data or messages changes it; how updates are cut does not."""
     one = [(1, "a", 1, b"bc"), (2, "a", 1, b"")]
     digests, topics = {naive_digest(one)}, {1: "a", 2: "ab"}
@@ -226,7 +226,7 @@ def test_digest_frames_do_not_share_bytes() -> None:
     assert twin.hexdigest() == naive_digest(one[:1])
 
 
-def test_a_run_without_messages_is_a_recording(tmp_path: Path) -> None:
+def test_a_run_without_messages_is_a_valid_recording(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", [[]])
     assert accepted_by_others(path) == []
     with Reader(path, verify=True) as reader:
@@ -267,7 +267,7 @@ def test_leaving_the_block_closes_the_file(
         assert reader.digest == naive_digest(in_order(made))
 
 
-def test_an_interruption_at_any_line_of_write_tears_nothing(tmp_path: Path) -> None:
+def test_an_interrupt_at_any_line_of_write_leaves_whole_ticks(tmp_path: Path) -> None:
     """Ctrl-C is raised at the first, second, ... line that `write` executes, until none is left."""
     made, path, lines = ticks(3), tmp_path / "a.mcap", 0
     watched = {module.__file__ for module in (chunk, digest, writer_module)}
@@ -331,7 +331,7 @@ def test_a_killed_writer_leaves_its_ticks(tmp_path: Path) -> None:
         assert "killed" in reader.reason
 
 
-def test_ticks_in_the_past_are_refused_and_nothing_of_them_is_kept(tmp_path: Path) -> None:
+def test_ticks_in_the_past_are_refused_as_a_whole(tmp_path: Path) -> None:
     made = ticks(3)
     far = [(9 * H, TOPICS[0], 9, b""), (2 * H, TOPICS[0], 9, b"")]
     with create(tmp_path / "a.mcap") as writer:
@@ -349,7 +349,7 @@ def test_ticks_in_the_past_are_refused_and_nothing_of_them_is_kept(tmp_path: Pat
     assert accepted_by_others(tmp_path / "a.mcap") == in_order(made)
 
 
-def test_after_the_end_nothing_is_written(tmp_path: Path) -> None:
+def test_writing_after_the_end_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", ticks(1))
     before = path.read_bytes()
     with create(path, **NEVER) as writer:
@@ -380,7 +380,7 @@ def test_the_head_is_refused_when_it_contradicts_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("room", "status"), [(0, "unfinished"), (4000, "failed")])
-def test_a_full_disk_is_named_and_leaves_what_it_took(
+def test_a_full_disk_is_named_and_leaves_a_readable_part(
     tmp_path: Path, room: int, status: str
 ) -> None:
     """Beyond a limit on the file's size the system refuses, after having taken a part."""
@@ -465,7 +465,7 @@ def test_no_flipped_bit_makes_a_wrong_message_or_goes_unnoticed(
     assert kept > 200
 
 
-def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
+def test_a_damaged_chunk_leaves_the_others_readable(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", ticks(4), compression="none", **EACH_TICK)
     made = ticks(4)
     victim = max(data for _, _, _, data in made[1])
@@ -485,7 +485,7 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
         )
 
 
-def test_a_file_that_changes_while_it_is_open_is_not_believed(tmp_path: Path) -> None:
+def test_a_file_that_changes_while_open_is_refused(tmp_path: Path) -> None:
     victim = b"0123456789" * 2000
     path = written(tmp_path / "a.mcap", [[(H, TOPICS[0], 1, victim)]], compression="none")
     with Reader(path) as reader:
@@ -494,7 +494,7 @@ def test_a_file_that_changes_while_it_is_open_is_not_believed(tmp_path: Path) ->
             [*reader.messages()]
 
 
-def test_what_is_no_recording_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with pytest.raises(UnreadableError, match=r"a\.mcap: cannot be read: No such file"):
         Reader(path)

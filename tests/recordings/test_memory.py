@@ -41,7 +41,7 @@ def peak_of_reading(path: Path, form: str) -> float:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
-def test_the_peak_does_not_grow_with_the_file(tmp_path: Path) -> None:
+def test_peak_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     short, long = tmp_path / "short.mcap", tmp_path / "long.mcap"
     for path, ticks in ((short, 5), (long, TICKS)):
         with create(path, N, 2, ticks, (), compression="none") as writer:

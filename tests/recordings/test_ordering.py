@@ -35,18 +35,18 @@ def test_order_is_total(seed, parts):
     assert through(messages, parts) == in_order(messages)
 
 
-def test_what_shares_all_but_its_data_is_in_the_order_of_the_data():
+def test_messages_equal_but_for_data_are_ordered_by_data():
     messages = [(5, "a", 1, data) for data in (b"c", b"", b"b", b"ba", b"a")]
     messages += [(5, "b", 1, b"z"), (5, "b", 1, b"y"), (4, "b", 1, b"x")]
     assert through(messages) == in_order(messages)
 
 
-def test_one_message_alone_is_in_order():
+def test_a_single_message_is_in_order():
     assert through([(0, "a", 0, b"")]) == [(0, "a", 0, b"")]
 
 
 @pytest.mark.parametrize("number", [0, 2**64 - 1])
-def test_times_and_sequences_may_be_as_small_and_as_large_as_they_fit(number):
+def test_extreme_times_and_sequences_are_ordered(number):
     message = (number, "a", min(number, 2**32 - 1), b"x")
     assert columns_of([message], NUMBERS).messages(TOPICS) == [message]
 
@@ -61,7 +61,7 @@ def test_times_and_sequences_may_be_as_small_and_as_large_as_they_fit(number):
         ((0, "a", 2**32, b""), "out of range"),
     ],
 )
-def test_what_does_not_fit_is_refused(message, why):
+def test_numbers_that_do_not_fit_are_refused(message, why):
     with pytest.raises(ValueError, match=why):
         columns_of([(0, "a", 0, b""), message], NUMBERS)
 

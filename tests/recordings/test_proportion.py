@@ -112,7 +112,7 @@ def message(size: int) -> bytes:
 
 
 @pytest.mark.parametrize("records", [bytes(256 * MIB), message(MIB) * 256], ids=["zeros", "real"])
-def test_a_chunk_out_of_proportion_is_damage_and_all_else_is_read(sound, tmp_path, records):
+def test_a_chunk_of_absurd_size_is_damage_and_the_rest_is_read(sound, tmp_path, records):
     path, (before, after), least = sound
     bomb = tmp_path / "bomb.mcap"
     bomb.write_bytes(before + chunk("zstd", records) + after)
@@ -125,7 +125,7 @@ def test_a_chunk_out_of_proportion_is_damage_and_all_else_is_read(sound, tmp_pat
     assert peak(bomb) < least + 30
 
 
-def test_many_small_chunks_of_what_is_no_message_take_the_memory_of_one(sound, tmp_path):
+def test_many_chunks_of_garbage_take_the_memory_of_one(sound, tmp_path):
     _, (before, after), least = sound
     bomb = tmp_path / "bomb.mcap"
     bomb.write_bytes(before + chunk("zstd", bytes(8 * MIB)) * 50 + after)
@@ -133,13 +133,13 @@ def test_many_small_chunks_of_what_is_no_message_take_the_memory_of_one(sound, t
 
 
 @pytest.mark.parametrize("compression", COMPRESS)
-def test_a_chunk_of_another_tools_size_is_read_however_well_it_is_compressed(compression):
+def test_a_highly_compressed_chunk_of_usual_size_is_read(compression):
     records = message(MIB - HEAD.itemsize) * 4
     assert decoded_chunk(chunk(compression, records)) == records
     assert len(columns(records, [1]).time) == 4
 
 
-def test_the_rule_begins_where_lz4_ends():
+def test_the_proportion_rule_begins_where_lz4_ends():
     records = bytes(64 * MIB)
     assert decoded_chunk(chunk("lz4", records)) == records
     with pytest.raises(DamageError, match="is refused, for its"):
@@ -151,7 +151,7 @@ def test_the_rule_begins_where_lz4_ends():
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_a_tick_that_compresses_too_well_is_written_so_that_all_read_it(tmp_path, compression):
+def test_a_tick_that_compresses_too_well_is_stored_readably(tmp_path, compression):
     path = tmp_path / "rest.mcap"
     said = sorted(
         (0, sample_topic(node), 0, HEADER.pack(node, 0, 0) + bytes(16 * MIB)) for node in range(2)
@@ -205,12 +205,12 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
     return path
 
 
-def test_joints_that_no_message_has_take_no_memory(sound, tmp_path):
+def test_joints_without_messages_take_no_memory(sound, tmp_path):
     path = sealed(tmp_path / "joints.mcap", m=2**20)
     assert peak(path) < sound[2] + 30
 
 
-def test_a_chunk_that_the_summary_names_again_and_again_is_read_once(sound, tmp_path):
+def test_a_chunk_listed_repeatedly_is_read_once(sound, tmp_path):
     path = sealed(tmp_path / "again.mcap", spans=100)
     with Reader(path) as reader, Reader(sound[0]) as was:
         assert list(reader.messages()) == list(was.messages())
@@ -220,12 +220,12 @@ def test_a_chunk_that_the_summary_names_again_and_again_is_read_once(sound, tmp_
 
 
 @pytest.mark.parametrize("said", [{"messages": 10**6}, {"ticks": 10**6}], ids=str)
-def test_a_file_says_of_no_more_than_it_has_room_for(tmp_path, said):
+def test_counts_beyond_the_files_size_are_refused(tmp_path, said):
     with pytest.raises(UnreadableError, match=r"nrs\.end: messages: is .* room for"):
         Reader(sealed(tmp_path / "many.mcap", **said))
 
 
-def test_rows_that_lack_what_the_header_names_are_refused_before_there_is_room_for_them():
+def test_missing_columns_are_refused_before_memory_is_allocated():
     names = ",".join(f"c{i}" for i in range(10**6))
     data = (names + "\n" + "1\n" * 10**5).encode()
     with pytest.raises(InputError, match="line 2: expected 1000000 values"):

@@ -28,7 +28,7 @@ def closed(recorder, wire, until, **what):
         recorder.close(k)
 
 
-def test_tick_0_lacks_records_alone(wire):
+def test_tick_0_waits_only_for_records(wire):
     recorder, _ = recorder_of(wire)
     assert recorder.missing(0) == {"left": ["records"], "right": ["records"]}
     recorder.take(tick_batch(wire, "right", 0))
@@ -39,7 +39,7 @@ def test_tick_0_lacks_records_alone(wire):
     assert recorder.is_whole(0)
 
 
-def test_a_later_tick_lacks_what_each_worker_did_not_say(wire):
+def test_a_later_tick_waits_for_the_batches_not_received(wire):
     recorder, _ = recorder_of(wire)
     closed(recorder, wire, 0)
     assert recorder.missing(0) == {}
@@ -57,7 +57,7 @@ def test_a_later_tick_lacks_what_each_worker_did_not_say(wire):
     assert recorder.is_whole(1)
 
 
-def test_a_tick_is_written_whole_with_its_faults_and_checkpoints(wire):
+def test_a_tick_is_written_complete_with_events_and_checkpoints(wire):
     recorder, writer = recorder_of(wire, faulty=(1, 2), checkpoints=True)
     closed(recorder, wire, 0)
     closed(recorder, wire, 1, faults=2, checkpoint=True)
@@ -89,7 +89,7 @@ def test_a_message_without_a_channel_is_refused(wire, what, room):
     assert recorder.taken == 0
 
 
-def test_what_cannot_be_believed_is_counted_by_its_reason(wire):
+def test_rejected_messages_are_counted_by_reason(wire):
     recorder, _ = recorder_of(wire)
     good = samples(wire, "left", 1)
     recorder.take(Message(good.key, good.payload[:-1]))
@@ -100,7 +100,7 @@ def test_what_cannot_be_believed_is_counted_by_its_reason(wire):
     assert (recorder.taken, recorder.repeated) == (0, 0)
 
 
-def test_what_is_said_again_in_the_same_words_is_kept_once(wire):
+def test_a_batch_repeated_identically_is_recorded_once(wire):
     recorder, writer = recorder_of(wire)
     for k in (0, 1):
         for message in whole(wire, k) * 2:
@@ -113,14 +113,14 @@ def test_what_is_said_again_in_the_same_words_is_kept_once(wire):
 
 
 @pytest.mark.parametrize("say", [samples, tick_batch])
-def test_what_is_said_again_in_other_words_ends_the_run(wire, say):
+def test_a_batch_repeated_differently_ends_the_run(wire, say):
     recorder, _ = recorder_of(wire)
     recorder.take(say(wire, "left", 1))
     with pytest.raises(BusError, match="tick 1: worker left said it twice, and not the same"):
         recorder.take(say(wire, "left", 1, value=2.0))
 
 
-def test_the_last_that_was_heard_of_a_worker(wire):
+def test_the_last_tick_received_of_a_worker_is_known(wire):
     recorder, _ = recorder_of(wire)
     closed(recorder, wire, 2)
     for k in (5, 3):
@@ -130,7 +130,7 @@ def test_the_last_that_was_heard_of_a_worker(wire):
     assert recorder.last_heard("right") == 2
 
 
-def test_samples_of_so_many_closed_ticks_stay_at_hand_and_no_more(wire):
+def test_samples_of_the_last_closed_ticks_stay_in_memory(wire):
     keep = 4
     recorder, _ = recorder_of(wire, keep=keep)
     closed(recorder, wire, TICKS)
@@ -151,7 +151,7 @@ def test_samples_of_open_ticks_are_by_worker(wire):
     assert known == [(1, EVERYONE), (2, "left"), (3, "left")]
 
 
-def test_channels_are_those_of_each_robot_and_what_is_beside_the_digest_is_not_counted():
+def test_each_robot_has_its_channels_and_uncounted_ones_are_marked():
     found = channels(Codecs.of(Sizes(2)), 2, (2,), checkpoints=True)
     assert [channel.topic for channel in found if channel.counted] == [
         *(sample_topic(node) for node in range(3)),
@@ -195,7 +195,7 @@ class Read:
         self.is_open = False
 
 
-def test_samples_that_are_no_more_at_hand_are_read_from_what_is_flushed(wire, monkeypatch):
+def test_older_samples_are_read_from_the_flushed_file(wire, monkeypatch):
     opened, flushed = [], []
     recorder, writer = recorder_of(wire, keep=2)
     writer.flush = lambda: flushed.append(recorder.closed)
@@ -220,7 +220,7 @@ def test_samples_that_are_no_more_at_hand_are_read_from_what_is_flushed(wire, mo
     assert [reader.is_open for reader in opened] == [False, False]
 
 
-def test_a_recorder_that_read_nothing_again_ends_too(wire):
+def test_a_recorder_that_read_nothing_back_ends_cleanly(wire):
     recorder_of(wire)[0].end()
 
 
@@ -244,7 +244,7 @@ def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(
     assert (k, worker, sorted(records["robot"].tolist())) == (3, EVERYONE, [0, 1, 2])
 
 
-def test_channels_tell_each_robots_joints_units_fmu_and_drive():
+def test_channels_carry_joints_units_fmu_and_drive():
     arm = [{"name": "shoulder", "unit": "rad"}, {"name": "slide", "unit": "m"}]
     plants = [
         {"robots": [2], "joints": arm, "fmu": "arm.fmu", "drive": "one step an interval"},

@@ -18,7 +18,7 @@ def recovered(path: Path) -> Reader:
     return Reader(path.with_name("new.mcap"), verify=True)
 
 
-def test_a_chunk_that_is_lost_leaves_a_gap_that_is_named(tmp_path: Path) -> None:
+def test_a_lost_chunk_leaves_a_named_gap(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     made = recorded(path, ticks=20, faulty=[2], **EACH_TICK)
     data = path.read_bytes()
@@ -46,7 +46,7 @@ def test_a_chunk_that_is_lost_leaves_a_gap_that_is_named(tmp_path: Path) -> None
         assert new.channels == reader.channels
 
 
-def test_a_run_that_was_killed_stays_unfinished_in_its_words(tmp_path: Path) -> None:
+def test_a_killed_run_is_recovered_as_unfinished(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with create(path, 3, 2, 9, (), **EACH_TICK) as writer:
         for k in range(5):
@@ -60,7 +60,7 @@ def test_a_run_that_was_killed_stays_unfinished_in_its_words(tmp_path: Path) -> 
         assert new.metadata[RECOVERED]["status"] == "unfinished"
 
 
-def test_a_recording_that_lost_but_its_index_ended_as_it_says(tmp_path: Path) -> None:
+def test_a_recording_without_its_index_keeps_its_ending(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     made = recorded(path, ticks=5)
     data = path.read_bytes()
@@ -72,7 +72,7 @@ def test_a_recording_that_lost_but_its_index_ended_as_it_says(tmp_path: Path) ->
         assert new.damage == []
 
 
-def test_the_last_ticks_that_are_missing_are_named(tmp_path: Path) -> None:
+def test_missing_last_ticks_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     made = recorded(path, ticks=6, **EACH_TICK)
     data = path.read_bytes()
@@ -84,7 +84,7 @@ def test_the_last_ticks_that_are_missing_are_named(tmp_path: Path) -> None:
         assert "ticks 5 to 6 are missing" in reader.damage
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_recover_overwrites_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     recorded(path, ticks=2)
     before = path.read_bytes()

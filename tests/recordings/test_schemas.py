@@ -67,7 +67,7 @@ def by_protobuf(path: Path, messages: list[Message]) -> dict[tuple[str, int, int
     return found
 
 
-def test_arrays_are_what_protobuf_reads_in_the_declared_shapes(run) -> None:
+def test_arrays_agree_with_protobuf_in_the_declared_shapes(run) -> None:
     path, messages = run
     read = by_protobuf(path, messages)
     with Recording(path) as recording:
@@ -93,7 +93,7 @@ def test_arrays_are_what_protobuf_reads_in_the_declared_shapes(run) -> None:
                 assert np.ravel(row[name]).tolist() == np.ravel(theirs[name]).tolist()
 
 
-def test_every_number_has_a_column_of_its_own_and_the_same_bits_in_csv_and_parquet(
+def test_every_number_has_its_own_column_with_the_same_bits_in_csv_and_parquet(
     run, tmp_path: Path
 ) -> None:
     path, _ = run
@@ -153,7 +153,7 @@ def test_a_dataset_has_the_dimensions_of_the_declared_shapes(run) -> None:
     assert "units" not in data.sample_level.attrs
 
 
-def test_a_file_says_of_declared_fields_what_protobuf_does_not(run) -> None:
+def test_shapes_and_units_of_declared_fields_are_recorded(run) -> None:
     with Reader(run[0]) as reader:
         said = reader.metadata[FIELDS]
         units = {channel.topic: channel.metadata for channel in reader.channels}
@@ -169,7 +169,7 @@ def test_a_file_says_of_declared_fields_what_protobuf_does_not(run) -> None:
     assert units["/robot_1/sample"] == {}
 
 
-def test_standing_types_say_nothing_beside_their_schemas() -> None:
+def test_standard_types_need_no_extra_field_records() -> None:
     assert fields_record(Codecs.of(Sizes(2, 5, 3))) == {}
     assert fields_record(Codecs.of(Sizes(2, 5, 3), duplicates=True)) == {}
 
@@ -339,7 +339,7 @@ RECORDS = {
 
 
 @pytest.mark.parametrize(("record", "words"), RECORDS.values(), ids=RECORDS)
-def test_what_is_said_of_fields_and_cannot_be_is_refused_by_name(tmp_path, record, words) -> None:
+def test_a_contradictory_field_record_is_refused_by_name(tmp_path, record, words) -> None:
     said = {FIELDS: {**fields_record(CODECS_OF_TWO)[FIELDS], **record}}
     codecs = CODECS_OF_TWO
     used = channels(codecs, 2, (1,), False)

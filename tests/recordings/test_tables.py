@@ -50,7 +50,7 @@ def expected(messages: list[Message], kind: str, robots: set[int], start: int, e
 @pytest.mark.parametrize(
     "within", [(None, None), (0.55, 2.3), (3.95, None), (None, 0.0), (9, None)]
 )
-def test_arrays_are_the_messages(run, robots, within) -> None:
+def test_arrays_agree_with_the_messages(run, robots, within) -> None:
     path, messages = run
     start, end = (None if t is None else round(t * 1e9) for t in within)
     bounds = (start or 0, 2**63 if end is None else end)
@@ -92,7 +92,7 @@ def test_only_the_chunks_of_a_range_are_read(run, monkeypatch: pytest.MonkeyPatc
         assert len(read) == 1
 
 
-def test_a_recording_says_what_it_is(run) -> None:
+def test_a_recording_describes_its_run(run) -> None:
     with Recording(run[0]) as recording, Reader(run[0]) as reader:
         assert recording.scenario == toml(base=chain(N, M, TICKS))
         assert recording.metadata == about(N, M, TICKS)
@@ -101,7 +101,7 @@ def test_a_recording_says_what_it_is(run) -> None:
         assert (recording.robots, recording.joints) == (N, M)
 
 
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+def test_a_recording_of_no_run_is_refused(tmp_path: Path) -> None:
     with Writer(
         tmp_path / "a.mcap", version="1", channels=[], schemas=[], metadata={}, attachments={}
     ) as writer:
@@ -110,7 +110,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
         Recording(tmp_path / "a.mcap")
 
 
-def test_a_message_that_is_not_of_its_type_is_refused(tmp_path: Path) -> None:
+def test_a_message_of_a_wrong_type_is_refused(tmp_path: Path) -> None:
     (good, *_) = tick(1, 2, 2)
     nan = good[3][:-8] + np.float64("nan").tobytes()
     for data, complaint in ((good[3][:-1], "another size"), (nan, "not finite")):
@@ -124,7 +124,7 @@ def test_a_message_that_is_not_of_its_type_is_refused(tmp_path: Path) -> None:
             recording.states()
 
 
-def test_a_layout_that_is_guessed_wrong_changes_nothing(run) -> None:
+def test_a_wrongly_guessed_layout_changes_no_value(run) -> None:
     """Each chunk is taken apart with the layout of each other one, and of none."""
     with Reader(run[0]) as reader:
         found = list(reader.columns())
@@ -138,7 +138,7 @@ def test_a_layout_that_is_guessed_wrong_changes_nothing(run) -> None:
                     columns(wrong, reader.topics, chunk.start)
 
 
-def test_a_dataset_has_what_was_recorded_and_nan_elsewhere(tmp_path: Path) -> None:
+def test_a_dataset_has_recorded_values_and_nan_elsewhere(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     silent = {(3, "/robot_2/sample"), (4, "/robot_2/sample"), (4, "/robot_1/state")}
     made = [
@@ -204,13 +204,13 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
             assert parquet[name].to_numpy().tobytes() == np.ascontiguousarray(column).tobytes()
 
 
-def test_a_run_without_faults_has_no_such_table(tmp_path: Path) -> None:
+def test_a_run_without_faults_has_no_link_event_table(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", ticks=2)
     with Reader(tmp_path / "a.mcap") as reader:
         assert [path.name for path in export(reader, tmp_path)] == ["samples.csv", "states.csv"]
 
 
-def test_a_recording_shows_what_it_is_and_gives_a_robot_by_its_number(tmp_path: Path) -> None:
+def test_a_recording_has_a_repr_and_selects_robots_by_number(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, n=3, m=2, ticks=4)
     with Recording(path) as recording:

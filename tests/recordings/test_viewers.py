@@ -85,7 +85,7 @@ def matrix(transform: Any) -> np.ndarray:
     return made
 
 
-def test_a_scene_shows_the_arms_where_they_are(example: Path, tmp_path: Path) -> None:
+def test_a_scene_shows_the_arms_at_their_positions(example: Path, tmp_path: Path) -> None:
     path = tmp_path / "scene.mcap"
     with Reader(example) as reader:
         shapes = shapes_of(experiment_of(reader))

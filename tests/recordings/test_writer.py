@@ -39,7 +39,7 @@ def all_of(path):
         return list(reader.messages())
 
 
-def test_a_tick_of_no_messages_is_nothing(path):
+def test_an_empty_tick_writes_nothing(path):
     message = (5, "a", 1, b"x")
     none = columns_of([message], {"a": 2}).at(np.zeros(1, bool))
     assert isinstance(none, Columns)
@@ -90,7 +90,7 @@ def test_order_is_by_the_last_message_of_a_tick_and_the_first_of_the_next(path):
     "message",
     [(5, "d", 1, b""), (-1, "a", 1, b""), (2**64, "a", 1, b""), (5, "a", 2**32, b"")],
 )
-def test_what_does_not_fit_is_refused_and_the_file_named(path, message):
+def test_messages_that_do_not_fit_are_refused_with_the_file(path, message):
     with new(path) as writer:
         with pytest.raises(ValueError, match=r"a\.mcap: "):
             writer.write([(5, "a", 1, b""), message])
@@ -110,7 +110,7 @@ def test_a_chunk_closes_at_the_end_of_a_tick_when_it_is_large_or_old(path, optio
     assert all_of(path) == [message for tick in ticks for message in tick]
 
 
-def test_after_its_end_nothing_is_written(path):
+def test_a_finished_writer_refuses_more(path):
     with new(path) as writer:
         writer.finish("completed")
         for act in (
@@ -123,7 +123,7 @@ def test_after_its_end_nothing_is_written(path):
     assert all_of(path) == []
 
 
-def test_a_file_that_cannot_be_is_said_so(tmp_path):
+def test_a_file_that_cannot_be_created_is_reported(tmp_path):
     with pytest.raises(UncreatableError, match="cannot be created"):
         new(tmp_path / "none" / "a.mcap")
 
@@ -132,7 +132,7 @@ def test_a_file_that_cannot_be_is_said_so(tmp_path):
     ("status", "extra"),
     [("perfect", {}), ("completed", {"digest": "0"}), ("failed", {"ticks": ""})],
 )
-def test_an_end_that_there_is_not_is_refused_and_the_recording_goes_on(path, status, extra):
+def test_an_unknown_ending_is_refused_and_writing_continues(path, status, extra):
     with new(path) as writer:
         with pytest.raises(ValueError, match="status"):
             writer.finish(status, "", extra)
@@ -141,7 +141,7 @@ def test_an_end_that_there_is_not_is_refused_and_the_recording_goes_on(path, sta
     assert len(all_of(path)) == 1
 
 
-def test_the_statistics_are_those_of_the_messages_and_of_none(path):
+def test_the_statistics_count_the_messages(path):
     for messages, span in (([], (0, 0)), ([(5, "a", 1, b""), (9, "b", 2, b"")], (5, 9))):
         with new(path, chunk_bytes=1) as writer:
             for message in messages:
@@ -169,7 +169,7 @@ def test_a_recording_that_is_closed_leaves_no_thread(path):
 
 
 @pytest.mark.parametrize("verify", [False, True])
-def test_an_end_that_has_another_digest_is_told_when_it_is_verified(path, monkeypatch, verify):
+def test_a_wrong_digest_is_found_when_verified(path, monkeypatch, verify):
     monkeypatch.setattr("nrs_cosim.recordings.mcap.writer.Digest.hexdigest", lambda _self: "0" * 64)
     with new(path) as writer:
         writer.write([(5, "a", 1, b"")])
@@ -181,7 +181,7 @@ def test_an_end_that_has_another_digest_is_told_when_it_is_verified(path, monkey
         assert (reader.digest == "0" * 64) != verify
 
 
-def test_chunks_that_changed_places_are_out_of_order(path):
+def test_swapped_chunks_are_out_of_order(path):
     """All else is as written: they are of one size, and their checksums are their own."""
     with new(path, chunk_bytes=1, compression="none") as writer:
         for k in (1, 2, 3):
@@ -209,7 +209,7 @@ def test_chunks_that_changed_places_are_out_of_order(path):
         ((2, 3, 5), ["tick 1 is missing", "tick 4 is missing"]),
     ],
 )
-def test_ticks_that_a_damaged_recording_lacks_are_named(path, ticks, result):
+def test_missing_ticks_of_a_damaged_recording_are_named(path, ticks, result):
     with new(path, chunk_bytes=1) as writer:
         for k in (0, *ticks):
             writer.write([(k, "a", k, b"")])

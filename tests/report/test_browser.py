@@ -22,7 +22,7 @@ def look(chromium, address):
     return Look(chromium, address).ready()
 
 
-def test_every_figure_is_there_with_its_lines(look):
+def test_every_figure_is_drawn_with_its_lines(look):
     drawn = look.drawn()
     assert [label for label, *_ in drawn] == [
         "εi, joint 1 (rad)", "εi, joint 2 (rad)", "υi, joint 1 (rad/s)", "υi, joint 2 (rad/s)",
@@ -48,7 +48,7 @@ def test_faults_and_several_recordings_are_drawn(chromium, paper, lossy, folder)
     assert not look.complaints()
 
 
-def test_the_arms_move_and_stop(look):
+def test_the_arms_animation_plays_and_stops(look):
     before, began = look.picture(), look.now()
     look.ask("document.querySelector('#play').click()")
     look.until("Number(document.querySelector('#slider').value) > 0.3")
@@ -73,7 +73,7 @@ def test_the_slider_goes_to_a_time(look):
     assert len(shown) == 8
 
 
-def test_a_robot_is_hidden_everywhere_and_shown_again(look):
+def test_hiding_a_robot_hides_it_in_every_figure(look):
     def lines():
         return [lines for *_, lines in look.drawn()]
 
@@ -92,7 +92,7 @@ def brightness(look):
     return sum(map(int, re.findall(r"\d+", colour)[:3]))
 
 
-def test_by_night_it_is_dark_and_the_switch_goes_before(look):
+def test_the_dark_scheme_follows_the_system_unless_switched(look):
     tick = "getComputedStyle(document.querySelector('.xtick text')).fill"
     light, light_tick, arms = brightness(look), look.ask(tick), look.picture()
     look.prefer(dark=True)
@@ -113,7 +113,7 @@ def test_by_night_it_is_dark_and_the_switch_goes_before(look):
     assert not look.complaints()
 
 
-def test_on_a_phone_nothing_is_small_or_beside_the_screen(chromium, address):
+def test_on_a_phone_nothing_is_too_small_or_off_screen(chromium, address):
     look = Look(chromium, address, width=390).ready()
     assert look.ask("document.documentElement.scrollWidth") <= 390
     smallest = look.ask(

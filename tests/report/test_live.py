@@ -58,7 +58,7 @@ class Run:
         self.process.communicate()
 
 
-def test_a_browser_sees_the_run_grow_to_its_end(chromium, tmp_path):
+def test_a_browser_follows_a_live_run_to_its_end(chromium, tmp_path):
     from tests.report.looking import Look  # noqa: PLC0415, needs selenium
 
     out = tmp_path / "live.mcap"
@@ -106,9 +106,7 @@ def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
         assert reader.status == "interrupted"
 
 
-def test_a_page_whose_process_dies_leaves_the_run_alone_and_it_is_said_how(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_dead_live_page_leaves_the_run_and_is_reported(tmp_path, monkeypatch, capsys):
     started = []
 
     def start(*arguments, **more):
@@ -153,7 +151,7 @@ def served():
         thread.join()
 
 
-def test_what_is_known_is_not_told_again(served):
+def test_known_data_is_not_sent_again(served):
     address, state, server = served
     assert get(address, "/data.json")[0] == 204
     state["version"] = "a"
@@ -171,7 +169,7 @@ def silent(address):
     return socket.create_connection((host, int(port)), timeout=GUARD)
 
 
-def test_a_connection_beyond_the_bound_is_closed_and_the_others_are_served(served):
+def test_connections_beyond_the_limit_are_closed(served):
     address, *_ = served
     with ExitStack() as stack:
         held = [stack.enter_context(silent(address)) for _ in range(server_module.MOST)]
@@ -187,7 +185,7 @@ def test_a_silent_connection_is_closed(served, monkeypatch):
         assert quiet.recv(1) == b""
 
 
-def test_a_tab_that_is_closed_before_its_answer_is_logged_and_says_nothing(served, capfd):
+def test_a_browser_tab_closed_early_is_only_logged(served, capfd):
     address, state, _ = served
     logged = Event()
     handler = logging.Handler()
@@ -207,7 +205,7 @@ def test_a_tab_that_is_closed_before_its_answer_is_logged_and_says_nothing(serve
     assert capfd.readouterr().err == ""
 
 
-def test_only_this_machine_by_its_own_name_is_answered(served):
+def test_only_requests_to_this_machines_names_are_answered(served):
     address, *_ = served
     assert get(address, "/")[0] == 200
     assert get(address, "/", Host="evil.example")[0] == 403
@@ -268,11 +266,11 @@ def test_a_pace_is_asked_before_each_tick_and_changes_no_bit(paper, tmp_path):
         (["--stay"], "--stay requires --live"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(options, said):
+def test_contradictory_live_options_are_refused(options, said):
     assert said in str(nrs.invoke(app, ["run", str(FIRST_ORDER), *options]).exception)
 
 
-def test_a_port_that_is_taken_is_named(tmp_path):
+def test_a_port_in_use_is_named(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = str(other.getsockname()[1])
         out = str(tmp_path / "run.mcap")

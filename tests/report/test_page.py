@@ -42,7 +42,7 @@ def table_of(path, read):
         return np.concatenate(list(read(reader)))
 
 
-def test_each_curve_has_the_extremes_of_the_recording_to_the_last_bit(recorded):
+def test_each_curve_has_the_exact_extremes_of_the_recording(recorded):
     path = recorded("fine", {"run.output_step": 0.005})
     data, rows = sentences_of(page([story(path)])), table_of(path, states)
     seen = 0
@@ -77,7 +77,7 @@ def test_tracking_errors_are_joints_less_the_target(paper):
             np.testing.assert_allclose(numbers(data, curve["y"]), errors, atol=1e-12)
 
 
-def test_envelopes_are_the_largest_over_robots(paper):
+def test_envelopes_are_maxima_over_robots(paper):
     rows = table_of(paper, samples)
     t = rows["time_ns"] / 1e9
     target = np.stack([2 * t + np.sin(t), -2 * t - np.cos(t)], axis=1)
@@ -89,7 +89,7 @@ def test_envelopes_are_the_largest_over_robots(paper):
 
 
 @pytest.mark.parametrize("rows", [1, 2 * BUCKETS, 2 * BUCKETS + 1, 10_007])
-def test_few_points_keep_extremes_ends_and_gaps(rows):
+def test_downsampling_keeps_extremes_ends_and_gaps(rows):
     y = np.random.default_rng(rows).normal(size=rows)
     y[rows // 2] = np.nan
     points = kept(y)
@@ -101,7 +101,7 @@ def test_few_points_keep_extremes_ends_and_gaps(rows):
         assert np.nanmin(y[points]) == np.nanmin(y)
 
 
-def test_a_page_is_small_and_refers_to_nothing_outside(paper, tmp_path):
+def test_a_page_is_small_and_self_contained(paper, tmp_path):
     result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "page.html")])
     assert result.exit_code == 0, result.output
     written = (tmp_path / "page.html").read_bytes()
@@ -112,7 +112,7 @@ def test_a_page_is_small_and_refers_to_nothing_outside(paper, tmp_path):
     assert "connect-src 'none'" in text
 
 
-def test_words_and_numbers_are_those_of_the_run(paper):
+def test_a_page_shows_the_runs_words_and_numbers(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
     assert "6 robots with 2 joints each" in run["lead"]
     assert "a target that robot 3 hears" in run["lead"]
@@ -135,7 +135,7 @@ def test_words_and_numbers_are_those_of_the_run(paper):
     assert sorted(i + j for j, i in heard) == expected.split()
 
 
-def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faults(paper, lossy):
+def test_the_slope_of_rho_is_only_shown_without_link_faults(paper, lossy):
     for path, there in ((paper, True), (lossy, False)):
         data = sentences_of(page([story(path)]))
         (figure,) = (f for f in data["figures"] if f["name"] == "envelopes")
@@ -146,7 +146,7 @@ def test_the_slope_of_rho_is_drawn_and_told_of_only_where_links_are_without_faul
         assert (run["spectral_radius"] is not None) == there
 
 
-def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
+def test_lower_bounds_on_gains_are_shown_as_such(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
     rows = {v["name"]: v for v in run["conditions"]}
     assert [v["at_least"] for v in rows.values()] == [False, False, *[True] * 4]
@@ -154,14 +154,14 @@ def test_a_condition_on_gains_is_one_of_what_they_are_at_least(paper):
     assert rows["kd (tracking)"]["value"] == 300 > rows["kd (tracking)"]["bound"] > 0
 
 
-def test_what_a_run_says_at_its_end_is_told(paper):
+def test_a_page_shows_the_end_of_the_run(paper):
     spent = replace(story(paper), ending={"time": '{"worker": {"plants": 0.5}}', "note": "a word"})
     (run,) = sentences_of(page([spent]))["runs"]
     assert run["counted"]["time, worker, plants"] == "0.5"
     assert run["counted"]["note"] == "a word"
 
 
-def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
+def test_theoretical_bounds_are_shown_beside_measurements(paper):
     plain = story(paper)
     bounds = {"position_estimate": {"sharp": 0.2, "paper’s": float("inf")}}
     data = sentences_of(page([replace(plain, subject=replace(plain.subject, bounds=bounds))]))
@@ -172,7 +172,7 @@ def test_bounds_of_the_theory_stand_beside_what_was_measured(paper):
     assert numbers(data, line["y"]).tolist() == [0.2, 0.2]
 
 
-def test_faults_are_those_of_the_recording(lossy):
+def test_a_page_shows_the_recorded_link_events(lossy):
     data = sentences_of(page([story(lossy)]))
     (figure,) = (f for f in data["figures"] if f["name"] == "link_events")
     (panel,) = figure["panels"]
@@ -192,7 +192,7 @@ def test_faults_are_those_of_the_recording(lossy):
     assert "4 silent" in panel["rows"]
 
 
-def test_several_recordings_lie_over_one_another(paper, lossy):
+def test_several_recordings_are_overlaid(paper, lossy):
     data = sentences_of(page([story(paper), story(lossy), story(paper)]))
     names = ["paper_first_order (1)", "paper_lossy_links", "paper_first_order (2)"]
     assert [group["name"] for group in data["groups"]] == [*names, "target"]
@@ -203,7 +203,7 @@ def test_several_recordings_lie_over_one_another(paper, lossy):
     assert [inks[name] for name in names] == [0, 1, 2]
 
 
-def test_a_cut_recording_is_drawn_as_far_as_it_goes_and_says_so(paper, tmp_path):
+def test_a_cut_recording_is_drawn_as_far_as_it_goes(paper, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(paper.read_bytes()[:300_000])
     result = nrs.invoke(app, ["report", str(cut), "-o", str(tmp_path / "page.html")])
@@ -214,7 +214,7 @@ def test_a_cut_recording_is_drawn_as_far_as_it_goes_and_says_so(paper, tmp_path)
     assert "of 300 sampling times" in run["lead"]
 
 
-def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
+def test_a_damaged_chunk_is_drawn_as_a_gap(paper, tmp_path):
     damaged = bytearray(paper.read_bytes())
     damaged[400_000] ^= 0xFF
     path = tmp_path / "damaged.mcap"
@@ -227,7 +227,7 @@ def test_what_a_damaged_chunk_had_is_a_gap(paper, tmp_path):
     assert np.isnan(estimates.y).sum() == missing.sum()
 
 
-def test_a_run_whose_first_tick_is_to_come_has_a_page(empty):
+def test_a_run_before_its_first_tick_has_a_page(empty):
     data = sentences_of(page([story(empty)]))
     (run,) = data["runs"]
     assert data["figures"] == []
@@ -235,14 +235,14 @@ def test_a_run_whose_first_tick_is_to_come_has_a_page(empty):
     assert "0 of 300 sampling times" in run["lead"]
 
 
-def test_names_from_a_recording_cannot_leave_the_data(recorded):
+def test_names_from_a_recording_are_escaped(recorded):
     path = recorded("</script><b>{{plotly}}", {"run.duration": 1.0})
     text = page([story(path)])
     assert "</script><b>" not in text
     assert sentences_of(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
 
 
-def test_arms_have_the_lengths_that_their_plants_tell():
+def test_arms_are_drawn_with_their_plants_lengths():
     assert arm_of(Plant(fmu="two_link_arm"), 2).lengths == (1.0, 0.8)
     assert arm_of(Plant(fmu="two_link_arm", parameters={"r2": 0.5}), 2).lengths == (1.0, 0.5)
     assert arm_of(Plant(fmu="n_link_arm", parameters={"n": 4}), 4).lengths == (0.5,) * 4
@@ -251,7 +251,7 @@ def test_arms_have_the_lengths_that_their_plants_tell():
     assert (unknown.lengths, unknown.known) == ((1.0, 1.0, 1.0), False)
 
 
-def test_where_nothing_can_be_written_is_named(paper, tmp_path):
+def test_an_unwritable_output_is_named(paper, tmp_path):
     (tmp_path / "file").touch()
     result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "file" / "page.html")])
     assert "file: is a file and not a folder" in str(result.exception)
@@ -268,7 +268,7 @@ def test_where_nothing_can_be_written_is_named(paper, tmp_path):
     ],
     ids=["turning", "sliding", "mixed", "one is not known", "none is known"],
 )
-def test_axes_have_the_unit_that_all_joints_have_and_no_other(paper, units, labels):
+def test_axes_show_a_unit_only_if_all_joints_have_it(paper, units, labels):
     of = story(paper)
     assert of.subject.unit == "rad"
     of = replace(of, subject=replace(of.subject, unit=unit_over(units)))

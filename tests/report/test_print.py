@@ -23,7 +23,7 @@ BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF-", "svg": 
 
 
 @pytest.mark.parametrize("form", BEGINS)
-def test_the_ending_of_its_name_says_what_a_report_is(paper, tmp_path, form):
+def test_the_file_extension_sets_the_report_format(paper, tmp_path, form):
     out = tmp_path / f"report.{form.upper()}"
     for more in ([], ["--format", form]):
         result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
@@ -52,7 +52,7 @@ def test_a_format_that_contradicts_a_name_is_refused_before_anything_is_read(
     assert not out.exists()
 
 
-def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path):
+def test_without_extension_a_report_is_a_page_or_the_given_format(paper, tmp_path):
     for more, begin in (([], "html"), (["--format", "pdf"], "pdf")):
         out = tmp_path / begin
         result = nrs.invoke(app, ["report", str(paper), "-o", str(out), *more])
@@ -72,7 +72,7 @@ def test_a_name_that_says_nothing_is_a_page_or_what_is_asked_for(paper, tmp_path
         (["diff", "a.mcap", "b.mcap", "--picture", "a.pdf"], "and a picture would be written"),
     ],
 )
-def test_no_file_is_named_as_another_kind_of_file(arguments, shown):
+def test_a_report_is_not_named_as_another_kind_of_file(arguments, shown):
     result = nrs.invoke(app, arguments)
     assert isinstance(result.exception, InputError)
     assert shown in str(result.exception)
