@@ -8,7 +8,7 @@ import pytest
 
 from tests.command import nrs
 from tests.estimator_agents.paper import ONE, D
-from tests.orchestrator.conftest import SCENARIOS
+from tests.scenarios import SCENARIOS
 
 PAPER = SCENARIOS / "paper_first_order.toml"
 MODULE = """
