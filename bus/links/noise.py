@@ -85,7 +85,7 @@ def quantised(values: Array, steps: Array) -> Array:
         return values
     coarse = values[rows]
     step = steps[rows].reshape(-1, *[1] * (values.ndim - 1))
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # a count that overflows is beyond what is rounded
         count = coarse / step
         rounded = np.rint(count) * step
     found = values.copy()

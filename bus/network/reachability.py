@@ -13,6 +13,7 @@ from nrs_cosim.bus.network.certificates import Tls, context, reason
 from nrs_cosim.bus.network.endpoints import Address
 
 _DEADLINE = 2.0
+"""s: how long a link may take to open, on a network that answers at all."""
 BRIEFLY, LONG = 0.3, 5.0
 """s; how long a listener is given for its refusal."""
 _ALERTS = {

@@ -55,6 +55,7 @@ def _fitting(archive: Archive, part: Part, was: float) -> ModelVariable | None:
     namesakes = [v for v in pool if any(_names(v, alias) for alias in aliases)]
     equal = [v for v in pool if was and isclose(float(v.start), was)]
     both = [v for v in namesakes if v in equal]
+    # The best evidence first: name and number, name, number, or the description's word alone.
     return next(
         (few[0] for few in (both, namesakes, equal, pool if known else []) if len(few) == 1),
         None,

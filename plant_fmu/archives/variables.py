@@ -172,6 +172,7 @@ def _cut(archive: Archive, spec: str, picks: Sequence[Pick], cut: slice) -> tupl
         return ()
     if len(picks) == 1:
         return ((picks[0][0], cut),)
+    # A slice of Python's ends where the list does; here what is beyond is a mistake.
     if not picks[cut] or (cut.stop or 0) > len(picks):
         raise FmuError(
             f"{archive.label}: {quoted(spec)} is beyond the {len(picks)} entries that it has"

@@ -141,6 +141,7 @@ def declare(name: str, own: Mapping[str, Any], fmi: int = 3) -> Declaration:
         tables = {key: table for key, table in tables.items() if table["kind"] != "structural"}
     variables: list[Variable] = []
     reference = 0
+    # By kind, so that states follow one another; within a kind as the tables have them.
     for key in sorted(tables, key=lambda key: KINDS.index(tables[key]["kind"])):
         variable = _variable(key, tables[key], dimensions, own["units"], reference)
         variables.append(variable)

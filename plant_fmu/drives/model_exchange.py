@@ -114,7 +114,7 @@ class ModelExchangePlants:
             robot.next_event = float(next_event)
             robot.states[:] = states
             robot.arrive(float(time))
-            solver.restart()
+            solver.restart()  # of its past nothing is saved: the next `hold` would end it as well
         self._gather()
 
     def _start(self, bodies: Sequence[Body]) -> None:

@@ -55,6 +55,7 @@ class ReferenceDrivenPlants:
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""
         m, now = position.shape[1], self._stepped.time
+        # The law has them too, for a checkpoint, and for the torque where the FMU tells none.
         self._stepped.law.hold(now, position, velocity)
         self._reference[:, :m] = position
         self._reference[:, m:] = velocity

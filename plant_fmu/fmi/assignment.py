@@ -175,7 +175,7 @@ def _number(entry: Any) -> float:
 def _integer(entry: Any, c_type: Any) -> int:
     if isinstance(entry, bool) or not isinstance(entry, Integral):
         raise TypeError(f"expected a whole number, got {quoted(entry)}")
-    if c_type(int(entry)).value != entry:
+    if c_type(int(entry)).value != entry:  # a C type wraps around, and says nothing
         raise ValueError(
             f"expected a number of {8 * ctypes.sizeof(c_type)} bits, got {quoted(entry)}"
         )

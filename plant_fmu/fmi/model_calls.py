@@ -77,6 +77,7 @@ def _complete_step(call: Call, truth: Any) -> Callable[[int], Completed]:
     addresses = byref(event), byref(terminate)
 
     def complete_step(handle: int) -> Completed:
+        # noSetFMUStatePriorToCurrentPoint: what is taken back is a step that was not completed.
         status = call(handle, True, *addresses)
         return Completed(status, bool(event.value), bool(terminate.value))
 
@@ -100,6 +101,7 @@ def _update_fmi2(dll: Any) -> Callable[[int], Update]:
 
 def _update_fmi3(dll: Any) -> Callable[[int], Update]:
     call = bind(dll, "fmi3UpdateDiscreteStates", c_void_p, *[c_void_p] * 6)
+    # Whether nominal values or states changed is no matter: after an event all are read anew.
     again, terminate, nominals, states, planned = (c_bool() for _ in range(5))
     at = c_double()
     addresses = [byref(value) for value in (again, terminate, nominals, states, planned, at)]
