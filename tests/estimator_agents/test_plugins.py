@@ -10,9 +10,9 @@ import pytest
 
 from nrs_cosim.bus.errors import Cause
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.scenarios import write
 
 NRS = Path(sys.executable).with_name("nrs")
-PAPER = (Path(__file__).parents[2] / "scenarios/paper_first_order.toml").read_text("utf-8")
 PROJECT = """
 [build-system]
 requires = ["hatchling"]
@@ -92,9 +92,8 @@ def run(site, tmp_path):
     """Return a call of the command on a scenario with one of the algorithms."""
 
     def call(command: str, algorithm: str, *more: str) -> subprocess.CompletedProcess[str]:
-        text = PAPER.replace('"dcea1"', f'"{algorithm}"').replace("beta = 1.1\n", "")
-        text = text.replace("duration = 30.0", "duration = 2.0")
-        (tmp_path / "s.toml").write_text(text, "utf-8")
+        chosen = {"algorithm": {"name": algorithm, "alpha": 0.9}}
+        write(tmp_path / "s.toml", chosen, {"run.duration": 2.0})
         return subprocess.run(
             [NRS, command, "s.toml", *more],
             cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)},

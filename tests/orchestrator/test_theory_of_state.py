@@ -8,9 +8,8 @@ import pytest
 
 from tests.command import nrs
 from tests.estimator_agents.paper import ONE, D
-from tests.scenarios import SCENARIOS
+from tests.scenarios import write
 
-PAPER = SCENARIOS / "paper_first_order.toml"
 MODULE = """
 from dataclasses import dataclass
 from typing import ClassVar
@@ -35,8 +34,7 @@ class Remembering(nrs.Algorithm):
             last=position,
         )
 """
-OURS = 'name = "dcea1"            # dcea1 | dcea2 | the name of a plug-in\nalpha = 0.9\nbeta = 1.1'
-THEIRS = 'name = "remembering"\nalpha = 0.9\nbeta = 1.1'
+THEIRS = {"algorithm.name": "remembering"}
 
 
 @pytest.fixture
@@ -49,10 +47,7 @@ def remembering(tmp_path, monkeypatch):
     entry = "remembering = remembering:Remembering"
     (about / "entry_points.txt").write_text(f"[nrs.algorithms]\n{entry}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    text = PAPER.read_text("utf-8")
-    assert OURS in text
-    (tmp_path / "s.toml").write_text(text.replace(OURS, THEIRS), "utf-8")
-    yield tmp_path / "s.toml"
+    yield write(tmp_path / "s.toml", THEIRS)
     sys.modules.pop("remembering", None)
 
 
