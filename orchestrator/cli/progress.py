@@ -1,8 +1,8 @@
-"""Long work is seen to go on: on a terminal alone, on its error output, and gone when it is done.
+"""Long work is seen to go on, on the error output: a terminal's is gone when it is done.
 
 A run goes by simulated time. What reads recordings goes by the part of the file that was read, pass
 by pass, and what builds an FMU by stages; neither shows anything unless it takes longer than two
-seconds.
+seconds. In a pipe all of them are lines; see `status_lines`.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,12 +27,10 @@ from rich.progress import (
 from rich.text import Text
 
 from nrs_cosim.bus.clock import Clock, seconds
+from nrs_cosim.orchestrator.cli.status_lines import PATIENCE, status_lines
 
 if TYPE_CHECKING:
     from nrs_cosim.recordings.mcap.reader import Reader
-
-PATIENCE = 2.0
-"""s"""
 
 Watch = Callable[[float], None]
 """Is told how far the work is."""
@@ -51,11 +49,23 @@ def _left() -> tuple[ProgressColumn, ...]:
 @contextmanager
 def running(console: Console, clock: Clock) -> Iterator[Watch]:
     """Show simulated time, speed and time left while a run goes on."""
+    total = seconds(clock.t(clock.ticks))
+    if not console.is_terminal:
+        reached: float | None = None
+
+        def reach(t: float) -> None:
+            nonlocal reached
+            reached = t
+
+        def status() -> str:
+            return "starting" if reached is None else f"t = {reached:g} of {total:g} s"
+
+        with status_lines(console, status):
+            yield reach
+        return
     columns = (BarColumn(), _SimulatedTime(), *_left())
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("run", total=seconds(clock.t(clock.ticks)))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("run", total=total)
         yield lambda t: bar.update(task, completed=t)
 
 
@@ -64,14 +74,12 @@ def reading(
     console: Console, now: Callable[[], float] = monotonic
 ) -> Iterator[Callable[[str | PathLike[str]], Watch]]:
     """Yield what begins a bar for a recording, and returns who is told what part of it was read."""
+    if not console.is_terminal:
+        with _reading_lines(console) as follow_in_lines:
+            yield follow_in_lines
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *_left())
-    bar = Progress(
-        *columns,
-        console=console,
-        transient=True,
-        redirect_stdout=False,
-        disable=not console.is_terminal,
-    )
+    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False)
     begun, over = now(), False
 
     def follow(path: str | PathLike[str]) -> Watch:
@@ -94,6 +102,22 @@ def reading(
     finally:
         over = True
         bar.stop()
+
+
+@contextmanager
+def _reading_lines(console: Console) -> Iterator[Callable[[str | PathLike[str]], Watch]]:
+    at = ""
+
+    def follow(path: str | PathLike[str]) -> Watch:
+        def watch(part: float) -> None:
+            nonlocal at
+            at = f"reading {Path(path).name}, {part:.0%}"
+
+        watch(0.0)
+        return watch
+
+    with status_lines(console, lambda: at):
+        yield follow
 
 
 @contextmanager
@@ -129,10 +153,18 @@ def stages(
     console: Console, now: Callable[[], float] = monotonic
 ) -> Iterator[Callable[[str], None]]:
     """Yield what is told of each stage as it begins."""
-    stage = _Stage(now)
     if not console.is_terminal:
-        yield stage.begin
+        current = ""
+        with status_lines(console, lambda: current) as changed:
+
+            def begin_line(name: str) -> None:
+                nonlocal current
+                current = name
+                changed()
+
+            yield begin_line
         return
+    stage = _Stage(now)
     with Live(stage, console=console, transient=True, redirect_stdout=False) as live:
 
         def begin(name: str) -> None:

@@ -32,7 +32,7 @@ def report(
 ) -> None:
     """Draw recordings: a page with everything that moves, or figures for print."""
     from nrs_cosim.orchestrator.cli.formats import format_of
-    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.cli.progress import reading, stages
     from nrs_cosim.orchestrator.cli.report_files import BEGINS, write_report
     from nrs_cosim.orchestrator.report.subject import story_of
     from nrs_cosim.recordings.mcap.reader import Reader
@@ -46,5 +46,7 @@ def report(
             stories.append(story_of(reader))
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")
-    write_report(stories, output, kind)
+    with stages(err) as begin:
+        begin("drawing")
+        write_report(stories, output, kind)
     out.print(str(output), markup=False)

@@ -1,0 +1,101 @@
+"""In a pipe long work is told in lines: after two seconds, at each change, every ten seconds."""
+
+from io import StringIO
+from queue import Queue
+from threading import Event
+
+import pytest
+from rich.console import Console
+
+from nrs_cosim.bus.clock import Clock
+from nrs_cosim.orchestrator.cli import status_lines as lines
+from nrs_cosim.orchestrator.cli.progress import reading, running, stages
+from nrs_cosim.orchestrator.cli.status_lines import EVERY, PATIENCE, status_lines
+from tests.guard import GUARD
+
+
+class Clockwork(Event):
+    """An end that is waited for in wall time that passes when the test says so."""
+
+    made = None
+
+    def __init__(self):
+        super().__init__()
+        self.waited, self.passes = Queue(), Queue()
+        type(self).made = self
+
+    def wait(self, delay):
+        self.waited.put(delay)
+        return self.passes.get(timeout=GUARD)
+
+    def set(self):
+        super().set()
+        self.passes.put(True)
+
+    def pass_by(self):
+        """Let the time pass that is waited for; return it, once what follows is printed."""
+        delay = self.waited.get(timeout=GUARD)
+        self.passes.put(False)
+        following = self.waited.get(timeout=GUARD)
+        self.waited.put(following)
+        return delay
+
+
+@pytest.fixture
+def pipe(monkeypatch):
+    monkeypatch.setattr(lines, "Event", Clockwork)
+    return Console(file=StringIO(), force_terminal=False, width=80)
+
+
+def printed(pipe):
+    return pipe.file.getvalue().splitlines()
+
+
+def test_nothing_is_printed_of_what_is_soon_done(pipe):
+    with status_lines(pipe, lambda: "a") as changed:
+        changed()
+    assert printed(pipe) == []
+
+
+def test_lines_come_after_two_seconds_then_at_each_change_and_every_ten_seconds(pipe):
+    now = "a [b]"
+    with status_lines(pipe, lambda: now) as changed:
+        assert Clockwork.made.pass_by() == PATIENCE
+        assert printed(pipe) == ["progress: a [b]"]
+        now = "c"
+        changed()
+        assert printed(pipe)[1:] == ["progress: c"]
+        assert Clockwork.made.pass_by() == EVERY
+        assert printed(pipe)[2:] == ["progress: c"]
+    assert len(printed(pipe)) == 3
+
+
+def test_a_status_that_is_empty_is_not_printed(pipe):
+    with status_lines(pipe, lambda: ""):
+        Clockwork.made.pass_by()
+    assert printed(pipe) == []
+
+
+def test_a_run_tells_its_simulated_time(pipe):
+    clock = Clock((500_000_000,), 1, 8)
+    with running(pipe, clock) as reach:
+        Clockwork.made.pass_by()
+        reach(1.5)
+        Clockwork.made.pass_by()
+    assert printed(pipe) == ["progress: starting", "progress: t = 1.5 of 4 s"]
+
+
+def test_reading_tells_the_file_and_its_part(pipe):
+    with reading(pipe) as follow:
+        watch = follow("folder/long [1].mcap")
+        watch(0.25)
+        Clockwork.made.pass_by()
+    assert printed(pipe) == ["progress: reading long [1].mcap, 25%"]
+
+
+def test_stages_are_told_by_name(pipe):
+    with stages(pipe) as begin:
+        begin("equations")
+        Clockwork.made.pass_by()
+        begin("compiling [C]")
+    assert printed(pipe) == ["progress: equations", "progress: compiling [C]"]
