@@ -30,6 +30,8 @@ AHEAD = 1e-2
 """rad, or s along q̇: half the distance over which what depends on q is differentiated."""
 HOLDING = 1.0
 """s: for how long it is to rest."""
+TORQUE = frozenset({"rk4", "hold"})
+"""Ways to drive a plant by any torque."""
 _FORWARD = np.array([-25 / 12, 4, -3, 4 / 3, -1 / 4])
 """The derivative at the first of five equally spaced numbers, of order 4."""
 
@@ -55,7 +57,7 @@ def open_probe(
 
     The stack ends it. `FmuError` where the FMU takes none.
     """
-    ways = [offer for offer in offered if offer.way in {"rk4", "hold"}]
+    ways = [offer for offer in offered if offer.way in TORQUE]
     if not ways:
         raise FmuError("it takes no tau")
     way = min(ways, key=lambda offer: offer.kind != chosen.kind)
@@ -132,7 +134,7 @@ class MechanicsProbe:
         if self._moves and (still := (np.flatnonzero(~inverse.any(axis=0)) + 1).tolist()):
             raise FmuError(
                 f"at q = {q.tolist()} nothing moves by a torque on {numbered('joint', still)}, "
-                "though it did when it was first started; does a reset start it anew?"
+                "though it did when it was first started; see the finding on its reset"
             )
         return inverse, rest
 

@@ -13,8 +13,9 @@ from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.checking.budget import VALIDATING, Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding
-from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
+from nrs_cosim.plant_fmu.checking.mechanics import TORQUE, MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.checking.physics import physics
+from nrs_cosim.plant_fmu.checking.resetting import resetting
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.validity import validity
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
@@ -60,6 +61,9 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
             why_slow = slowness(mechanics)
             yield from physics(mechanics, why_slow)
             suited = suited or fitted(mechanics, body)
+    if any(offer.way in TORQUE for offer in offered):
+        budget.begin("resetting it")
+        yield resetting(archive, body, task.names, offered, chosen, budget)
     budget.begin("running it alone")
     run = running(task, suited or body, suited is not None, budget, why_slow)
     yield run

@@ -117,7 +117,7 @@ def agreeing(
         size = np.abs(shorter).max()
         if not size > 0:
             raise FmuError(
-                "nothing moves, whatever the torque; if it takes one, does a reset start it anew?"
+                "nothing moves, whatever the torque; if it takes one, see the finding on its reset"
             )
         apart = np.abs(longer - shorter).max() / size
         if apart <= AGREEMENT:

@@ -104,6 +104,7 @@ def test_stages_are_reported_as_they_begin(tmp_path):
         "loading it",
         "looking for its variables",
         "checking whether it moves as mechanics does",
+        "resetting it",
         "running it alone",
         "saving its state, and going on in another process",
     ]

@@ -83,7 +83,7 @@ def test_joints_that_stop_moving_after_a_reset_are_unknown(tmp_path):
     assert statuses(checked) == result
     for name in ("rests", "power"):
         assert "nothing moves by a torque on joints 1-2" in found(checked, name).text
-        assert found(checked, name).text.endswith("does a reset start it anew?")
+        assert found(checked, name).text.endswith("see the finding on its reset")
 
 
 DECLARED = {
