@@ -11,7 +11,7 @@ Each is a pure function, so that a run is the same to the last bit however it is
 algorithms need one method alone, `jump`: it is given the estimate and the disagreement.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -127,6 +127,14 @@ class Algorithm:
         """Return conditions on the period h, s, and on the largest |υ_0| and |a_0| (A1)."""
         return ()
 
+    def nominal(self) -> "tuple[Algorithm, Mapping[str, float]] | None":
+        """Return the algorithm that it is but for errors of what is received; None for no such.
+
+        They are of the samples of robots, the most at any time, by field. The bounds of that
+        algorithm then hold, with what such errors add.
+        """
+        return None
+
 
 def name_of(algorithm: Algorithm) -> str:
     """Return what an algorithm is called in errors."""
@@ -145,6 +153,12 @@ def conditions(algorithm: Algorithm, spectra: Spectra, h: float) -> Sequence[Con
     conditions_of: Any = algorithm.conditions
     found: Sequence[Condition] = conditions_of(spectra[0], h, *spectra[1:])
     return found
+
+
+def nominal_of(algorithm: Algorithm) -> Algorithm:
+    """Return the algorithm that one is but for errors of what is received: mostly itself."""
+    nominal = algorithm.nominal()
+    return nominal[0] if nominal else algorithm
 
 
 def jumped(algorithm: Algorithm, x: Values, received: Received) -> Values:

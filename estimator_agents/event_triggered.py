@@ -16,6 +16,7 @@ that comes from in-neighbours. With c_0 = d_0 = 0 all that changes is sent.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -89,6 +90,11 @@ class EventTriggered(Algorithm):
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:
         """Return those of the first-order DCEA, of the recursion that the trigger disturbs."""
         return FirstOrder(self.alpha, self.beta).modes(spectrum, h)
+
+    def nominal(self) -> tuple[Algorithm, Mapping[str, float]]:
+        """Return the first-order DCEA, and how far off others' models of an estimate may be."""
+        off = {"position": self.c0 + self.c1, "velocity": self.d0}
+        return FirstOrder(self.alpha, self.beta), off
 
     def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:
         """Return Theorem 1's bound on both gains."""

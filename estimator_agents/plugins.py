@@ -4,14 +4,16 @@ The line names the algorithm, how it was called, the exception, and the place in
 """
 
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
+from math import inf
 from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
@@ -143,6 +145,10 @@ class ThirdParty(Algorithm):
             lambda: _conditions(self.own.demands(h, gamma_1, gamma_2)),
         )
 
+    def nominal(self) -> tuple[Algorithm, Mapping[str, float]] | None:
+        """Return the algorithm that it is but for errors of what is received."""
+        return self._asked("nominal", "", lambda: _nominal(self.own.nominal()))
+
     def _sent(self, given: Any, x: Values) -> tuple[Values, Values, Mask | None]:
         if not isinstance(given, tuple) or len(given) != 3:
             raise TypeError("expected the state, the messages, and who sends (None for all)")
@@ -223,6 +229,18 @@ def _alike(after: Any, before: Estimate) -> Estimate:
             got = np.shape(getattr(after, name))
             raise ValueError(f"expected a {name} of shape {shape}, as it was given, got {got}")
     return after
+
+
+def _nominal(found: Any) -> tuple[Algorithm, Mapping[str, float]] | None:
+    if found is None:
+        return None
+    algorithm, off = found
+    if not isinstance(algorithm, Algorithm):
+        raise TypeError(f"expected an Algorithm, got {type(algorithm).__name__}")
+    for name in ESTIMATE:
+        if not 0 <= off[name] < inf:
+            raise ValueError(f"expected a {name} of at least 0, got {off[name]}")
+    return algorithm, off
 
 
 def _conditions(found: Any) -> Sequence[Condition]:

@@ -42,6 +42,10 @@ class EstimateBounds:
     position: float
     velocity: float
 
+    def plus(self, added: "EstimateBounds") -> "EstimateBounds":
+        """Return the bounds with what else adds to the errors."""
+        return EstimateBounds(self.position + added.position, self.velocity + added.velocity)
+
 
 @dataclass(frozen=True, slots=True)
 class PaperBound:

@@ -1,12 +1,14 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import modes
+from nrs_cosim.bus.fields import ESTIMATE
+from nrs_cosim.estimator_agents.algorithm import Algorithm, modes, nominal_of
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
@@ -23,6 +25,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case_always,
 )
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.received_errors import received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
@@ -43,6 +46,7 @@ if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.theory.design import Design
 
 
+_UNKNOWN_ERRORS = "what errors of received samples add is not computed of such networks or times"
 _FEWER = "of agents that keep more than a position and a velocity there are bounds "
 
 
@@ -83,6 +87,8 @@ class UltimateBounds:
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
     settled: SteadyMotion | None
     """The same of an algorithm whose agents keep more, of which a run's beginning is not known."""
+    added: EstimateBounds | None
+    """What is added to these by errors of what is received; None of an algorithm without such."""
     worst_case: EstimateBounds | None
     paper: PaperBound | None
     robots: list[Bounded]
@@ -92,7 +98,9 @@ class UltimateBounds:
     def steady_state(self) -> EstimateBounds | None:
         """The largest that the estimates' errors come to, for this target."""
         motion = self.motion or self.settled
-        return motion.bound if motion else None
+        if motion is None:
+            return None
+        return motion.bound.plus(self.added) if self.added else motion.bound
 
     @property
     def sampled(self) -> bool:
@@ -189,6 +197,8 @@ def ultimate_bounds(
     """
     topologies, periods = experiment.topologies, periods_of(experiment)
     target, algorithm = experiment.target, experiment.algorithm
+    nominal = algorithm.nominal()
+    algorithm = nominal_of(algorithm)
     middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
     recursions = recursions_of(algorithm, topologies, periods.constant_period or middle)
     recursion = lasting(recursions, topologies)
@@ -199,7 +209,10 @@ def ultimate_bounds(
     step = None
     if not recursions and periods.constant_period is not None and len(topologies.digraphs) == 1:
         step = linear_step(algorithm, periods.constant_period)
-    why_not = _why_not(experiment, recursions, recursion, step, rho)
+    why_not, added = _why_not(experiment, algorithm, recursions, recursion, step, rho), None
+    if nominal and not why_not:
+        added = _added(recursion if periods.constant_period else None, nominal[1], rho.radius)
+        why_not = "" if added else _UNKNOWN_ERRORS
     motion, settled, worst, always, paper = None, None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
         settled = step.steady_motion(topologies.digraphs[0].D, target)
@@ -216,8 +229,11 @@ def ultimate_bounds(
         if isinstance(target, Harmonic):
             motion = steady_motion(recursion, target, radius)
         worst = worst_case(recursion, *whole, radius)
-        always = worst_case_always(recursion, *whole, radius, worst)
-        paper = None if topologies.switching else paper_bound(recursion, *whole)
+        if added is None:
+            always = worst_case_always(recursion, *whole, radius, worst)
+            paper = None if topologies.switching else paper_bound(recursion, *whole)
+        elif worst is not None:
+            worst = worst.plus(added)
     tracking = Tracking(
         *(
             worst_tracking([_ball(way, part, estimates) for part in robots])
@@ -240,11 +256,21 @@ def ultimate_bounds(
         rho.radius,
         motion,
         settled,
+        added,
         worst,
         paper,
         robots,
         tracking,
     )
+
+
+def _added(
+    recursion: Recursion | None, off: Mapping[str, float], radius: float
+) -> EstimateBounds | None:
+    """Return what errors of received samples add; None where it is not known."""
+    if recursion is None:
+        return None
+    return received_errors(recursion, np.array([off[name] for name in ESTIMATE]), radius)
 
 
 @np.errstate(all="ignore")
@@ -290,6 +316,7 @@ def _source(target: TargetMotion) -> str:
 
 def _why_not(
     experiment: Experiment,
+    algorithm: Algorithm,
     recursions: list[Recursion],
     lasting: Recursion | None,
     step: LinearStep | None,
@@ -299,7 +326,7 @@ def _why_not(
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
         "links have faults, and the theory is of links without": experiment.links is not None,
-        why_unknown(experiment.algorithm, topologies, periods): isnan(rho.upper),
+        why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _not_converging(rho): rho.status != "proven",
         _FEWER + "on one digraph, at a constant period": (

@@ -212,7 +212,9 @@ def _beginning(
         return (*transient, 0.0, 0.0), peak, None
     aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
     period = sum(ticks for _, ticks in experiment.topologies.phases()) or 1
-    return (*transient, 0.0, 0.0), peak, _factor(aside, period)
+    # What is received may be off for ever, so that errors do not fall to the motion itself.
+    factor = None if ultimate.added else _factor(aside, period)
+    return (*transient, 0.0, 0.0), peak, factor
 
 
 def _left(

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions
+from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_of
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
@@ -205,8 +205,8 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         algorithm=experiment.scenario.algorithm.name,
         parameters=experiment.scenario.algorithm.parameters,
         spectrum=_pairs(spectrum),
-        rho=rho_of(algorithm, topologies, spectra, periods),
-        why=why_unknown(algorithm, topologies, periods),
+        rho=rho_of(nominal_of(algorithm), topologies, spectra, periods),
+        why=why_unknown(nominal_of(algorithm), topologies, periods),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(bounds, default=None),
         conditions=(

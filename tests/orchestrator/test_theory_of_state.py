@@ -8,7 +8,7 @@ import pytest
 
 from tests.command import nrs
 from tests.estimator_agents.paper import ONE, D
-from tests.scenarios import write
+from tests.scenarios import PAPER_FILE, write
 
 MODULE = """
 from dataclasses import dataclass
@@ -88,3 +88,53 @@ def test_where_nothing_is_known_it_is_said_why(remembering, change, why):
     done = nrs("check", remembering, "--set", change)
     assert (done.returncode, done.stderr) == (0, "")
     assert why in " ".join(done.stdout.split())
+
+
+def bounds_of(algorithm):
+    done = nrs("check", PAPER_FILE, "--set", f"algorithm={algorithm}", "--json")
+    result = json.loads(done.stdout)
+    assert result["why_not"] == ""
+    return result
+
+
+def test_a_triggered_algorithm_has_the_bounds_of_its_own_and_of_what_is_not_sent():
+    plain = bounds_of("{name='dcea1',alpha=0.9,beta=1.1}")
+    triggered = bounds_of("{name='event_triggered',alpha=0.9,beta=1.1,c0=0.03,d0=0.01}")
+    none, h = np.zeros((6, 6)), 0.1
+    A = matrix(0.9, 1.1, 0.0)[:12, :12]
+    received = np.block([[0.9 * D, h * 1.1 * D], [none, 1.1 * D]])
+    added, power = np.zeros(12), received
+    for _ in range(3000):
+        added += np.abs(power) @ np.repeat([0.03, 0.01], 6)
+        power = A @ power
+    assert abs(power).max() < 1e-15
+    for kind in ("steady_state", "worst_case"):
+        for name, more in zip(
+            ("position", "velocity"), added.reshape(2, 6).max(axis=1), strict=True
+        ):
+            expected = plain["estimates"][kind][name] + more
+            assert triggered["estimates"][kind][name] == pytest.approx(expected, rel=1e-9)
+    assert triggered["spectral_radius"] == plain["spectral_radius"]
+    assert triggered["estimates"]["paper"] is None
+
+
+def test_a_run_of_a_triggered_algorithm_is_within_them(tmp_path):
+    change = "algorithm={name='event_triggered',alpha=0.9,beta=1.1,c0=0.1,d0=0.1}"
+    done = nrs("run", PAPER_FILE, "--set", change, "-o", tmp_path / "run.mcap", "--json")
+    theory = json.loads(done.stdout)["theory"]
+    assert [row["status"] for row in theory["quantities"][:2]] == ["within"] * 2
+    assert theory["measured_radius"] is None
+
+
+def test_what_is_wrong_with_its_nominal_algorithm_is_one_line(remembering):
+    path = remembering.with_name("remembering.py")
+    module = MODULE + "\n    def nominal(self):\n        return 3\n"
+    path.write_text(module, "utf-8")
+    sys.modules.pop("remembering", None)
+    done = nrs("check", remembering)
+    line = module.splitlines().index("    def nominal(self):") + 1
+    assert done.returncode == 2
+    assert " ".join(done.stderr.split()) == (
+        "error: algorithm.name: remembering.nominal(): TypeError: cannot unpack non-iterable int "
+        f"object, at {path}:{line}"
+    )
