@@ -21,7 +21,8 @@ from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings import Recording as Tables
-from nrs_cosim.recordings.export.tables import flat
+from nrs_cosim.recordings.export.tables import MESSAGES, flat, layout
+from nrs_cosim.recordings.schemas import recorded_types
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -243,6 +244,9 @@ class Recording(Tables):
         except ImportError:
             raise MissingExtraError("a DataFrame needs pandas", "analysis") from None
         rows: NDArray[np.void] = getattr(self, table)(robots, start, end)
+        if not len(rows) and table in MESSAGES:
+            of = layout(recorded_types(self._reader), MESSAGES[table])
+            of.expect_few_columns(self.path)
         found: dict[str, Any] = {}
         for name in rows.dtype.names or ():
             found |= zip(column_names(name, rows[name].shape[1:]), flat(rows[name]).T, strict=True)

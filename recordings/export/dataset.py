@@ -105,7 +105,11 @@ def dataset(reader: Reader) -> xarray.Dataset:
             "time": ("time", grid, seconds),
             "sampling_time": ("sampling_time", at, seconds),
             "robot": ("robot", np.arange(1, n + 1)),
-            **{axis: (axis, np.arange(1, size + 1)) for axis, size in sizes.items()},
+            **{
+                axis: (axis, np.arange(1, sizes[axis] + 1))
+                for axis in _AXES.values()
+                if axis in sizes
+            },
         },
         {
             "name": run.name,

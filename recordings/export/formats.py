@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.tables import (
+    MessageTable,
     Put,
     TableLayout,
     flat,
@@ -52,12 +53,21 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         try:
             with ExitStack() as stack:
-                put = {
-                    table.name: stack.enter_context(opened(parts[table.name], layout(types, table)))
-                    for table in tables
-                }
+                put: dict[str, Put] = {}
+
+                def open_table(table: MessageTable) -> Put:
+                    of = layout(types, table)
+                    return stack.enter_context(opened(parts[table.name], of))
+
+                # Once there is a row: before, nothing says that there are as many columns.
                 for table, found in rows(reader, tables):
+                    if table.name not in put:
+                        put[table.name] = open_table(table)
                     put[table.name](found)
+                for table in tables:
+                    if table.name not in put:
+                        layout(types, table).expect_few_columns(reader.path)
+                        open_table(table)
             return [parts[name].replace(path) for name, path in paths.items()]
         finally:
             for part in parts.values():

@@ -25,6 +25,8 @@ from nrs_cosim.recordings.schemas import TOPICS, RecordedTypes, about, recorded_
 
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
+MOST_UNSEEN = 2**16
+"""Columns of a table without rows: a file has nothing that would be in proportion to more."""
 OPENING = ("k", "time_ns", "t", "robot")
 """What every row begins with."""
 
@@ -76,6 +78,13 @@ class TableLayout:
         fields = (column_names(name, shape) for name, shape in self.shapes.items())
         return [*self.scalars, *(column for field in fields for column in field)]
 
+    def expect_few_columns(self, path: object) -> None:
+        """Raise `UnreadableError` where there are no rows, and no end of columns."""
+        if (count := sum(map(prod, self.shapes.values()))) > MOST_UNSEEN:
+            raise UnreadableError(
+                f"{path}: {self.table.name}: there are none, but each would have {count} numbers"
+            )
+
     @property
     def dtype(self) -> np.dtype[np.void]:
         """The type of a row."""
@@ -93,6 +102,7 @@ SAMPLES = MessageTable("samples", "sample", 0)
 STATES = MessageTable("states", "state", 1)
 AGENT_STATES = MessageTable("agent_states", "agent_state", 1)
 LINK_EVENTS = MessageTable("link_events", "link_event", 1)
+MESSAGES = {table.name: table for table in (SAMPLES, STATES, AGENT_STATES, LINK_EVENTS)}
 
 
 def joints(reader: Reader) -> int:

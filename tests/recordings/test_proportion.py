@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.keys import sample_topic
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings.errors import UnreadableError
@@ -38,6 +38,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
+from nrs_cosim.recordings.schemas import fields_record
 from tests.recordings.runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
 
@@ -208,6 +209,27 @@ def sealed(path: Path, m: int = M, spans: int = 1, **said: int) -> Path:
 def test_joints_without_messages_take_no_memory(sound, tmp_path):
     path = sealed(tmp_path / "joints.mcap", m=2**20)
     assert peak(path) < sound[2] + 30
+
+
+def test_fields_without_messages_take_no_memory(sound, tmp_path):
+    """40 fields of 8 MiB each, of every node and time, in a small file of small messages."""
+    many = {f"x{number}q": Field((2**20,)) for number in range(40)}
+    claimed = Codecs.of(Sizes(M), "Mine", many, {**ESTIMATE, **many})
+    codecs = Codecs.of(Sizes(M))
+    used = channels(claimed, N, (), False)
+    with Writer(
+        tmp_path / "a.mcap",
+        version="1.2",
+        channels=used,
+        schemas=schemas(used, claimed),
+        metadata={**about(N, M, TICKS), **fields_record(claimed)},
+        attachments={"scenario.toml": ("application/toml", toml(base=chain(N, M, TICKS)).encode())},
+    ) as writer:
+        for k in range(TICKS + 1):
+            writer.write(tick(k, N, M, (), codecs))
+        writer.finish("completed")
+    assert (tmp_path / "a.mcap").stat().st_size < 30_000
+    assert peak(tmp_path / "a.mcap") < sound[2] + 30
 
 
 def test_a_chunk_listed_repeatedly_is_read_once(sound, tmp_path):
