@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from math import isnan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nrs_cosim.bus.fields import ESTIMATE
-from nrs_cosim.estimator_agents.algorithm import Algorithm, modes, nominal_of
+from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
@@ -24,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case,
     worst_case_always,
 )
-from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
@@ -36,8 +35,8 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     recursions_of,
     rho_of,
     spectra_of,
-    why_unknown,
 )
+from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
 
 
 _UNKNOWN_ERRORS = "what errors of received samples add is not computed of such networks or times"
-_FEWER = "of agents that keep more than a position and a velocity there are bounds "
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +207,7 @@ def ultimate_bounds(
     step = None
     if not recursions and periods.constant_period is not None and len(topologies.digraphs) == 1:
         step = linear_step(algorithm, periods.constant_period)
-    why_not, added = _why_not(experiment, algorithm, recursions, recursion, step, rho), None
+    why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
     if nominal and not why_not:
         added = _added(recursion if periods.constant_period else None, nominal[1], rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
@@ -312,50 +310,6 @@ def _source(target: TargetMotion) -> str:
     if isinstance(target, FmuMotion):
         return f"of the cubics through {len(target.times)} samples of {target.fmu}"
     return ""
-
-
-def _why_not(
-    experiment: Experiment,
-    algorithm: Algorithm,
-    recursions: list[Recursion],
-    lasting: Recursion | None,
-    step: LinearStep | None,
-    rho: RadiusBounds,
-) -> str:
-    topologies, periods = experiment.topologies, periods_of(experiment)
-    pulled = any(one.drag[:, 0].any() for one in recursions)
-    reasons = {
-        "links have faults, and the theory is of links without": experiment.links is not None,
-        why_unknown(algorithm, topologies, periods): isnan(rho.upper),
-        "the algorithm pulls the estimates to the origin": pulled,
-        _not_converging(rho): rho.status != "proven",
-        _FEWER + "on one digraph, at a constant period": (
-            not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
-        ),
-        "the algorithm is not known to be linear": not recursions and step is None,
-        _FEWER + "for a target of sines": (
-            not recursions and not isinstance(experiment.target, Harmonic)
-        ),
-        "the target's sample is not that of an agent which is right": (
-            step is not None and not step.agrees
-        ),
-        "a period of turns is too long for bounds on so many robots": (
-            bool(recursions) and lasting is None
-        ),
-        "of digraphs in turn there are bounds at periodic sampling times alone": (
-            topologies.switching and periods.constant_period is None
-        ),
-    }
-    return next((why for why, so in reasons.items() if so), "")
-
-
-def _not_converging(rho: RadiusBounds) -> str:
-    """Return why it is not proven that the estimates converge."""
-    if rho.status == "not decided":
-        return "it is not decided whether the estimates converge under every jitter"
-    if rho.lower < rho.upper:
-        return "under some jitter the estimates diverge"
-    return "the estimates diverge"
 
 
 def _ball(way: Any, part: Bounded, estimates: EstimateBounds | None) -> EstimateBounds | None:

@@ -1,0 +1,61 @@
+"""Why nothing is said of how far the estimates stay from the target."""
+
+from math import isnan
+
+from nrs_cosim.estimator_agents.algorithm import Algorithm
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.orchestrator.analysis.convergence import periods_of, why_unknown
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+_FEWER = "of agents that keep more than a position and a velocity there are bounds "
+
+
+def why_no_bounds(
+    experiment: Experiment,
+    algorithm: Algorithm,
+    recursions: list[Recursion],
+    lasting: Recursion | None,
+    step: LinearStep | None,
+    rho: RadiusBounds,
+) -> str:
+    """Return why there are no bounds on the errors of estimates; empty where there are.
+
+    `lasting` is the recursion of the long run, and `step` that of agents that keep more.
+    """
+    topologies, periods = experiment.topologies, periods_of(experiment)
+    pulled = any(one.drag[:, 0].any() for one in recursions)
+    reasons = {
+        "links have faults, and the theory is of links without": experiment.links is not None,
+        why_unknown(algorithm, topologies, periods): isnan(rho.upper),
+        "the algorithm pulls the estimates to the origin": pulled,
+        _not_converging(rho): rho.status != "proven",
+        _FEWER + "on one digraph, at a constant period": (
+            not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
+        ),
+        "the algorithm is not known to be linear": not recursions and step is None,
+        _FEWER + "for a target of sines": (
+            not recursions and not isinstance(experiment.target, Harmonic)
+        ),
+        "the target's sample is not that of an agent which is right": (
+            step is not None and not step.agrees
+        ),
+        "a period of turns is too long for bounds on so many robots": (
+            bool(recursions) and lasting is None
+        ),
+        "of digraphs in turn there are bounds at periodic sampling times alone": (
+            topologies.switching and periods.constant_period is None
+        ),
+    }
+    return next((why for why, so in reasons.items() if so), "")
+
+
+def _not_converging(rho: RadiusBounds) -> str:
+    """Return why it is not proven that the estimates converge."""
+    if rho.status == "not decided":
+        return "it is not decided whether the estimates converge under every jitter"
+    if rho.lower < rho.upper:
+        return "under some jitter the estimates diverge"
+    return "the estimates diverge"
