@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
 
-.PHONY: demo test test-fast mutants benchmark anatomy benchmark-parts benchmark-peers soak figures reference paper lint lock clean
+.PHONY: demo test test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -16,6 +16,9 @@ test: .venv/.tested  ## install what the tests need and pass them, on up to eigh
 
 test-fast: .venv/.tested  ## the tests that take less than half a second each: all in a minute
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal -m "not slow" $(ARGS)
+
+snapshots: .venv/.tested  ## write what the commands print into tests/snapshots; see git diff
+	$(BIN)/pytest --quiet --snapshots tests/orchestrator/test_analysis.py tests/orchestrator/test_printed.py
 
 mutants: .venv/.tested  ## change the core in a sample of places; the tests are to find 95 %
 	$(BIN)/python -m tests.mutation $(ARGS)

@@ -1,14 +1,22 @@
-"""Tests that take long are marked `slow`, and `make test-fast` leaves them out.
+"""Tests that take long are marked `slow`, and `make test-fast` leaves them out; and the snapshots.
 
 `slow.txt` names them, or whole files, as `pytest --durations=0` measured them: those of which a
 case takes about half a second, or all cases together two.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.printed import SNAPSHOTS
+
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text("utf-8").split())
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that writes the snapshots anew."""
+    parser.addoption("--snapshots", action="store_true", help="write tests/snapshots anew")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -16,3 +24,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if {item.nodeid.partition("[")[0], item.nodeid.partition("::")[0]} & SLOW:
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture
+def snapshot(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """Return a function that compares a text with the snapshot of a name."""
+
+    def compare(name: str, text: str) -> None:
+        path = SNAPSHOTS / f"{name}.txt"
+        if request.config.getoption("--snapshots"):
+            path.write_text(text, "utf-8")
+        assert text == path.read_text("utf-8"), f"tests/snapshots/{path.name}: see make snapshots"
+
+    return compare

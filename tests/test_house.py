@@ -12,6 +12,7 @@ import pytest
 
 import nrs_cosim
 from docs import demo, reference
+from tests.printed import masked
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
@@ -79,13 +80,6 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
         assert not unneeded & loaded, command[0]
 
 
-def volatile(line: str) -> str:
-    """Mask what a machine decides: times, speeds, digests; and trailing blanks."""
-    line = re.sub(r"in [\d.]+ s, [\d.e+]+ x real time", "in … s", line.rstrip())
-    line = re.sub(r"\d+ %", "… %", line)
-    return re.sub(r"\b[0-9a-f]{64}\b", "<digest>", line)
-
-
 README, RESULTS = ROOT / "README.md", ROOT / "docs/results.md"
 
 
@@ -116,7 +110,7 @@ def test_a_documented_session_prints_what_is_shown(reader_s_folder, page):
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         printed = done.stdout.splitlines()
-        assert [volatile(line) for line in printed] == [volatile(line) for line in expected]
+        assert [masked(line) for line in printed] == [masked(line) for line in expected]
 
 
 def test_the_python_in_the_readme_runs(reader_s_folder):
