@@ -33,7 +33,7 @@ from nrs_cosim.estimator_agents.algorithm import (
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
 from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
 from nrs_cosim.estimator_agents.now import Now
-from nrs_cosim.estimator_agents.receive_buffer import ReceiveBuffer
+from nrs_cosim.estimator_agents.receive_buffer import EveryBuffer, ReceiveBuffer
 from nrs_cosim.estimator_agents.received import Received
 from nrs_cosim.estimator_agents.values import (
     Array,
@@ -83,7 +83,11 @@ class Agents:
         self._samples = initial_values(sent, topologies.n + 1, self._sizes)
         """The last that came of each node."""
         self._sent_at = np.zeros(topologies.n + 1, np.int64)
-        self._buffer = ReceiveBuffer(links, robots, sent, self._sizes, missing) if links else None
+        self._buffer: ReceiveBuffer | EveryBuffer | None = None
+        if links and algorithm.ARRIVALS == "every":
+            self._buffer = EveryBuffer(links, robots, sent, self._sizes)
+        elif links:
+            self._buffer = ReceiveBuffer(links, robots, sent, self._sizes, missing)
         sink = topologies.links.sink[np.isin(topologies.links.sink, robots)]
         self._first_link = np.searchsorted(sink, np.append(robots, robots[-1] + 1))
         """(rows + 1,) where the link fields of each robot begin."""
@@ -145,14 +149,17 @@ class Agents:
         if self._buffer:
             of = self._buffer.links.source > 0 if self.observes else None
             self._buffer.take(k, self._sent_over_links(k), self._who_sends(k), of)
-        over_velocities = None if velocities is positions else self._received(k, velocities)
-        received = self._received(k, positions, over_velocities)
+        if isinstance(self._buffer, EveryBuffer):
+            place, received = self._buffer.link, self._arrived(k, self._buffer, positions)
+        else:
+            over_velocities = None if velocities is positions else self._received(k, velocities)
+            place, received = positions.place, self._received(k, positions, over_velocities)
         after = self._algorithm.receive(self._now(k), left, received)
         after, links = after if isinstance(after, tuple) else (after, _NOTHING)
-        of_links = self.robots[positions.row] if links else self.robots
+        of_links = self.robots[received.row] if links else self.robots
         self._expect(k, "receive", [(links, self._links, of_links), (after, left, self.robots)])
         for name, values in links.items():
-            self._links[name][positions.place] = values
+            self._links[name][place] = values  # of one that is there twice, the last
         self.state = after
 
     def silent(self, k: int) -> list[int]:
@@ -254,7 +261,7 @@ class Agents:
 
     def _received(self, k: int, edges: Edges, velocities: Received | None = None) -> Received:
         delivered = age = None
-        if self._buffer and len(edges.link):
+        if isinstance(self._buffer, ReceiveBuffer) and len(edges.link):
             delivered = np.ones(len(edges.source), bool)
             delivered[edges.buffered] = self._buffer.present[edges.link]
             age = np.zeros(len(edges.source), np.int64)
@@ -271,10 +278,32 @@ class Agents:
             velocities,
         )
 
+    def _arrived(self, k: int, buffer: EveryBuffer, edges: Edges) -> Received:
+        """Return what arrived at t_k, each sample on an edge of its own; weights add up to 1.
+
+        The buffer has all links that these robots ever receive over, in the order of their places.
+        """
+        link = buffer.link
+        row = np.searchsorted(self.robots, buffer.links.sink[link])
+        weights = np.zeros(len(buffer.links.sink))
+        weights[edges.place] = edges.weight[:, 0]
+        weight = weights[link]
+        sums = np.bincount(row, weight, minlength=len(self.robots))
+        return Received(
+            row,
+            np.searchsorted(row, np.arange(len(self.robots))),
+            buffer.links.source[link],
+            (weight / np.where(sums > 0, sums, 1)[row])[:, None],
+            buffer.samples,
+            self._links.at(link) if self._links else _NOTHING,
+            None,
+            buffer.age(k),
+        )
+
     def _delivered(self, k: int, edges: Edges) -> Values:
         """Return what agents go by on each edge, (E, *shape)."""
         samples = self._sent(k, edges.source, edges.row)
-        if self._buffer and len(edges.link):
+        if isinstance(self._buffer, ReceiveBuffer) and len(edges.link):
             for name, values in self._buffer.samples.items():
                 samples[name][edges.buffered] = values[edges.link]
         return samples

@@ -47,6 +47,8 @@ def _wrong_rules(kind: type[Algorithm]) -> Iterator[str]:
         yield f"ARRIVALS: expected one of {', '.join(get_args(Arrivals))}, got {kind.ARRIVALS!r}"
     elif kind.ARRIVALS == "every" and policies != ("drop",):
         yield 'MISSING: expected ("drop",): with ARRIVALS "every" a sample is received once'
+    elif kind.ARRIVALS == "every" and overrides(kind, "observe"):
+        yield 'ARRIVALS: expected "newest": a look at the target is the newest that there is'
     for name in ("TRIGGERED", "SEPARATE_GRAPHS"):
         value: Any = getattr(kind, name)
         if not isinstance(value, bool):

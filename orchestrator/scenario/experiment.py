@@ -140,9 +140,10 @@ class Experiment:
     def links_into(self, robots: Sequence[int]) -> Links | None:
         """Return the links into some robots over which a receive buffer keeps the last sample.
 
-        They are those that have faults, and all where robots decide when they send; else None.
+        They are those that have faults, and all where robots decide when they send, or receive
+        every sample; else None.
         """
-        if self.algorithm.TRIGGERED:
+        if self.algorithm.TRIGGERED or self.algorithm.ARRIVALS == "every":
             return self._links_into(robots, every=True)
         return self.links if len(robots) == self.n else self._links_into(robots)
 
