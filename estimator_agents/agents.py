@@ -21,7 +21,6 @@ from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import Cause, InputError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.links.links import Links, Ticks
-from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
@@ -32,6 +31,7 @@ from nrs_cosim.estimator_agents.algorithm import (
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
 from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
+from nrs_cosim.estimator_agents.flow import follows_lines
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import EveryBuffer, ReceiveBuffer
 from nrs_cosim.estimator_agents.received import Received
@@ -95,8 +95,8 @@ class Agents:
         self.observes = overrides(class_of(algorithm), "observe")
         """Whether they look at the target, whose sample they then need before they send."""
         self._measures = overrides(class_of(algorithm), "measure")
-        self.follows_lines = not overrides(class_of(algorithm), "flow") or self._flows_on_lines()
-        """Whether positions move by ε̇ = υ with υ̇ = 0 between sampling times."""
+        self.follows_lines = follows_lines(algorithm, self._sizes)
+        """Whether what plants are given between sampling times is a line."""
 
     def left(self, dt: float) -> Values:
         """Return the state a time dt, s, after the last t_k⁺, before the next sampling time."""
@@ -225,26 +225,6 @@ class Agents:
         ]
         return sha256(repr((name_of(of), of.ARRIVALS, fields)).encode()).digest()[:8]
 
-    def _flows_on_lines(self) -> bool:
-        """Return whether a flow of its own leaves position and velocity on a line, to the bit.
-
-        It is tried, on numbers that are the same for all workers.
-        """
-        rows = len(self.robots)
-        rng = random_stream(0, "flow")
-        x = Values(
-            {
-                name: rng.normal(size=values.shape[1:]) + np.zeros((rows, *values.shape[1:]))
-                for name, values in self.state.items()
-            }
-        )
-        for dt in (0.1, 0.7):
-            after = self._algorithm.flow(x, dt)
-            line = x.position + dt * x.velocity
-            if (after.position != line).any() or (after.velocity != x.velocity).any():
-                return False
-        return True
-
     def _now(self, k: int) -> Now:
         edges = self._edges[self._exchange_at(k)][0]
         t, before = seconds(self._ticks.t(k)), seconds(self._ticks.t(k - 1))
@@ -363,8 +343,8 @@ class Agents:
         kind = class_of(self._algorithm)
         if method == "receive" and not overrides(kind, method):
             method = "jump"
-        told = f"algorithm {name_of(self._algorithm)}: {method} {what}"
-        return AlgorithmError(f"{told}{written_at(getattr(kind, method))}", cause)
+        line = f"algorithm {name_of(self._algorithm)}: {method} {what}"
+        return AlgorithmError(f"{line}{written_at(getattr(kind, method))}", cause)
 
 
 def _chosen(first: Mask, one: Values, other: Values) -> Values:

@@ -25,7 +25,7 @@ from nrs_cosim.estimator_agents.values import Array, Values, flattened, unflatte
 Mask = NDArray[np.bool_]
 
 
-class Memory:
+class LinkMemory:
     """Rows of numbers for each of F links into some robots, and their events of the last tick.
 
     `robots` are all of them, ascending, also those of whose in-links none is here.
@@ -87,7 +87,7 @@ class Memory:
         return slice(self._starts[first], self._starts[end])
 
 
-class ReceiveBuffer(Memory):
+class ReceiveBuffer(LinkMemory):
     """The newest of each link."""
 
     def __init__(
@@ -137,7 +137,7 @@ class ReceiveBuffer(Memory):
         return slot
 
 
-class EveryBuffer(Memory):
+class EveryBuffer(LinkMemory):
     """Every sample of each link: A of them arrive at a tick, by link, and the oldest first."""
 
     def __init__(

@@ -7,8 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_of
 from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.flow import chord_errors, follows_lines
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
@@ -41,6 +43,18 @@ OF_PERIOD = "sampling_period"
 
 
 @dataclass(frozen=True, slots=True)
+class Chords:
+    """References that are given to plants as chords of what agents estimate, and so are off."""
+
+    step: float
+    """s: no output step is longer."""
+    position: float
+    """rad, at most, while an estimated acceleration is within γ2."""
+    velocity: float
+    """rad/s, likewise."""
+
+
+@dataclass(frozen=True, slots=True)
 class Check:
     """Conditions and convergence of an experiment."""
 
@@ -68,6 +82,8 @@ class Check:
     """Of all ticks; None where it is not one, or the jump is not linear."""
     faulty: bool
     """Whether links have faults, which ρ knows nothing of."""
+    chords: Chords | None
+    """What references are between sampling times; None where they are lines."""
 
     @property
     def network(self) -> NetworkSummary | None:
@@ -137,6 +153,8 @@ class Check:
                 **_bounds(self.rho),
                 "status": self.rho.status,
             }
+        if self.chords:
+            result["reference"] = asdict(self.chords)
         if self.network is None:
             result["topologies"] = [_phase_json(phase) for phase in self.phases]
         if self.any_order:
@@ -223,7 +241,16 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         if len(recursions) == 1 and periods.constant_period is not None
         else None,
         faulty=experiment.links is not None,
+        chords=_chords(experiment),
     )
+
+
+def _chords(experiment: Experiment) -> Chords | None:
+    if follows_lines(experiment.algorithm, experiment.sizes):
+        return None
+    step = seconds(experiment.clock.longest) / experiment.clock.parts
+    _, gamma_2 = experiment.target.bounds()
+    return Chords(step, *chord_errors(gamma_2, step))
 
 
 def finite(number: float | None) -> float | None:
