@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.links.draws import BLOCK, Draw, Draws
-from nrs_cosim.bus.links.noise import FieldNoise, quantised
+from nrs_cosim.bus.links.noise import FieldNoise, Quantisation
 from nrs_cosim.bus.links.outages import Outages, Spans
 from nrs_cosim.bus.topologies import TopologySchedule, edges_among
 
@@ -149,11 +149,12 @@ class Links:
             lambda rng, row: rng.integers(delays[row, 0], delays[row, 1], BLOCK, endpoint=True),
         )
         shapes = codecs.samples.shapes
-        deviations, self._steps = (
+        deviations, steps = (
             {name: np.array([of.get(name, 0.0) for of in given]) for name in shapes}
             for given in ([f.noise for f in theirs], [f.quantisation for f in theirs])
         )
         self._noise = FieldNoise(seed, links, shapes, deviations)
+        self._quantisation = Quantisation(shapes, steps)
 
     def silent(self, k: int) -> list[int]:
         """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
@@ -180,6 +181,6 @@ class Links:
     def received(self, k: int, sent: Mapping[str, Array]) -> dict[str, Array]:
         """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`."""
         return {
-            name: quantised(self._noise.added(k, name, values), self._steps[name])
+            name: self._quantisation.rounded(name, self._noise.added(k, name, values))
             for name, values in sent.items()
         }

@@ -133,7 +133,7 @@ def test_time_may_begin_anywhere_and_go_back():
     for k in (3 * BLOCK + 5, 2, BLOCK, BLOCK - 1, 4 * BLOCK - 1):
         for now, then in zip(story(asked, [k]), forth[k - 1], strict=True):
             assert now.tobytes() == then.tobytes()
-    _, block = onwards._noise._pair[1]._kept
+    _, block = onwards._noise._fields["position"][1]._kept
     assert block.shape[0] == BLOCK
 
 
