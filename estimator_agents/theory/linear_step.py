@@ -38,7 +38,7 @@ from nrs_cosim.estimator_agents.algorithm import (
 )
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.target import Harmonic, Target
 from nrs_cosim.estimator_agents.theory.estimates import SteadyMotion
 from nrs_cosim.estimator_agents.theory.solving import solve
 from nrs_cosim.estimator_agents.values import Values
@@ -62,7 +62,9 @@ class LinearStep:
     h: float
     """s"""
     fields: tuple[str, ...]
-    """What an agent keeps, s fields."""
+    """Of what an agent keeps the s that are seen: position, velocity, and others."""
+    flow: Array
+    """(s, s) F"""
     own: Array
     """(s, s) F K"""
     received: Array
@@ -77,14 +79,25 @@ class LinearStep:
         return np.linalg.eigvals(self.blocks(spectrum)).ravel().astype(np.complex128)
 
     def blocks(self, spectrum: Spectrum) -> Spectrum:
-        """Return F (K + s_i G S) of what is seen, for each eigenvalue of D."""
-        seen = self._seen()
-        of = self.own + spectrum[:, None, None] * self.received
-        found: Spectrum = of[:, seen][:, :, seen]
-        return found
+        """Return F (K + s_i G S) for each eigenvalue of D."""
+        blocks: Spectrum = self.own + spectrum[:, None, None] * self.received
+        return blocks
+
+    def matrix(self, D: Matrix) -> Matrix:
+        """Return A, (s n, s n), on a digraph."""
+        return kron(self.own, identity_like(D)) + kron(self.received, D)
+
+    def errors(self, state: Values, target: Target, seconds: float) -> Array:
+        """Return x − 1 ⊗ E z of agents at a time, (s, n, m)."""
+        motion = target.at(seconds)
+        z = np.array([motion.position, motion.velocity, target.acceleration(seconds)])
+        errors: Array = np.array([state[name] for name in self.fields]) - (self.truth @ z)[:, None]
+        return errors
 
     def steady_motion(self, D: Matrix, target: Harmonic) -> SteadyMotion | None:
         """Return what the errors settle to on a digraph, where ρ < 1; None where it is not known.
+
+        They are of all s fields.
 
         It is not where the target sends what no agent does, and where agents that are right do not
         stay so at a target that rests.
@@ -94,30 +107,19 @@ class LinearStep:
         rest, ramp = agreed @ E[:, 0] - E[:, 0], agreed @ E[:, 1] - E[:, 1] - h * E[:, 0]
         if not self.agrees or not np.allclose(rest, 0, atol=NEAR):
             return None
-        eye = identity_like(D)
-        A = kron(self.own, eye) + kron(self.received, D)
-        unit = kron(np.eye(s), eye)
-        at = [self.fields.index(name) for name in ("position", "velocity")]
+        A, unit = self.matrix(D), kron(np.eye(s), identity_like(D))
         frequency, waves = target.phasors()
-        phasor = np.zeros((len(frequency), 2, n, waves.shape[1]), complex)
+        phasor = np.zeros((len(frequency), s, n, waves.shape[1]), complex)
         for w, omega in enumerate(frequency):
             phase = np.exp(1j * omega * h)
             given = (agreed - phase * np.eye(s)) @ E @ [1, 1j * omega, -(omega**2)]
-            X = solve(phase * unit - A, np.kron(given, np.ones(n))).reshape(s, n, 1)
-            phasor[w] = X[at] * waves[w]
-        constant = np.zeros((2, n, waves.shape[1]))
+            X = solve(phase * unit - A, np.kron(given, np.ones(n)))
+            phasor[w] = X.reshape(s, n, 1) * waves[w]
+        constant = np.zeros((s, n, waves.shape[1]))
         if not np.allclose(ramp, 0, atol=NEAR):
-            X = solve(unit - A, np.kron(ramp, np.ones(n))).reshape(s, n, 1)
-            constant = X[at] * target.rate
+            X = solve(unit - A, np.kron(ramp, np.ones(n)))
+            constant = X.reshape(s, n, 1) * target.rate
         return SteadyMotion(h, 1, constant, frequency, phasor)
-
-    def _seen(self) -> NDArray[np.intp]:
-        """Return which fields position and velocity depend on, sooner or later."""
-        depends = (self.own != 0) | (self.received != 0)
-        seen = np.isin(self.fields, ("position", "velocity"))
-        for _ in self.fields:
-            seen = seen | depends[seen].any(axis=0)
-        return np.flatnonzero(seen)
 
 
 def linear_step(algorithm: Algorithm, h: float) -> LinearStep | None:
@@ -189,8 +191,22 @@ def _found(algorithm: Algorithm, h: float) -> LinearStep | None:
         ):
             if not np.allclose(found / size, expected / size, rtol=NEAR, atol=NEAR):
                 return None
-    agrees = bool(np.allclose(G @ S @ E, G @ T, rtol=NEAR, atol=NEAR))
-    return LinearStep(h, tuple(algorithm.STATE), F @ K, F @ G @ S, E, agrees)
+    own, received = F @ K, F @ G @ S
+    seen = _seen(list(algorithm.STATE), (own != 0) | (received != 0))
+    agrees = np.allclose((received @ E)[seen], (F @ G @ T)[seen], rtol=NEAR, atol=NEAR)
+    at = np.ix_(seen, seen)
+    names = tuple(np.array(list(algorithm.STATE))[seen].tolist())
+    return LinearStep(h, names, F[at], own[at], received[at], E[seen], bool(agrees))
+
+
+def _seen(names: list[str], depends: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the places of position, velocity, and what these depend on sooner or later."""
+    first = [names.index(name) for name in ("position", "velocity")]
+    seen = np.isin(np.arange(len(names)), first)
+    for _ in names:
+        seen = seen | depends[seen].any(axis=0)
+    others = [at for at in np.flatnonzero(seen).tolist() if at not in first]
+    return np.array([*first, *others])
 
 
 def _truth(fields: Fields) -> Array:

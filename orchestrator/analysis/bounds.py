@@ -23,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case,
     worst_case_always,
 )
-from nrs_cosim.estimator_agents.theory.linear_step import linear_step
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
@@ -83,8 +83,8 @@ class UltimateBounds:
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
-    settled: SteadyMotion | None
-    """The same of an algorithm whose agents keep more, of which a run's beginning is not known."""
+    step: LinearStep | None
+    """A period of an algorithm whose agents keep more; None of others, which have recursions."""
     added: EstimateBounds | None
     """What is added to these by errors of what is received; None of an algorithm without such."""
     worst_case: EstimateBounds | None
@@ -95,10 +95,9 @@ class UltimateBounds:
     @property
     def steady_state(self) -> EstimateBounds | None:
         """The largest that the estimates' errors come to, for this target."""
-        motion = self.motion or self.settled
-        if motion is None:
+        if self.motion is None:
             return None
-        return motion.bound.plus(self.added) if self.added else motion.bound
+        return self.motion.bound.plus(self.added) if self.added else self.motion.bound
 
     @property
     def sampled(self) -> bool:
@@ -211,9 +210,9 @@ def ultimate_bounds(
     if nominal and not why_not:
         added = _added(recursion if periods.constant_period else None, nominal[1], rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
-    motion, settled, worst, always, paper = None, None, None, None, None
+    motion, worst, always, paper = None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
-        settled = step.steady_motion(topologies.digraphs[0].D, target)
+        motion = step.steady_motion(topologies.digraphs[0].D, target)
     if recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
@@ -253,7 +252,7 @@ def ultimate_bounds(
         1 if topologies.repeat else topologies.since[-1],
         rho.radius,
         motion,
-        settled,
+        step,
         added,
         worst,
         paper,

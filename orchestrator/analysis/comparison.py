@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -203,14 +204,15 @@ def _beginning(
     first = next(story, None)
     if first is None or first[0] != since:
         return (None,) * 4, 0.0, None
-    z = first[1] if motion is None else first[1] - motion.at(since)
+    x = first[1] if ultimate.step is None else _at_first(ultimate.step, experiment)
+    z = x if motion is None else x - motion.at(since)
     left = _left(ultimate, experiment, z, reader.ticks)
     if left is None:
         return (None,) * 4, 0.0, None
     *transient, peak = left
     if motion is None:
         return (*transient, 0.0, 0.0), peak, None
-    aside = ((k, x - motion.at(k)) for k, x in chain([first], story))
+    aside = ((k, x - motion.at(k)[:2]) for k, x in chain([first], story))
     period = sum(ticks for _, ticks in experiment.topologies.phases()) or 1
     # What is received may be off for ever, so that errors do not fall to the motion itself.
     factor = None if ultimate.added else _factor(aside, period)
@@ -231,16 +233,27 @@ def _left(
         return None
     shape, most = z.shape, np.zeros(2)
     x, jumps = z.reshape(-1, shape[2]), [one.jump for one in ultimate.recursions]
+    step = ultimate.step.matrix(topologies.digraphs[0].D) if ultimate.step else None
     n, least, peak = shape[1], LOST**2 * np.abs(x).max(), 0.0
     for k in range(ultimate.since, end + 1):
         if k >= fifth:
-            most = np.maximum(most, np.abs(x.reshape(shape)).max(axis=(1, 2)))
+            most = np.maximum(most, np.abs(x.reshape(shape)[:2]).max(axis=(1, 2)))
         peak = max(peak, float(np.abs(x).max()))
         if np.abs(x).max() <= least:
             break
-        x = jumps[topologies.at(k)] @ x
-        x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
+        if step is None:
+            x = jumps[topologies.at(k)] @ x
+            x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
+        else:
+            x = step @ x
     return float(most[0]), float(most[1]), peak
+
+
+def _at_first(step: LinearStep, experiment: Experiment) -> Array:
+    """Return the errors of all that agents keep at t_1, left limits, (s, n, m)."""
+    t = seconds(experiment.clock.t(1))
+    left = experiment.algorithm.flow(experiment.initial_state(), t)
+    return step.errors(left, experiment.target, t)
 
 
 def _factor(aside: Iterator[tuple[int, Array]], period: int) -> float | None:

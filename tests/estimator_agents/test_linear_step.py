@@ -193,7 +193,7 @@ def test_the_steady_state_of_those_that_keep_more_is_where_agents_go(law):
         meet([agents], k, h, {name: sent[name] for name in law.SENT})
     errors = np.array([left.position - position, left.velocity - velocity])
     motion = linear_step(law, h).steady_motion(TOPOLOGY.D, HARMONIC)
-    np.testing.assert_allclose(motion.at(ticks), errors, atol=1e-9)
+    np.testing.assert_allclose(motion.at(ticks)[:2], errors, atol=1e-9)
 
 
 def test_a_target_that_sends_what_no_agent_does_has_no_steady_state_here():

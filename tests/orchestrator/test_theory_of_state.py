@@ -70,10 +70,24 @@ def test_its_spectral_radius_is_that_of_the_matrix_by_hand(remembering, gamma):
 def test_its_steady_state_is_what_a_run_comes_to(remembering, tmp_path):
     done = nrs("run", remembering, "-o", tmp_path / "run.mcap", "--json")
     assert done.returncode == 0, done.stderr
-    position, velocity = json.loads(done.stdout)["theory"]["quantities"][:2]
+    theory = json.loads(done.stdout)["theory"]
+    position, velocity = theory["quantities"][:2]
     for row in (position, velocity):
+        assert row["status"] == "within"
         assert row["measured"] == pytest.approx(row["bounds"]["steady_state"], rel=1e-3)
-        assert row["measured"] <= row["bounds"]["steady_state"] * (1 + 1e-9)
+        assert row["measured"] <= row["bounds"]["steady_state"] * (1 + 1e-9) + row["transient"]
+    assert theory["measured_radius"] == pytest.approx(theory["spectral_radius"], rel=1e-2)
+
+
+def test_what_is_left_of_its_beginning_is_beside_the_steady_state(tmp_path):
+    """α is small, so that positions are not yet near to it: only what remains explains them."""
+    change = "algorithm={name='dcea3',alpha=0.1,beta=0.6,gamma=0.5},initial.acceleration=3"
+    done = nrs("run", PAPER_FILE, "--set", change, "-o", tmp_path / "run.mcap", "--json")
+    position = json.loads(done.stdout)["theory"]["quantities"][0]
+    bound, left = position["bounds"]["steady_state"], position["transient"]
+    assert position["status"] == "transient"
+    assert bound < position["measured"] <= bound + left
+    assert left < 0.1 * bound
 
 
 @pytest.mark.parametrize(
