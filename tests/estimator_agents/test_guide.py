@@ -27,20 +27,52 @@ NRS = Path(sys.executable).with_name("nrs")
 LEAKY = {"algorithm.name": "leaky"}
 
 
+CODES = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
+(POINTS,) = re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL)
+POINTS = tomllib.loads(POINTS)["project"]["entry-points"]["nrs.algorithms"]
+
+
 @pytest.fixture
 def installed(tmp_path):
-    """Return a folder with the guide's module, and the metadata that an installer writes of it."""
-    (code,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
-    (entry,) = re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL)
-    assert len(code.splitlines()) <= 36
-    points = tomllib.loads(entry)["project"]["entry-points"]["nrs.algorithms"]
-    (tmp_path / "leaky.py").write_text(code, "utf-8")
+    """Return a folder with the guide's modules, and the metadata that an installer writes."""
+    for code, place in zip(CODES, POINTS.values(), strict=True):
+        module, kind = place.split(":")
+        assert f"class {kind}(Algorithm):" in code
+        assert len(code.splitlines()) <= 46
+        (tmp_path / f"{module}.py").write_text(code, "utf-8")
     about = tmp_path / "leaky-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: leaky\nVersion: 1.0\n")
-    lines = [f"{name} = {value}" for name, value in points.items()]
+    lines = [f"{name} = {value}" for name, value in POINTS.items()]
     (about / "entry_points.txt").write_text("\n".join(["[nrs.algorithms]", *lines]) + "\n")
     return tmp_path
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_each_algorithm_of_the_guide_is_one_run_wherever_its_robots_are(
+    installed, monkeypatch, name
+):
+    monkeypatch.syspath_prepend(str(installed))
+    monkeypatch.setenv("PYTHONPATH", str(installed))
+    gains = {"alpha": 0.7, "beta": 0.6} if name == "leaky" else {}
+    shared = {"algorithm": {"name": name, **gains}, "run.duration": 5.0}
+    write(installed / "s.toml", shared, {"faults.links": [{"loss": 0.1, "delay": 1}]})
+
+    def said(*arguments):
+        done = nrs(*arguments, cwd=installed)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    try:
+        assert json.loads(said("check", "s.toml", "--json"))["algorithm"] == name
+        said("run", "s.toml", "-o", "1.mcap")
+        said("run", "s.toml", "-o", "2.mcap", "--workers", "2")
+        one, two = (json.loads(said("info", f"{n}.mcap", "--json")) for n in (1, 2))
+        assert one["digest"] == two["digest"]
+        assert (one["samples"]["per_robot_and_second"] < 10) == (name == "quiet")
+        said("replay", "2.mcap", "--verify")
+    finally:
+        sys.modules.pop(name, None)
 
 
 def test_the_guides_algorithm_is_found_by_name(installed, monkeypatch):
@@ -229,5 +261,6 @@ def test_non_finite_numbers_are_attributed_to_the_algorithm_on_any_workers(insta
 
 
 def test_the_guides_table_lists_all_algorithms():
-    rows = re.findall(r"^\| `(\w+)` \|", GUIDE, re.MULTILINE)
+    here = GUIDE.partition("## Those that are here")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| `(\w+)` \|", here, re.MULTILINE)
     assert sorted(rows) == sorted(bundled_algorithms())
