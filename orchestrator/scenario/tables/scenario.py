@@ -139,7 +139,7 @@ class Robot(Table):
     plant: OwnPlant | None = Field(None, description="another FMU, or other keys of [plant]")
     controller: OwnController | None = Field(None, description="other gains")
     disturbance: Disturbance | None = Field(None, description="in place of [disturbance]")
-    initial: RobotInitial = Field(RobotInitial(), description="another start")
+    initial: RobotInitial = Field(RobotInitial.model_construct(), description="another start")
 
 
 class TlsTable(Table):
@@ -162,6 +162,7 @@ class BusTable(Table):
     tls: TlsTable | None = Field(None, description="certificates, for runs over several machines")
 
 
+# Defaults that are tables are constructed without validation, which would compile each at start-up.
 class Scenario(Table):
     """A run, whole."""
 
@@ -171,11 +172,15 @@ class Scenario(Table):
     network: Network = Field(description="who hears whom, and who hears the target")
     target: TargetMotion = Field(description="how the target moves, and so the number of joints m")
     plant: Plant = Field(description="the FMU of the robots' dynamics")
-    disturbance: Disturbance = Field(Disturbance(), description="a torque from outside")
-    initial: Initial = Field(Initial(), description="estimates and states at t_0")
+    disturbance: Disturbance = Field(
+        Disturbance.model_construct(), description="a torque from outside"
+    )
+    initial: Initial = Field(Initial.model_construct(), description="estimates and states at t_0")
     robots: tuple[Robot, ...] = Field((), description="what single robots have of their own")
-    faults: Faults = Field(Faults(), description="what links and robots do to samples")
-    bus: BusTable = Field(BusTable(), description="how the processes of a run talk")
+    faults: Faults = Field(
+        Faults.model_construct(), description="what links and robots do to samples"
+    )
+    bus: BusTable = Field(BusTable.model_construct(), description="how the processes of a run talk")
 
     @property
     def n(self) -> int:
