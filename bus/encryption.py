@@ -56,4 +56,4 @@ def expect_public_key(data: bytes) -> None:
     try:
         KeyPair().cipher(data, b"")
     except ValueError:
-        raise BusError("its public key is none of X25519") from None
+        raise BusError("its public key is not an X25519 key") from None

@@ -133,7 +133,7 @@ class Agents:
         x, messages, who = self._algorithm.send(self._now(k), left)
         if who is not None and not self._algorithm.TRIGGERED:
             raise self._wrong(
-                "send", "says who sends, which an algorithm may that declares TRIGGERED = True"
+                "send", "returned who sends; an algorithm that does so declares TRIGGERED = True"
             )
         new = {name: values for name, values in messages.items() if values is not left.get(name)}
         self._expect(k, "send", [(new, self._samples, self.robots)])

@@ -60,10 +60,10 @@ def _wrong_rules(kind: type[Algorithm]) -> Iterator[str]:
 def _wrong_methods(kind: type[Algorithm]) -> Iterator[str]:
     sends, receives = overrides(kind, "send"), overrides(kind, "receive")
     if kind.TRIGGERED and not sends:
-        yield "TRIGGERED: expected a method send, which says who sends"
+        yield "TRIGGERED: expected a method send, which returns who sends"
     unknown = [field for field in kind.SENT if field not in kind.STATE]
     if unknown and not sends:
-        yield f"SENT: {unknown[0]}: is no field of STATE; let a method send say what is sent"
+        yield f"SENT: {unknown[0]}: is no field of STATE; name one, or add a method send"
     if not receives and not overrides(kind, "jump"):
         yield "jump: expected a method jump or receive"
     if not receives and not set(ESTIMATE) <= set(kind.SENT):

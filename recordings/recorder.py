@@ -296,7 +296,7 @@ class Recorder:
     def _expect_same(k: int, worker: str, same: bool) -> None:
         if not same:
             raise BusError(
-                f"tick {k}: worker {worker} said it twice, and not the same: its FMUs do not go "
+                f"tick {k}: worker {worker} sent it twice with other contents: its FMUs do not go "
                 "the same way again from the same state, or another party that has the run's "
                 "secret put a message in its name"
             )

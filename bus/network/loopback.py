@@ -26,4 +26,4 @@ def try_loopback() -> None:
             try:
                 received.get(timeout=_PATIENCE)
             except queue.Empty:
-                raise BusError(f"nothing is heard over loopback in {_PATIENCE:g} s") from None
+                raise BusError(f"nothing was received over loopback in {_PATIENCE:g} s") from None

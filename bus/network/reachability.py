@@ -47,10 +47,10 @@ def probe(address: Address, tls: Tls | None, hearing: float) -> Obstacle | None:
         return Obstacle(f"the name {address.host} is not known", final=False)
     except (TimeoutError, BlockingIOError):
         return Obstacle(
-            "nobody answers; is the address right, and does a firewall stand there?", False
+            "no answer; check the address, and whether a firewall blocks the port", False
         )
     except (ConnectionRefusedError, FileNotFoundError):
-        return Obstacle("nobody listens there; start `nrs run` with --listen first", final=False)
+        return Obstacle("nothing listens there; start `nrs run` with --listen first", final=False)
     except OSError as error:
         return Obstacle(f"{error.strerror or error}", final=False)
 

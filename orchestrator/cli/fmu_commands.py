@@ -43,7 +43,7 @@ def fmu_info(
     name: Annotated[str, typer.Argument(metavar="FMU", help="A bundled model, or an .fmu file.")],
     as_json: AsJson = False,
 ) -> None:
-    """Say what an FMU offers."""
+    """Describe what an FMU offers."""
     from nrs_cosim.orchestrator.cli import fmu_description
     from nrs_cosim.plant_fmu.archives.archive import look_up
 
@@ -63,7 +63,7 @@ def fmu_check(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say whether an FMU can be a robot: what it offers, and whether it moves as mechanics does."""
+    """Check whether an FMU can be a robot: what it offers, and how it moves."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.orchestrator.scenario.file import read_scenario

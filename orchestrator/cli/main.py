@@ -92,7 +92,7 @@ app.command()(report)
 
 @app.command()
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
-    """Say what a recording holds; also of one that was cut or never closed."""
+    """Summarise a recording, also one that was cut or never closed."""
     from nrs_cosim.orchestrator.analysis.results import Result
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import reading
@@ -144,7 +144,7 @@ def recover(
     recording: RecordingPath,
     output: NewRecording,
 ) -> None:
-    """Make a whole recording of all that a damaged one still holds, and say what is missing."""
+    """Write a valid recording of all that a damaged one still holds, and report what is missing."""
     from nrs_cosim.orchestrator.cli.output_paths import make_folder
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.cli.tables import grid
@@ -225,7 +225,7 @@ def check(
         ),
     ] = False,
 ) -> None:
-    """Say what theory proves of a scenario, and whether its plants can be opened."""
+    """Show what theory proves of a scenario, and whether its plants can be opened."""
     errors = tuple(map(number("--accuracy"), accuracy or ()))
     if min(errors, default=1) <= 0:
         raise InputError(f"--accuracy: expected two numbers above 0, got {min(errors):g}")
@@ -275,7 +275,7 @@ def check(
 @app.command()
 @with_groups
 def doctor(*, listen: Listen = None, tls: TlsOptions, as_json: AsJson = False) -> None:
-    """Try all that a run needs of this machine, and say what to do where something fails."""
+    """Test all that a run needs of this machine, and report what to do where something fails."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.doctor import diagnose
 

@@ -152,7 +152,7 @@ InsecureTcp = Annotated[
     typer.Option(
         "--insecure-tcp",
         rich_help_panel=_PANEL,
-        help="Allow plain TCP, where anyone who reaches it may listen and speak.",
+        help="Allow plain TCP, which anyone who reaches the port may read and write.",
     ),
 ]
 TlsCa = Annotated[
@@ -195,7 +195,7 @@ Expect = Annotated[
         metavar="N",
         parser=whole_number("--expect", 1),
         rich_help_panel=_PANEL,
-        help="How many workers share the robots, when they do not say which they want.",
+        help="How many workers share the robots, where they do not name their robots.",
     ),
 ]
 WAIT = 300.0
@@ -215,11 +215,11 @@ Deadline = Annotated[
     typer.Option(
         metavar="SECONDS",
         parser=number("--deadline"),
-        help="End the run after so long a silence; bus.deadline of the scenario unless given.",
+        help="End the run after so long without a message; by default the scenario's bus.deadline.",
     ),
 ]
-NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a worker is gone.")]
-ShowProfile = Annotated[bool, typer.Option("--profile", help="Say where the time went.")]
+NoRestart = Annotated[bool, typer.Option("--no-restart", help="End the run when a worker is lost.")]
+ShowProfile = Annotated[bool, typer.Option("--profile", help="Show where the time went.")]
 Realtime = Annotated[
     float | None,
     typer.Option(

@@ -82,25 +82,25 @@ def replay(
         typer.Option(
             metavar="SECONDS",
             parser=number("--wait"),
-            help="With --publish: how long to wait for somebody who listens.",
+            help="With --publish: how long to wait for a subscriber.",
         ),
     ] = 60.0,
     plant: Annotated[
         list[str] | None,
         typer.Option(
             metavar="robots=3,plant.fmu=other.fmu",
-            help="What if plants had been others: run them again; may be given again.",
+            help="What if: change plants, and run again; may be given again.",
         ),
     ] = None,
     algorithm: Annotated[
         list[str] | None,
-        typer.Option(metavar="beta=0.9", help="What if the algorithm had been another."),
+        typer.Option(metavar="beta=0.9", help="What if: change the algorithm, and run again."),
     ] = None,
     output: Output = None,
     force: Force = False,
     allow_fmus: AllowFmus = False,
 ) -> None:
-    """Run a recording again: to verify it, to hear it, or to ask what if."""
+    """Run a recording again: to verify it, to publish it, or to change it (what if)."""
     from nrs_cosim.bus.network.endpoints import Endpoints
     from nrs_cosim.orchestrator.cli import terminal_replay
     from nrs_cosim.orchestrator.cli.progress import opened
@@ -137,7 +137,7 @@ def diff(
         typer.Option(metavar="FILE.png", help="Draw how far apart they are, over time."),
     ] = None,
 ) -> None:
-    """Say what is not the same in two recordings; exit status 1 when anything is not."""
+    """Compare two recordings; exit status 1 when anything differs."""
     from nrs_cosim.orchestrator.cli import summary_text, terminal_replay
     from nrs_cosim.orchestrator.cli.formats import expect_ending
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder

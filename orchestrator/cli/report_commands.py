@@ -27,10 +27,10 @@ def report(
     ],
     form: Annotated[
         Format | None,
-        typer.Option("--format", help="Of a file whose name does not say; html by default."),
+        typer.Option("--format", help="Of a file whose name has no known ending; html by default."),
     ] = None,
 ) -> None:
-    """Draw recordings: a page with everything that moves, or figures for print."""
+    """Draw recordings: an interactive page, or figures for print."""
     from nrs_cosim.orchestrator.cli.formats import format_of
     from nrs_cosim.orchestrator.cli.progress import reading, stages
     from nrs_cosim.orchestrator.cli.report_files import BEGINS, write_report

@@ -80,7 +80,7 @@ def _bounds(row: "Bound") -> tuple[str, ...]:
 def theory_comparison(console: Console, compared: "TheoryComparison") -> None:
     """Show a run's measurements beside the theory's bounds, and its status."""
     if compared.why_not:
-        grid(console, {"theory": f"says nothing of this run: {compared.why_not}"})
+        grid(console, {"theory": f"does not cover this run: {compared.why_not}"})
         return
     rows = []
     for row in compared.quantities:
@@ -118,7 +118,7 @@ def _beside(compared: "TheoryComparison") -> dict[str, str]:
     if compared.untracked:
         rows["bounds"] = f"none of tracking: {compared.untracked}"
     if loose:
-        rows["paper"] = f"{' and '.join(loose)} above it: what it says of tracking is not proven"
+        rows["paper"] = f"{' and '.join(loose)} above it: its bounds of tracking are not proven"
     seen, computed = compared.measured_radius, compared.spectral_radius
     if seen is not None and computed is not None and abs(seen - computed) > NEAR:
         rows["rho"] = "the computed one is of the long run, and this run's is not near it"

@@ -76,7 +76,7 @@ def _networks(checked: "Check") -> dict[str, str]:
     if len(checked.phases) == 1:
         return {"networks": rows.popitem()[1]}
     more = f", of which {MAX_SHOWN} are shown" if len(checked.phases) > MAX_SHOWN else ""
-    end = f"over and over after {checked.repeat} ticks" if checked.repeat else "the last one stays"
+    end = f"repeated after {checked.repeat} ticks" if checked.repeat else "the last one stays"
     of = "conditions are of the phase that is nearest to them"
     return {"networks": f"{count_of(len(checked.phases), 'phase')}{more}, {end}; {of}", **rows}
 
@@ -145,7 +145,7 @@ def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
         + {
             "proven": "the estimates converge in any order of these digraphs"
             + (", for both gains are below 1" if found.by_gains else ""),
-            "refuted": f"the estimates diverge in the order {phases}, over and over",
+            "refuted": f"the estimates diverge when the order {phases} repeats",
             "not decided": "it is not decided whether the estimates converge in any order",
             "not computed": "not computed, of so many robots or at times that are not periodic",
         }[found.status]

@@ -67,7 +67,7 @@ class Admission:
             return None
         if is_known:
             if question.payload != slot.hello or slot.state not in _OPENING:
-                raise NotExpectedError(f"somebody asks in the name of {name}")
+                raise NotExpectedError(f"another worker asks in the name of {name}")
             question.answer(slot.welcome)
             return None
         slot.life.join(hello.incarnation, now)

@@ -15,4 +15,4 @@ class WorkerPolicy:
     show: Callable[[str], None]
     """Is told in words who comes and goes."""
     expected: int = 1
-    """How many workers share the robots, when they do not say which they want."""
+    """How many workers share the robots, where they do not name their robots."""

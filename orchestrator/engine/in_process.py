@@ -65,7 +65,7 @@ class InProcess:
 
     def handle(self, item: Item) -> Never:
         """Refuse what nobody can have put."""
-        raise BusError(f"a message that nobody put: {item}")
+        raise BusError(f"a message that no worker sent: {item}")
 
     def look_after(self, k: int, at_last: bool = False) -> bool:  # noqa: ARG002
         """Return that the worker is there."""

@@ -214,4 +214,4 @@ class Lockstep:
         )
         if others:
             return f"{who} sent samples up to tick {last} and lack those of {', '.join(others)}"
-        return f"{who} sent samples up to tick {last} and lack nobody's: computing, or stopped"
+        return f"{who} sent samples up to tick {last} and wait for none: computing, or stopped"

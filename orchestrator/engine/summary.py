@@ -165,7 +165,7 @@ def experiment_of(reader: Reader) -> Experiment:
     for key, number in told_of(experiment).items():
         if getattr(run, key) != number:
             raise UnreadableError(
-                f"{origin}: has {key} = {number}, but {RUN} says {getattr(run, key)}"
+                f"{origin}: has {key} = {number}, but {RUN} has {getattr(run, key)}"
             )
     expect_joints(reader, recorded_types(reader))
     if reader.digest and reader.end_ns not in {experiment.clock.t(reader.ticks), None}:

@@ -191,7 +191,7 @@ def _unknown(element: str, key: _Key, ident: str) -> str:
     if element == "edge":
         return f"{named}: an edge has a number 'weight' and no other; rename it, or leave it out"
     if element == "node":
-        return f"{named}: who hears the target says an edge from node 0; leave it out"
+        return f"{named}: an edge from node 0 is how a robot hears the target; leave it out"
     return f"{named}: a {element} has none; leave it out"
 
 
@@ -221,7 +221,7 @@ def _arrows(graph: Any, keys: Mapping[str, _Key], where: str) -> list[Arrow]:
     arrows = [arrow for edge in edges for arrow in _ways(edge, nodes, by_default, keys, where)]
     alone = {*nodes.values()} - {0, *(arrow.sink for arrow in arrows)}
     if alone:
-        raise ScenarioError(f"{where}: no edge leads to robot {min(alone)}, which hears nobody")
+        raise ScenarioError(f"{where}: no edge leads to robot {min(alone)}, which hears no other")
     return arrows
 
 
@@ -242,7 +242,7 @@ def _ways(
     if "directed" in element.attrib:
         directed = _either(element, "directed", _TRUTH, where)
     if not sink and (directed or not source):
-        raise ScenarioError(f"{here}: the target, 0, hears nobody; turn it round")
+        raise ScenarioError(f"{here}: the target, 0, hears none; turn it round")
     for j, i in ((source, sink),) if directed else ((source, sink), (sink, source)):
         if i:
             yield Arrow(j, i, weight, line)

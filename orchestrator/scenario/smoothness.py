@@ -56,8 +56,7 @@ def expect_smooth(
     raise FmuError(
         f"{label}: velocity_{found.axis + 1} at t = {times[found.row]:g} s: expected "
         f"{found.expected:g} as the positions have it, within {found.tolerance:g}, got "
-        f"{found.got:g}; "
-        + (why or "take a shorter target.step, or say in target.variables what they are")
+        f"{found.got:g}; " + (why or "take a shorter target.step, or name them in target.variables")
     )
 
 
@@ -93,7 +92,7 @@ def _why(
     if left is None or left.apart < SHRUNK * found.apart:
         step = min(end - start for start, end in pairwise(times)) / FINER
         return f"take a shorter target.step: {step:g} s{'' if left is None else ' or less'}"
-    return "say in target.variables what they are"
+    return "name them in target.variables"
 
 
 def _nearest(track: _Track, sizes_of: Sizes, again: Callable[[Array], _Track]) -> _Track | None:

@@ -145,7 +145,7 @@ def look_up(fmu: str, folder: Path) -> Archive:
     if fmu.endswith(".fmu") or "/" in fmu or "\\" in fmu:
         return read_archive(folder / fmu)
     if fmu not in bundled_models() and (folder / fmu).is_file():
-        raise FmuError(f"{fmu}: is no FMU, for its name does not end with .fmu")
+        raise FmuError(f"{fmu}: is not an FMU: its name does not end with .fmu")
     return read_archive(build(fmu), fmu)
 
 

@@ -44,7 +44,7 @@ def opened_archive(file: BinaryIO, label: str) -> Iterator[ZipFile]:
         archive = ZipFile(file)
     except _DAMAGE as error:
         raise FmuError(
-            f"{label}: is no FMU, for it is no zip archive or a damaged one: {error}"
+            f"{label}: is not an FMU: it is not a zip archive, or a damaged one: {error}"
         ) from None
     with archive:
         # First what is declared, for testzip decompresses all of it.

@@ -32,7 +32,7 @@ def read_description(archive: ZipFile, label: str) -> ModelDescription:
     try:
         entry = archive.getinfo(NAME)
     except KeyError:
-        raise FmuError(f"{label}: is no FMU, for it has no {NAME}") from None
+        raise FmuError(f"{label}: is not an FMU: it has no {NAME}") from None
     if entry.file_size > MOST_BYTES:
         raise FmuError(f"{label}: its {NAME} is larger than {MOST_BYTES >> 20} MiB")
     text = archive.read(entry)

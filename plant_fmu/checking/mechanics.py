@@ -232,6 +232,6 @@ class MechanicsProbe:
         there = np.concatenate([self._probe.q[0], self._probe.qd[0]])
         if not np.allclose(there, np.concatenate([q, qd]), rtol=1e-9, atol=1e-9):
             raise FmuError(
-                f"it was told to start at q, qd = {q.tolist()}, {qd.tolist()} and starts at "
+                f"it was set to start at q, qd = {q.tolist()}, {qd.tolist()} and starts at "
                 f"{there.tolist()}"
             )

@@ -42,7 +42,7 @@ def expect_stable(
             for inverse in _inverse_inertias(probe, body, step, held)
         )
         if held > limit:
-            moves = f", for it moves but each {held:g} s" if held > step else ""
+            moves = f", since it moves only every {held:g} s" if held > step else ""
             raise UnstableStepError(
                 f"{name} = {step:g} s is beyond the stability limit of about {limit:.2g} s "
                 f"estimated for robot {body.robot}{moves}: its motion would diverge; take "

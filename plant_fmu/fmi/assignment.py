@@ -85,7 +85,7 @@ def _settable(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     for variable in variables:
         if reason := _unsettable(variable):
             raise FmuError(
-                f"{archive.label}: {quoted(variable.name)} cannot be set, for it is {reason}"
+                f"{archive.label}: {quoted(variable.name)} cannot be set: it is {reason}"
             )
     return variables
 

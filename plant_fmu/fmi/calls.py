@@ -19,7 +19,7 @@ ENDED, EARLY = 6, 7
 """What we answer for a step of FMI 3.0 whose status is fine, but which cannot be gone on from."""
 _ANSWERS = (
     *("OK", "Warning", "Discard", "Error", "Fatal", "Pending"),
-    *("the wish to end the simulation", "an early return, which nobody allowed"),
+    *("the wish to end the simulation", "an early return, which was not allowed"),
 )
 
 
@@ -35,7 +35,7 @@ def unless_fine(status: int) -> int:
 
 def answer(status: int) -> str:
     """Return what a call ended with."""
-    return _ANSWERS[status] if 0 <= status < len(_ANSWERS) else f"status {status}, which is none"
+    return _ANSWERS[status] if 0 <= status < len(_ANSWERS) else f"status {status}, unknown to FMI"
 
 
 @dataclass(frozen=True, slots=True)

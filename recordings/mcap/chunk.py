@@ -119,7 +119,7 @@ def decoded_chunk(chunk: bytes) -> bytes:
     """The records of a chunk as it stands in the file, checked; DamageError when they cannot be."""
     demand(len(chunk) >= _CHUNK.size and chunk[0] == Opcode.CHUNK, "there is no chunk")
     _, length, _, _, size, crc, n = _CHUNK.unpack_from(chunk)
-    demand(length == len(chunk) - RECORD.size and size <= LIMIT, "its size is not what it says")
+    demand(length == len(chunk) - RECORD.size and size <= LIMIT, "its size is not as declared")
     decompress = _DECOMPRESS.get(chunk[_CHUNK.size : _CHUNK.size + n])
     if decompress is None:
         raise DamageError("its compression is unknown")

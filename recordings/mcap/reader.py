@@ -328,7 +328,7 @@ class Reader:
             fields.pop("sha256", None)
             demand(record == end_record(fields), "it is not as written")
         except DamageError as damage:
-            self.damage.append(f"what the run said at its end is damaged: {damage}")
+            self.damage.append(f"the record of how the run ended is damaged: {damage}")
             return {}
         return fields
 

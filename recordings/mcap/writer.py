@@ -219,7 +219,7 @@ class Writer:
         if self._file.closed:
             return
         status: Closing = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-        reason = "left before the run said how it ended"
+        reason = "closed before the run ended"
         if error is not None:
             reason = ": ".join(filter(None, (type(error).__name__, str(error))))
         cause = Cause("interrupted" if status == "interrupted" else "other")

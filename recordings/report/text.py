@@ -89,7 +89,7 @@ def counted(story: Story) -> dict[str, str]:
 def particulars(story: Story) -> dict[str, str]:
     """Return what identifies a run."""
     return {
-        "digest": story.digest or "of a part of the run, so that it is not told",
+        "digest": story.digest or "none: this is a part of the run",
         "seed": str(story.seed),
         **story.versions,
     }

@@ -129,7 +129,7 @@ def test_refused_workers_are_told_why(short, meet, nrs, tmp_path):
             with pytest.raises(kind, match=re.escape(why)):
                 Worker(meet, *worker).end()
         with pytest.raises(
-            BusError, match=f"no connection within {VAIN} s: .* nobody listens there"
+            BusError, match=f"no connection within {VAIN} s: .* nothing listens there"
         ):
             Worker(f"tcp/127.0.0.1:{free_port()}", "c", wait=VAIN).end()
         status, printed = older.end()

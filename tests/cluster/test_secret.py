@@ -130,5 +130,5 @@ def test_a_forger_with_the_secret_ends_the_run_and_is_named_as_a_cause(meet, tmp
         for worker in workers:
             worker.end()
     assert outcome.status == "failed"
-    assert f"tick {k}: worker left said it twice, and not the same" in outcome.reason
+    assert f"tick {k}: worker left sent it twice with other contents" in outcome.reason
     assert "another party that has the run's secret put a message in its name" in outcome.reason

@@ -205,7 +205,7 @@ MESSAGES = [
     ),
     (
         "x, Values(position=x.position, velocity=x.velocity), np.ones(6, bool)",
-        "send says who sends, which an algorithm may that declares TRIGGERED = True",
+        "send returned who sends; an algorithm that does so declares TRIGGERED = True",
     ),
 ]
 

@@ -148,15 +148,15 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         ),
         (
             document(PINNED, key("pinning", scope="node")),
-            "node: attribute 'pinning': who hears the t",
+            "node: attribute 'pinning': an edge from node 0 is how",
         ),
         (
             document(PINNED, key("weight", scope="node")),
-            "node: attribute 'weight': who hears the ta",
+            "node: attribute 'weight': an edge from node 0 is how",
         ),
         (
             document(keys=key("leader", "boolean", "node", "false")),
-            "node: attribute 'leader': who h",
+            "node: attribute 'leader': an edge from node 0 is how",
         ),
         (
             document("<data key='k'>2</data>" + NODES + EDGES, key("scale", scope="graph")),
@@ -241,7 +241,10 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
             document(NODES + EDGES + edge(2, 2)),
             "expected another source, robot 2 cannot hear itself",
         ),
-        (document(NODES + EDGES + edge(2, 0)), "edge 2 to 0: the target, 0, hears nobody; turn it"),
+        (
+            document(NODES + EDGES + edge(2, 0)),
+            "edge 2 to 0: the target, 0, hears none; turn it",
+        ),
         (
             document(NODES + EDGES + edge(0, 0, 'directed="0"')),
             "edge 0 to 0: the target, 0, hears n",
@@ -251,7 +254,7 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         (document(NODES + '<node id="1_0"/>' + EDGES), "or the number of a robot, got '1_0'"),
         (
             document(NODES + '<node id="3"/>' + EDGES),
-            "no edge leads to robot 3, which hears nobody",
+            "no edge leads to robot 3, which hears no other",
         ),
         (document("<node/>"), "node: id: missing"),
         *(

@@ -193,7 +193,7 @@ def test_silence_as_long_as_the_deadline_ends_the_run(case):
     assert str(caught.value) == (
         "tick 1 did not close in 2 s of silence: "
         "robot 1 on worker left sent samples up to tick 1 and lack those of right; "
-        "robot 2 on worker right sent samples up to tick 0 and lack nobody's: computing, or stopped"
+        "robot 2 on worker right sent samples up to tick 0 and wait for none: computing, or stopped"
     )
     assert run.time.now == 1.0 + DEADLINE
     assert run.workers.asked[-1] == (1, True)

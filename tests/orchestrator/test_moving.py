@@ -215,7 +215,7 @@ BAD_RUNS = {
     ),
     "not its velocity": (
         {"target.variables.velocity": ["qd[1:2]", "qd[0:1]"]},
-        "velocity_1 at t = .* as the positions have it.*; say in target.variables what they are$",
+        "velocity_1 at t = .* as the positions have it.*; name them in target.variables$",
     ),
     "too many": ({"target.step": 1e-7}, "target.step: .*1000000 samples"),
 }

@@ -187,7 +187,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         with pytest.raises(ScenarioError, match=result):
             read_scenario(path)
     networkx.write_graphml(networkx.DiGraph([*PAPERS, (1, 0)]), tmp_path / "net.graphml")
-    with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, hears nobody"):
+    with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, hears none"):
         read_scenario(path)
     (tmp_path / "net.graphml").write_text("<graphml><no", "utf-8")
     with pytest.raises(ScenarioError, match=r"network\.graphml: net\.graphml: not valid GraphML"):

@@ -84,7 +84,7 @@ def test_a_step_still_too_long_is_reported():
 @pytest.mark.parametrize("step", [0.1, 0.01])
 def test_an_unrelated_velocity_asks_for_the_variables(step):
     message, _ = compared(lambda t: (np.sin(t), np.sin(t)), step)
-    assert message.endswith("; say in target.variables what they are")
+    assert message.endswith("; name them in target.variables")
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

@@ -142,7 +142,7 @@ def test_a_description_that_violates_the_schema_still_works(tmp_path):
 def test_a_file_not_named_fmu_is_refused(tmp_path):
     (tmp_path / "base.toml").touch()
     (tmp_path / "two_link_arm").touch()
-    with pytest.raises(FmuError, match=r"^base\.toml: is no FMU, for its name does not end with"):
+    with pytest.raises(FmuError, match=r"^base\.toml: is not an FMU: its name does not end with"):
         find_archive("base.toml", tmp_path)
     assert find_archive("two_link_arm", tmp_path).name == "two_link_arm"
 
@@ -153,9 +153,9 @@ def test_a_file_that_is_no_archive_is_refused(tmp_path):
     assert refused(tmp_path).startswith("cannot be read: ")
     for content in (b"", b"PK\5\6", b"none", build("two_link_arm").read_bytes()[:-30]):
         path.write_bytes(content)
-        assert refused(path).startswith("is no FMU, for it is no zip archive or a damaged one")
+        assert refused(path).startswith("is not an FMU: it is not a zip archive, or a damaged one")
     ZipFile(path, "w").close()
-    assert refused(path) == "is no FMU, for it has no modelDescription.xml"
+    assert refused(path) == "is not an FMU: it has no modelDescription.xml"
 
 
 @pytest.mark.parametrize(

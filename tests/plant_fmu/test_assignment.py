@@ -118,12 +118,12 @@ def test_structural_parameters_are_set_first_and_decide_sizes(typed, given):
         ("table", 3, "table is of type String, expected a text, got 3"),
         ("table", "a\0b", "table is of type String, expected a text, got 'a\\x00b'"),
         ("gearr", 1, "has no parameter 'gearr'; did you mean 'gear'?"),
-        ("sum", 1.0, "'sum' cannot be set, for it is calculated from other parameters"),
-        ("tau_applied", [1, 2], "'tau_applied' cannot be set, for it is an output that the FMU"),
-        ("energy", 1.0, "'energy' cannot be set, for it is a local that the FMU calculates"),
-        ("pi", 3.0, "'pi' cannot be set, for it is a constant"),
-        ("time", 3.0, "'time' cannot be set, for it is the time"),
-        ("blob", "00", "'blob' cannot be set, for it is of type Binary"),
+        ("sum", 1.0, "'sum' cannot be set: it is calculated from other parameters"),
+        ("tau_applied", [1, 2], "'tau_applied' cannot be set: it is an output that the FMU"),
+        ("energy", 1.0, "'energy' cannot be set: it is a local that the FMU calculates"),
+        ("pi", 3.0, "'pi' cannot be set: it is a constant"),
+        ("time", 3.0, "'time' cannot be set: it is the time"),
+        ("blob", "00", "'blob' cannot be set: it is of type Binary"),
     ],
 )
 def test_an_impossible_parameter_is_refused_with_the_reason(typed, name, value, message):

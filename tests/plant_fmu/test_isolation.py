@@ -144,8 +144,8 @@ def nothing_left(place, words):
         ("fatal", "0.5", "a step of 0.1 s ended with Fatal"),
         ("nan", "0.6", "its outputs are not finite: [nan, "),
         ("end", "0.5", "a step of 0.1 s ended with the wish to end the simulation"),
-        ("early", "0.5", "a step of 0.1 s ended with an early return, which nobody allowed"),
-        ("no status", "0.5", "a step of 0.1 s ended with status -1, which is none"),
+        ("early", "0.5", "a step of 0.1 s ended with an early return, which was not allowed"),
+        ("no status", "0.5", "a step of 0.1 s ended with status -1, unknown to FMI"),
     ],
 )
 def test_a_fault_names_robot_fmu_time_and_cause(run_here, place, life, fault, at, cause):

@@ -241,7 +241,7 @@ def test_a_run_without_messages_is_a_valid_recording(tmp_path: Path) -> None:
         (RuntimeError("robot 3 is silent"), "failed", "RuntimeError: robot 3 is silent"),
         (KeyboardInterrupt(), "interrupted", "KeyboardInterrupt"),
         (OSError("lost \udcff"), "failed", "OSError: lost \\udcff"),
-        (None, "failed", "left before the run said how it ended"),
+        (None, "failed", "closed before the run ended"),
     ],
 )
 def test_leaving_the_block_closes_the_file(

@@ -116,7 +116,7 @@ def test_a_batch_repeated_identically_is_recorded_once(wire):
 def test_a_batch_repeated_differently_ends_the_run(wire, say):
     recorder, _ = recorder_of(wire)
     recorder.take(say(wire, "left", 1))
-    with pytest.raises(BusError, match="tick 1: worker left said it twice, and not the same"):
+    with pytest.raises(BusError, match="tick 1: worker left sent it twice with other contents"):
         recorder.take(say(wire, "left", 1, value=2.0))
 
 

@@ -79,7 +79,7 @@ class FaultyRobot(Table):
 
     id: int = Field(strict=True, ge=1, description="1 to n")
     outages: tuple[Span, ...] = Field(
-        (), description="s; [from, to]: at from <= t_k < to it neither sends nor hears"
+        (), description="s; [from, to]: at from <= t_k < to it neither sends nor receives"
     )
 
 

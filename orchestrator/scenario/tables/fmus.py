@@ -97,7 +97,7 @@ class Fmu(Table):
         "a list of names, or a pattern",
     )
     isolate: bool = Field(
-        True, strict=True, description="run an FMU that is none of ours in a process of its own"
+        True, strict=True, description="run a third-party FMU in a process of its own"
     )
     deadline: Positive = Field(
         10.0, description="s of wall time; an isolated FMU that takes longer for a call is ended"

@@ -157,7 +157,8 @@ class BusTable(Table):
     """How workers of a run on several machines talk."""
 
     deadline: Positive = Field(
-        30.0, description="s of wall time; a tick that workers do not close in it ends the run"
+        30.0,
+        description="s of wall time; the run ends when workers do not complete a tick within it",
     )
     tls: TlsTable | None = Field(None, description="certificates, for runs over several machines")
 
@@ -180,7 +181,9 @@ class Scenario(Table):
     faults: Faults = Field(
         Faults.model_construct(), description="what links and robots do to samples"
     )
-    bus: BusTable = Field(BusTable.model_construct(), description="how the processes of a run talk")
+    bus: BusTable = Field(
+        BusTable.model_construct(), description="how the processes of a run communicate"
+    )
 
     @property
     def n(self) -> int:
