@@ -22,14 +22,12 @@ if TYPE_CHECKING:
     from nrs_cosim.api.theory import Theory, check
     from nrs_cosim.bus.fields import Field
     from nrs_cosim.estimator_agents.algorithm import Algorithm
-    from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
     from nrs_cosim.estimator_agents.parameters import parameter
     from nrs_cosim.estimator_agents.values import Values
 
 _HOMES = {
     "Algorithm": "nrs_cosim.estimator_agents.algorithm",
-    "Condition": "nrs_cosim.estimator_agents.condition",
     "Disagreement": "nrs_cosim.estimator_agents.estimate",
     "Estimate": "nrs_cosim.estimator_agents.estimate",
     "Field": "nrs_cosim.bus.fields",
@@ -48,7 +46,6 @@ _HOMES = {
 
 __all__ = [
     "Algorithm",
-    "Condition",
     "Disagreement",
     "Estimate",
     "Field",

@@ -462,7 +462,7 @@ class TestReplay:
 def test_every_public_name_exists_with_its_docstring():
     for name in nrs.__all__:
         assert getattr(nrs, name).__doc__, name
-    assert len(nrs.__all__) <= 13
+    assert len(nrs.__all__) <= 15
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         nrs.nothing  # noqa: B018
 
