@@ -1,8 +1,10 @@
 """A user's program with every public name, which type checkers read strictly and Python runs."""
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +22,21 @@ class Damped(nrs.Algorithm):
         return nrs.Estimate(
             estimate.position + self.alpha * disagreement.position, 0.99 * estimate.velocity
         )
+
+
+@dataclass(frozen=True)
+class Falling(Damped):
+    """One that keeps more than an estimate, and moves on a curve."""
+
+    STATE: ClassVar[Mapping[str, nrs.Field]] = {
+        **nrs.Algorithm.STATE,
+        "pull": nrs.Field(unit="rad/s^2", doc="by which the estimate falls"),
+    }
+
+    def flow(self, x: nrs.Values, dt: float) -> nrs.Values:
+        """Return the state a time later."""
+        position = x.position + dt * (x.velocity + dt / 2 * x.pull)
+        return x.replace(position=position, velocity=x.velocity + dt * x.pull)
 
 
 def largest(recording: nrs.Recording) -> float:
@@ -53,6 +70,9 @@ def script() -> None:
     scenario = paper.replace({"run.duration": 1.0, "algorithm.alpha": np.float64(0.8)})
     assert isinstance(nrs.Estimate(np.zeros(2), np.zeros(2)).position, np.ndarray)
     algorithm: nrs.Algorithm = Damped()
+    print(
+        Falling().flow(nrs.Values(position=np.zeros(1), velocity=np.ones(1), pull=np.ones(1)), 1.0)
+    )
     print(algorithm, sorted(theory_of(scenario)))
     with nrs.run(scenario, Path("run.mcap"), workers=1) as recording:
         position, velocity = recording.target("sampling")
