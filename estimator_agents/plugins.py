@@ -13,7 +13,6 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
@@ -237,7 +236,7 @@ def _nominal(found: Any) -> tuple[Algorithm, Mapping[str, float]] | None:
     algorithm, off = found
     if not isinstance(algorithm, Algorithm):
         raise TypeError(f"expected an Algorithm, got {type(algorithm).__name__}")
-    for name in ESTIMATE:
+    for name in algorithm.SENT:
         if not 0 <= off[name] < inf:
             raise ValueError(f"expected a {name} of at least 0, got {off[name]}")
     return algorithm, off

@@ -69,6 +69,10 @@ class LinearStep:
     """(s, s) F K"""
     received: Array
     """(s, s) F G S"""
+    sent: tuple[str, ...]
+    """What an agent sends, q fields."""
+    samples: Array
+    """(s, q) F G"""
     truth: Array
     """(s, 3) E"""
     agrees: bool
@@ -196,7 +200,8 @@ def _found(algorithm: Algorithm, h: float) -> LinearStep | None:
     agrees = np.allclose((received @ E)[seen], (F @ G @ T)[seen], rtol=NEAR, atol=NEAR)
     at = np.ix_(seen, seen)
     names = tuple(np.array(list(algorithm.STATE))[seen].tolist())
-    return LinearStep(h, names, F[at], own[at], received[at], E[seen], bool(agrees))
+    sent, samples = tuple(algorithm.SENT), (F @ G)[seen]
+    return LinearStep(h, names, F[at], own[at], received[at], sent, samples, E[seen], bool(agrees))
 
 
 def _seen(names: list[str], depends: NDArray[np.bool_]) -> NDArray[np.intp]:

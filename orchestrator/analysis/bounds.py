@@ -1,12 +1,10 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
@@ -208,7 +206,9 @@ def ultimate_bounds(
         step = linear_step(algorithm, periods.constant_period)
     why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
     if nominal and not why_not:
-        added = _added(recursion if periods.constant_period else None, nominal[1], rho.radius)
+        if len(topologies.digraphs) == 1 and periods.constant_period is not None:
+            period, D = recursion or step, topologies.digraphs[0].D
+            added = received_errors(period, D, nominal[1], rho.radius) if period else None
         why_not = "" if added else _UNKNOWN_ERRORS
     motion, worst, always, paper = None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
@@ -259,15 +259,6 @@ def ultimate_bounds(
         robots,
         tracking,
     )
-
-
-def _added(
-    recursion: Recursion | None, off: Mapping[str, float], radius: float
-) -> EstimateBounds | None:
-    """Return what errors of received samples add; None where it is not known."""
-    if recursion is None:
-        return None
-    return received_errors(recursion, np.array([off[name] for name in ESTIMATE]), radius)
 
 
 @np.errstate(all="ignore")

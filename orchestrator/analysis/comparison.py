@@ -195,7 +195,9 @@ def _beginning(
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
     motion = ultimate.motion
-    if motion is None and ultimate.worst_case is None:
+    fields = ultimate.step.fields if ultimate.step else ()
+    unknown = not {*fields} <= {*experiment.algorithm.STATE}
+    if unknown or (motion is None and ultimate.worst_case is None):
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None

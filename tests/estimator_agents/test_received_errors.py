@@ -7,13 +7,16 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.dcea3 import ThirdOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
+from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import received_errors
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from tests.estimator_agents.meeting import meet
 from tests.estimator_agents.test_bundled import made
 
 H = 0.1
+F_THIRD = np.array([[1, H, H**2 / 2], [0, 1, H], [0, 0, 1]])
 
 
 def path(n):
@@ -34,7 +37,8 @@ def radius_of(recursion):
 
 def added_of(law, topology, off):
     recursion = recursion_of(law, topology, H)
-    found = received_errors(recursion, np.array(off), radius_of(recursion))
+    given = dict(zip(("position", "velocity"), off, strict=True))
+    found = received_errors(recursion, topology.D, given, radius_of(recursion))
     return np.array([found.position, found.velocity]), recursion
 
 
@@ -100,4 +104,30 @@ def test_triggered_agents_stay_within_it_after_a_target_of_constant_velocity(see
 
 def test_of_a_recursion_that_grows_nothing_is_said():
     recursion = recursion_of(FirstOrder(0.9, 0.9), path(3), H)
-    assert received_errors(recursion, np.ones(2), 1.0) is None
+    assert received_errors(recursion, path(3).D, {"position": 1, "velocity": 1}, 1.0) is None
+
+
+@pytest.mark.parametrize("law", [FirstOrder(0.9, 0.8), SecondOrder(1.1, 0.9)], ids=["1", "2"])
+def test_of_a_period_of_whatever_is_kept_it_is_the_same(law):
+    topology, off = digraph(np.random.default_rng(5)), {"position": 0.2, "velocity": 0.1}
+    recursion = recursion_of(law, topology, H)
+    radius = radius_of(recursion)
+    expected = received_errors(recursion, topology.D, off, radius)
+    found = received_errors(linear_step(law, H), topology.D, off, radius)
+    assert found.position == pytest.approx(expected.position, rel=1e-9)
+    assert found.velocity == pytest.approx(expected.velocity, rel=1e-9)
+
+
+def test_of_a_third_order_errors_of_accelerations_add_too():
+    law, n = ThirdOrder(1.0, 1.0, 1.0), 3
+    off = {"position": 0.0, "velocity": 0.0, "acceleration": 0.5}
+    found = received_errors(linear_step(law, H), path(n).D, off, 0.0)
+    # two of three receive it wrongly, one after the other: h²/2 and h times 0.5, and what it moves
+    A, B = (np.kron(F_THIRD, part) for part in (np.eye(n, k=-1), np.eye(n, k=-1)))
+    total, power = np.zeros(3 * n), B
+    for _ in range(n):
+        total += np.abs(power) @ np.repeat([0, 0, 0.5], n)
+        power = A @ power
+    np.testing.assert_allclose(
+        [found.position, found.velocity], total.reshape(3, n)[:2].max(axis=1), rtol=1e-12
+    )

@@ -152,3 +152,72 @@ def test_what_is_wrong_with_its_nominal_algorithm_is_one_line(remembering):
         "error: algorithm.name: remembering.nominal(): TypeError: cannot unpack non-iterable int "
         f"object, at {path}:{line}"
     )
+
+
+TRIGGERED = """
+
+@dataclass(frozen=True)
+class Seldom(Remembering):
+    STATE: ClassVar = {
+        **Remembering.STATE,
+        "sent_position": Field(),
+        "sent_velocity": Field(),
+        "sent_at": Field((1,), initial=-1.0),
+    }
+    TRIGGERED: ClassVar = True
+    MISSING: ClassVar = ("hold",)
+    off: float = nrs.parameter("how far off an estimate may be", 0.1, least=0)
+
+    def flow(self, x, dt):
+        moved = Remembering.flow(self, x, dt)
+        return moved.replace(sent_position=x.sent_position + dt * x.sent_velocity)
+
+    def send(self, now, x):
+        apart = [x[name] - x["sent_" + name] for name in ("position", "velocity")]
+        sends = (np.abs(apart).max(axis=(0, 2)) > self.off) | (x.sent_at[:, 0] < 0)
+        sent = {"sent_position": x.position, "sent_velocity": x.velocity}
+        sent["sent_at"] = np.full_like(x.sent_at, now.t)
+        after = {name: np.where(sends[:, None], new, x[name]) for name, new in sent.items()}
+        return x.replace(**after), type(x)(position=x.position, velocity=x.velocity), sends
+
+    def receive(self, now, x, received):
+        elapsed = (received.age * now.h)[:, None]
+        sample = received.samples
+        position = received.mean(
+            sample.position + elapsed * sample.velocity - received.own(x.position)
+        )
+        velocity = received.disagreement("velocity", x.velocity)
+        return x.replace(
+            position=x.position + self.alpha * position + self.gamma * x["last"],
+            velocity=x.velocity + self.beta * velocity,
+            last=position,
+        )
+
+    def nominal(self):
+        off = {"position": self.off, "velocity": self.off}
+        return Remembering(self.alpha, self.beta, self.gamma), off
+"""
+
+
+def test_a_gain_a_memory_and_a_trigger_of_another_package_have_their_bounds(remembering, tmp_path):
+    path = remembering.with_name("remembering.py")
+    path.write_text("import numpy as np\n" + MODULE + TRIGGERED, "utf-8")
+    entries = next(remembering.parent.glob("*.dist-info")) / "entry_points.txt"
+    entries.write_text(f"{entries.read_text()}seldom = remembering:Seldom\n")
+    sys.modules.pop("remembering", None)
+    change = "algorithm={name='seldom',alpha=0.9,beta=1.1,off=0.1}"
+    done = nrs("run", remembering, "--set", change, "-o", tmp_path / "run.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert [row["status"] for row in result["theory"]["quantities"][:2]] == ["within"] * 2
+    radius = max(abs(np.linalg.eigvals(matrix(0.9, 1.1, 0.1))))
+    assert result["theory"]["spectral_radius"] == pytest.approx(radius, rel=1e-6)
+    own = json.loads(nrs("check", remembering, "--json").stdout)["estimates"]["steady_state"]
+    none, h = np.zeros((6, 6)), 0.1
+    A, received = matrix(0.9, 1.1, 0.1), [[0.9 * D, h * 1.1 * D], [none, 1.1 * D], [D, none]]
+    added, power = np.zeros(18), np.block(received)
+    for _ in range(3000):
+        added += np.abs(power) @ np.full(12, 0.1)
+        power = A @ power
+    bound = result["theory"]["quantities"][0]["bounds"]["steady_state"]
+    assert bound == pytest.approx(own["position"] + added[:6].max(), rel=1e-9)
