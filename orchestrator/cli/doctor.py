@@ -54,16 +54,27 @@ class Diagnosis:
         return {"fit": self.fit, "symptoms": [asdict(symptom) for symptom in self.symptoms]}
 
 
-def diagnose(listen: Sequence[str], tls: Tls | None) -> Diagnosis:
-    """Try each part; `InputError` when an endpoint to listen on is malformed."""
+def diagnose(
+    listen: Sequence[str], tls: Tls | None, begin: Callable[[str], None] = lambda _: None
+) -> Diagnosis:
+    """Try each part; `InputError` when an endpoint to listen on is malformed.
+
+    `begin` is called with what is tried next.
+    """
     addresses = [Address.of("--listen", text) for text in listen]
-    return Diagnosis(tuple(_symptoms(addresses, tls)))
+    return Diagnosis(tuple(_symptoms(addresses, tls, begin)))
 
 
-def _symptoms(addresses: Sequence[Address], tls: Tls | None) -> Iterator[Symptom]:
+def _symptoms(
+    addresses: Sequence[Address], tls: Tls | None, begin: Callable[[str], None]
+) -> Iterator[Symptom]:
+    begin("the compiler")
     yield _tried("plants", "compiler", try_compiler)
+    begin("a bundled model")
     yield _tried("plants", "FMPy", _try_plant)
+    begin("the bus")
     yield _tried("bus", "Zenoh", _try_bus)
+    begin("a recording")
     yield _tried("recording", "MCAP", _try_recording)
     for address in addresses:
         yield _tried("listen", address.text, partial(_try_listening, address))

@@ -92,10 +92,13 @@ def fmu_build(
 ) -> None:
     """Write a bundled model as an FMU."""
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+    from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.plant_fmu.bundled.builder import write
 
     expect_replaceable(output, "FMU", b"PK")
-    write(name, fmi, output)
+    with stages(err) as begin:
+        begin("compiling")
+        write(name, fmi, output)
     out.print(str(output), markup=False)
 
 

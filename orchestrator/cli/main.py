@@ -278,8 +278,10 @@ def doctor(*, listen: Listen = None, tls: TlsOptions, as_json: AsJson = False) -
     """Test all that a run needs of this machine, and report what to do where something fails."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.doctor import diagnose
+    from nrs_cosim.orchestrator.cli.progress import stages
 
-    made = diagnose(listen or [], tls.certificates())
+    with stages(err) as begin:
+        made = diagnose(listen or [], tls.certificates(), begin)
     if as_json:
         print_json(made.as_json())
     else:

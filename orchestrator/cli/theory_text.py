@@ -121,15 +121,15 @@ def _convergence(checked: "Check") -> str:
 
 
 def _rate(checked: "Check") -> str:
-    """Say how fast errors fall in the long run, and how long it is until the beginning is over."""
+    """Say how fast errors fall in the long run, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
     rate += " in the long run" + FAULTLESS * checked.faulty
     fallen = checked.millionth
     if checked.faulty:
         return rate
     if fallen is None:
-        return f"{rate}; how long the beginning lasts is not computed"
-    return f"{rate}; any error has fallen to a millionth in {fallen:.4g} s"
+        return f"{rate}; settling time not computed"
+    return f"{rate}; settling time {fallen:.4g} s, to a millionth of any initial error"
 
 
 def _any_order(found: "AnyOrder", *, faulty: bool) -> str:

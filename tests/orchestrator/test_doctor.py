@@ -138,3 +138,9 @@ class TestOptions:
     def test_certificate_options_must_be_given_together(self):
         with pytest.raises(InputError, match="--tls-certificate and --tls-key: missing"):
             tls_of(Path("ca.pem"), None, None)
+
+
+def test_each_part_is_told_as_it_is_tried():
+    begun = []
+    diagnose([], None, begun.append)
+    assert begun == ["the compiler", "a bundled model", "the bus", "a recording"]
