@@ -123,7 +123,10 @@ def test_each_number_of_an_array_has_its_own_column():
     assert column_names("P", (2, 2)) == ["P_1_1", "P_1_2", "P_2_1", "P_2_2"]
 
 
-@pytest.mark.parametrize("fields", [ESTIMATE, THIRD, ODD, MANY], ids=str)
+LARGEST = {"x": Field((2**10, 2**10))}
+
+
+@pytest.mark.parametrize("fields", [ESTIMATE, THIRD, ODD, MANY, LARGEST], ids=str)
 def test_sound_fields_have_nothing_wrong(fields):
     assert list(wrong_fields(fields)) == []
 

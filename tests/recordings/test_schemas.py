@@ -15,7 +15,8 @@ from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.keys import kind_of, node_of
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE
+from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, MessageType
+from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.recordings import LINK_EVENTS, Recording
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.formats import export
@@ -204,6 +205,28 @@ def test_a_dataset_is_whole_where_samples_and_agent_states_have_other_times(tmp_
 
 
 CODECS_OF_TWO = Codecs.of(Sizes(2, 2, 3), "Filter", SENT, KEPT)
+
+
+@pytest.mark.parametrize("kind", [SAMPLE, STATE, LINK_EVENT], ids=lambda kind: kind.name)
+def test_a_type_is_read_from_its_schema_as_it_was_declared(kind) -> None:
+    read = message_type(kind.name, kind.descriptor(), {})
+    assert list(read.entries) == list(kind.entries)
+    for name, entry in read.entries.items():
+        assert entry.doc == kind.entries[name].doc
+    assert {name: field.shape for name, field in read.fields.items()} == {
+        name: field.shape for name, field in kind.fields.items()
+    }
+    assert read.descriptor() == kind.descriptor()
+
+
+def test_a_type_has_at_most_a_thousand_fields() -> None:
+    for number in (997, 998):
+        many = MessageType("nrs.Many", {f"x{place}q": Field(()) for place in range(number)})
+        if number == 997:
+            assert len(message_type("nrs.Many", many.descriptor(), {}).fields) == number
+        else:
+            with pytest.raises(SchemaError, match="has 1001 fields, over 1000"):
+                message_type("nrs.Many", many.descriptor(), {})
 
 
 def described(kind, change) -> bytes:
