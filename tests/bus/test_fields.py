@@ -109,6 +109,21 @@ def test_other_fields_have_a_type_of_the_class_own(sent):
     assert list(codecs.samples.kind.fields) == list(sent)
 
 
+def test_a_schema_says_what_each_field_means_or_how_it_is_called():
+    codecs = Codecs.of(SIZES, "Mine", ODD, {**ESTIMATE, "integral": Field()})
+    docs = {
+        kind.name: [entry.doc for entry in kind.fields.values()]
+        for kind in codecs.types
+        if kind is not STATE
+    }
+    arrives = "what arrives, zeros when nothing does"
+    assert docs == {
+        "nrs.Mine.Sample": ["level", "covariance", "seen", "of_each"],
+        "nrs.Mine.LinkEvent": [arrives, f"covariance; {arrives}", arrives, arrives],
+        "nrs.Mine.AgentState": ["integral"],
+    }
+
+
 def test_duplicates_are_a_new_field_behind_the_old_ones():
     kind = Codecs.of(SIZES, duplicates=True).link_events.kind
     assert [(number, name) for number, name, _ in kind.numbered][-2:] == [

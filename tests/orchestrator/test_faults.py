@@ -8,6 +8,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.links.links import LinkFault
+from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.validation import RejectedError
 from nrs_cosim.estimator_agents import installed
@@ -507,3 +508,34 @@ def test_duplicates_are_verified_exported_and_reported(tmp_path):
 def test_an_invalid_probability_of_duplication_is_refused(value):
     with pytest.raises(ScenarioError, match=r"faults\.links\[0\]\.duplicate: expected"):
         paper(faulty_links({"duplicate": value}))
+
+
+def test_a_further_field_arrives_with_its_own_noise_and_the_others_as_without_it(tmp_path):
+    """Of what dcea3 sends, the acceleration; block 64 is that of NumPy draws of a link."""
+    given = {"loss": 0.2, "noise": {"velocity": 0.25}}
+    noisy = {**given, "noise": {"acceleration": 0.5, "velocity": 0.25}}
+    third = {"algorithm": {"name": "dcea3", "alpha": 0.7, "beta": 0.6, "gamma": 0.5}}
+    found = {}
+    for name, entry in (("plain", given), ("noisy", noisy)):
+        file = paper(LONGER, third, faulty_links(entry))
+        with Recording(run(file, tmp_path / f"{name}.mcap").path) as recording:
+            events, sent = recording.link_events(), recording.samples()
+            found[name] = events, {(row["k"], row["robot"]): row for row in sent}
+    seed = file.scenario.run.seed
+    events, sent = found["noisy"]
+    arrived = events[events["lost"] == 0]
+    assert len(arrived) > 100
+    for row in arrived:
+        k, i, j = (int(row[name]) for name in ("k", "robot", "source"))
+        own = random_stream(seed, "link noise acceleration", j, i, k // 64)
+        pair = random_stream(seed, "link noise", j, i, k // 64).standard_normal((64, 2, 2))[k % 64]
+        was = sent[k, j]
+        noise = own.standard_normal((64, 2))[k % 64]
+        assert row["acceleration"].tolist() == (was["acceleration"] + 0.5 * noise).tolist()
+        assert row["velocity"].tolist() == (was["velocity"] + 0.25 * pair[1]).tolist()
+        assert row["position"].tolist() == was["position"].tolist()
+    plain = found["plain"][0]
+    keys = ["k", "robot", "source", "lost"]
+    assert plain[keys].tolist() == events[keys].tolist()
+    with Reader(tmp_path / "noisy.mcap") as reader:
+        assert verify(reader, file, plants=False).status == "identical"
