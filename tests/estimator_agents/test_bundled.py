@@ -10,7 +10,7 @@ import pytest
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Field
 from nrs_cosim.bus.links.links import LinkFault, Links
-from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea3 import ThirdOrder
@@ -471,3 +471,70 @@ def test_ages_and_weights_of_all_that_arrives():
     for k in range(1, 3):
         meet(agents, k, 1.0, target_of(Seeing()))
     assert seen == [[], [(0, 1, 0.25), (0, 1, 0.25), (1, 1, 0.25), (1, 1, 0.25)]]
+
+
+# Outages, and digraphs that are switched
+
+
+@dataclass(frozen=True)
+class Counting(FirstOrder):
+    """Counts how often it was asked to send, and sends at every third time."""
+
+    STATE: ClassVar = {**FirstOrder.STATE, "asked": Field(())}
+    MISSING: ClassVar = ("hold",)
+    TRIGGERED: ClassVar = True
+
+    def send(self, now, x):  # noqa: ARG002
+        after = x.replace(asked=x.asked + 1)
+        return after, Values(position=x.position, velocity=x.velocity), after.asked % 3 == 1
+
+
+def test_a_robot_in_an_outage_is_as_if_it_had_not_been_asked_to_send():
+    algorithm, topologies = Counting(0.5, 0.5), chain(2)
+    links = Links(
+        topologies,
+        np.arange(1, 3),
+        {},
+        {2: ((200_000_000, 400_000_000),)},
+        ticks=CLOCK,
+        seed=0,
+        codecs=Codecs.of(field_sizes(topologies, 1), "Tried", kept=algorithm.STATE),
+        every=True,
+    )
+    start = {"position": np.zeros((2, 1)), "velocity": np.zeros((2, 1))}
+    agents = agents_at([1, 2], topologies, algorithm, start, links)
+    asked, sent = [], []
+    for k in range(1, 7):
+        sent.append(meet([agents], k, H, target_of(algorithm)).tolist())
+        asked.append(agents.state.asked.tolist())
+    assert asked == [[1, 1], [2, 1], [3, 1], [4, 2], [5, 3], [6, 4]]
+    assert sent == [[1, 2], [], [], [1], [], [2]]
+
+
+def test_what_was_sent_while_there_was_no_edge_is_not_received_later():
+    """Robot 2 hears robot 1 from tick 3 on, which sends at ticks 1 and 4 alone."""
+    seen = []
+
+    @dataclass(frozen=True)
+    class Seeing(Counting):
+        def receive(self, now, x, received):
+            mine = (received.row == 1) & (received.source == 1)
+            seen.append((now.k, received.present[mine].tolist(), received.age[mine].tolist()))
+            return x
+
+    apart = Topology.of_edges(2, np.array([0, 0]), np.array([1, 2]), np.ones(2))
+    joined = Topology.of_edges(2, np.array([0, 0, 1]), np.array([1, 2, 2]), np.ones(3))
+    topologies = TopologySchedule.of(
+        [InteractionGraphs.of(apart), InteractionGraphs.of(joined)], (1, 3)
+    )
+    agents = made(Seeing(0.5, 0.5), topologies, {})
+    for k in range(1, 7):
+        meet(agents, k, H, target_of(Seeing(0.5, 0.5)))
+    assert seen == [
+        (1, [], []),
+        (2, [], []),
+        (3, [False], [3]),
+        (4, [True], [0]),
+        (5, [True], [1]),
+        (6, [True], [2]),
+    ]
