@@ -123,7 +123,7 @@ def test_a_users_type_checker_finds_what_is_wrong(site, tmp_path):
         "paper = nrs.Scenario.load('paper.toml')",
         *(line for line, _ in WRONG),
     ]
-    said = checked(tmp_path, site, "\n".join(lines) + "\n")
-    errors = re.findall(r"^script\.py:(\d+): error: .*\[([a-z-]+)\]$", said, re.MULTILINE)
+    printed = checked(tmp_path, site, "\n".join(lines) + "\n")
+    errors = re.findall(r"^script\.py:(\d+): error: .*\[([a-z-]+)\]$", printed, re.MULTILINE)
     found = {int(number): code for number, code in errors}
     assert found == {number: code for number, (_, code) in enumerate(WRONG, 3)}

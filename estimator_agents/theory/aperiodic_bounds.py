@@ -30,11 +30,11 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     always,
     largest,
-    modulus,
     slip,
     worst,
 )
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.slow_modes import modulus
 from nrs_cosim.estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]

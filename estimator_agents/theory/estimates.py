@@ -22,6 +22,7 @@ from nrs_cosim.bus.matrices import Matrix, as_array, identity_like, nonzeros
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_norm
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.slow_modes import Moduli, slow_modes, slow_sums
 from nrs_cosim.estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ WORK = 5e4
 """Sampling periods of the past, of a few robots, that a sum may take; of more robots, fewer."""
 REST = 1e-13
 """The part of the sum at which it ends."""
+LARGEST = 200
+"""Rows of A up to which slow modes are separated from fast ones."""
 BLOCK, DENSE = 256, 100
 """Sampling periods that are summed at once, a power of 2, where A has no more rows than so many."""
 
@@ -85,7 +88,8 @@ def worst_case(
 ) -> EstimateBounds | None:
     """Return the worst-case bounds at the sampling times, left limits.
 
-    None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed.
+    None where ρ = `radius` ≥ 1, or where forgetting takes too long to be summed: of many robots, or
+    in modes that are not near 1.
     """
     seen = identity_like(recursion.matrix)
     most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
@@ -146,23 +150,21 @@ def worst(
     if radius >= 1 or recursion.drag[:, 0].any():
         return None
     n, A = recursion.n, recursion.matrix
-    sizes = [slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)]
+    sizes = slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)
     unit = np.kron(np.eye(2), np.ones((n, 1)))
     if A.min() >= 0 and seen.min() >= 0 and not recursion.drag.any():
         found: Array = seen @ solve(identity_like(A) - A, unit @ sizes)
         return found
-    steps = log(REST) / log(radius) if radius > 0 else 2
+    of = Moduli(h, gamma_1, gamma_2, sizes, recursion.drag[:, 1])
     most_steps = int(WORK / (1 + nonzeros(A) / 4000))
-    if steps > most_steps:
-        return None
-    drag = recursion.drag[:, 1]
+    if radius > 0 and log(REST) / log(radius) > most_steps:
+        return _worst_of_slow(A, unit, seen, of, most_steps)
     most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
-    for kernels in islice(_history(A, unit), most_steps // _block(A) + 1):
-        response = (seen @ kernels.reshape(2 * n, -1)).reshape(-1, 2, kernels.shape[2])
-        p, r = response[:, 0], response[:, 1]
-        held = np.abs(p * drag[0] + r * drag[1]) * gamma_1
-        bounded = np.abs(p) * sizes[0] + np.abs(r) * sizes[1] + held
-        driven = gamma_2 * modulus(r, r + h * p, h) + held
+    block = BLOCK if A.shape[0] <= DENSE else 1
+    for kernels in islice(_history(A, unit, block), most_steps // block + 1):
+        bounded, driven = of.bounds(
+            (seen @ kernels.reshape(2 * n, -1)).reshape(-1, *kernels.shape[1:])
+        )
         most, free = most + bounded.sum(axis=1), free + driven.sum(axis=1)
         if bounded.max() <= REST * (1 - radius) * most.max() and driven.max() <= REST * free.max():
             least: Array = np.minimum(most, free)
@@ -170,17 +172,34 @@ def worst(
     return None
 
 
-def _block(A: Matrix) -> int:
-    """Return how many periods are summed at once: many where powers of A are cheap, else one."""
-    return BLOCK if A.shape[0] <= DENSE else 1
+def _worst_of_slow(
+    A: Matrix, unit: Reals, seen: Matrix, of: Moduli, most_steps: int
+) -> Array | None:
+    """Return the same where forgetting takes longer: what is slow is summed by stretches."""
+    if A.shape[0] > LARGEST:
+        return None
+    slow = slow_modes(as_array(A), unit, most_steps)
+    if slow is None:
+        return None
+    most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
+    blocks = -(-slow.gone // BLOCK)
+    for kernels in islice(_history(A, unit, BLOCK), blocks):
+        response = (seen @ kernels.reshape(len(unit), -1)).reshape(-1, *kernels.shape[1:])
+        bounded, driven = of.bounds(response)
+        most, free = most + bounded.sum(axis=1), free + driven.sum(axis=1)
+    remaining = slow_sums(slow, as_array(seen), of, blocks * BLOCK)
+    if remaining is None:
+        return None
+    least: Array = np.minimum(most + remaining[0], free + remaining[1])
+    return least
 
 
-def _history(A: Matrix, first: Reals) -> Iterator[Reals]:
+def _history(A: Matrix, first: Reals, block: int) -> Iterator[Reals]:
     """Yield A^j `first`, (2 n, 2, b), b of one after another at a time, for j = 0, 1, …"""
     kernels, power = first[:, :, None], A
-    if _block(A) > 1:
+    if block > 1:
         power = as_array(A)
-        while kernels.shape[2] < BLOCK:
+        while kernels.shape[2] < block:
             further = np.tensordot(power, kernels, axes=1)
             kernels, power = np.concatenate([kernels, further], axis=2), power @ power
     while True:
@@ -193,14 +212,6 @@ def slip(h: float, gamma_1: float, gamma_2: float) -> float:
     if gamma_2 * h <= 2 * gamma_1:
         return gamma_2 * (h * h) / 2
     return 2 * gamma_1 * h - 2 * gamma_1 * (gamma_1 / gamma_2)
-
-
-def modulus(first: Reals, last: Reals, h: float | Array) -> Array:
-    """Return ∫ |f| over 0 … h of what goes straight from `first` to `last`."""
-    apart = np.abs(last - first)
-    crossed = (first**2 + last**2) / np.where(apart > 0, 2 * apart, 1)
-    mean: Array = np.where(first * last >= 0, np.abs(first + last) / 2, crossed)
-    return h * mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

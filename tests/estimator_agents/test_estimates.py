@@ -14,13 +14,13 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     always,
     largest,
-    modulus,
     paper_bound,
     slip,
     steady_motion,
     worst_case,
 )
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.slow_modes import modulus
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from tests.bus.test_topology import PAPER
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import nrs_cosim
 from nrs_cosim.estimator_agents.theory.design import Gains
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, designed, ultimate_bounds
@@ -348,13 +349,34 @@ def test_a_target_at_rest_has_bounds_of_zero():
     assert result.tracking.paper.position < 0.2
 
 
-def test_check_reports_that_bounds_of_short_periods_are_not_computed():
-    """Γ of `dcea2` forgets by a part of h at each tick: too slowly to be summed at short h."""
+def test_check_finds_a_short_period_for_a_slow_algorithm():
+    """Γ of `dcea2` has eigenvalues 1 − O(h): at 33 µs an error lasts for a million periods."""
     asked = ("check", SCENARIOS / "paper_example_3a.toml", "--accuracy", "0.1", "0.5")
     result = json.loads(nrs(*asked, "--json").stdout)["design"]
-    assert result["proven"]["status"] == "not computed"
-    assert result["proven"]["bounds_from"] == pytest.approx(1e-3)
+    proven = result["proven"]
+    assert (proven["status"], proven["bounds_from"]) == ("found", 1e-9)
+    assert proven["period"] == pytest.approx(3.316e-5, rel=1e-3)
     assert result["paper"]["status"] == "no period is short enough"
+    gains = {f"controller.{name}": proven[name] for name in ("kp", "kd")}
+    paper_3a = nrs_cosim.Scenario.load(SCENARIOS / "paper_example_3a.toml").replace(gains)
+
+    def tracked(period):
+        keys = ("run.sampling_period", "run.output_step", "run.duration")
+        found = nrs_cosim.check(paper_3a.replace(dict.fromkeys(keys, period))).bounds
+        return [bound.worst_case for bound in found if bound.name.endswith("|2")]
+
+    within, beyond = tracked(33e-6), tracked(34e-6)
+    assert within[0] <= 0.1
+    assert within[1] <= 0.5
+    assert beyond[0] > 0.1 or beyond[1] > 0.5
+
+
+def test_check_reports_that_bounds_of_short_periods_are_not_computed_of_many_robots():
+    other = 'algorithm.name="dcea2",algorithm.alpha=1.1,network.generator.n=101'
+    asked = ("check", SCENARIOS / "ring_100.toml", "--accuracy", "0.1", "0.5", "--set", other)
+    proven = json.loads(nrs(*asked, "--json").stdout)["design"]["proven"]
+    assert (proven["status"], proven["period"]) == ("not computed", None)
+    assert proven["bounds_from"] == pytest.approx(1e-3)
 
 
 def test_check_shows_the_design_for_an_accuracy():
