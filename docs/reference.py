@@ -42,6 +42,7 @@ _TABLES = {
     "Faults": "[faults]",
     "FaultyLink": "[[faults.links]]",
     "FaultyRobot": "[[faults.robots]]",
+    "ByzantineRobot": "[[faults.byzantine]]",
     "BusTable": "[bus]",
     "TlsTable": "[bus.tls]",
     "Axis": "An axis",

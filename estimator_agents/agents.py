@@ -8,7 +8,8 @@ what an algorithm is given is over the edges of t_k alone.
 
 Where links have impairments, an agent goes by what its links deliver, if they do (`received`). A
 robot in an outage neither sends nor receives: what `send` changed of its state is undone, and it
-goes by what it received last if it holds.
+goes by what it received last if it holds. What a Byzantine robot sends to all is a lie, in place of
+what its algorithm says; its own state goes on without it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import Cause, InputError
 from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.bus.lies import Lies
 from nrs_cosim.bus.links.links import Links, Ticks
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import (
@@ -55,7 +57,7 @@ class Agents:
     `state` holds, for the time t_k at which they received last, the fields of the algorithm's
     STATE at t_k⁺, (rows, *shape). `links` are those of the same robots that go through a receive
     buffer, and `missing` says what an agent does where they deliver nothing; over all others a
-    sample is received when it is sent.
+    sample is received when it is sent. `lies` are what some of the robots tell all.
     """
 
     def __init__(
@@ -68,10 +70,12 @@ class Agents:
         links: Links | None = None,
         missing: Missing = "hold",
         seed: int = 0,
+        lies: Lies | None = None,
     ) -> None:
         self.robots = robots
         self.state = initial
         self._algorithm, self._ticks, self._seed = algorithm, ticks, seed
+        self._lies = lies
         self._exchange_at = topologies.at
         into = {t: Edges.into(robots, t, topologies.links, links) for t in topologies.digraphs}
         self._edges = [(into[e.position], into[e.velocity]) for e in topologies.exchanges]
@@ -141,6 +145,8 @@ class Agents:
             out = np.isin(self.robots, silent)
             who = ~out if who is None else who & ~out
             x = x if x is left else _chosen(out, left, x)
+        if self._lies:
+            messages = Values(self._lies.sent_instead(k, self._ticks.t(k), messages))
         return x, messages, who
 
     def jump(self, k: int, left: Values) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.fields import ESTIMATE, Fields
+from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.now import Now
@@ -134,6 +135,17 @@ class Algorithm:
         algorithm then hold, with what such errors add.
         """
         return None
+
+    def graph_conditions(
+        self,
+        topology: Topology,  # noqa: ARG002
+        byzantine: frozenset[int],  # noqa: ARG002
+    ) -> Sequence[Condition]:
+        """Return conditions on who hears whom, and on where the `byzantine` robots are, which lie.
+
+        As many for every digraph, by the same names.
+        """
+        return ()
 
 
 def name_of(algorithm: Algorithm) -> str:

@@ -16,6 +16,10 @@ class Condition:
     at_least: bool = False
     """Whether the right side is the scenario's, which the left one is the bound of."""
 
+    of_liars: bool = False
+    """Whether it is on how many robots may lie, and who hears whom; others are of robots that do
+    not lie."""
+
     @property
     def value(self) -> float:
         """What the scenario has."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
     Mask,
@@ -147,6 +148,16 @@ class ThirdParty(Algorithm):
     def nominal(self) -> tuple[Algorithm, Mapping[str, float]] | None:
         """Return the algorithm that it is but for errors of what is received."""
         return self._asked("nominal", "", lambda: _nominal(self.own.nominal()))
+
+    def graph_conditions(
+        self, topology: Topology, byzantine: frozenset[int]
+    ) -> Sequence[Condition]:
+        """Return conditions on who hears whom."""
+        return self._asked(
+            "graph_conditions",
+            "topology, byzantine",
+            lambda: _conditions(self.own.graph_conditions(topology, byzantine)),
+        )
 
     def _sent(self, given: Any, x: Values) -> tuple[Values, Values, Mask | None]:
         if not isinstance(given, tuple) or len(given) != 3:

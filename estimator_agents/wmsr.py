@@ -12,15 +12,20 @@ values; they agree where the digraph is (F + 1, F + 1)-robust. A target's value 
 reading: it is trusted, and never left out, unless the scenario says otherwise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
 from typing import ClassVar
 
 import numpy as np
 
+from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
+from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.received import Received
+from nrs_cosim.estimator_agents.theory.robustness import robustness
 from nrs_cosim.estimator_agents.values import Values
 
 
@@ -42,3 +47,19 @@ class Wmsr(Algorithm):
             apart = np.where(kept, received.difference(name, own), 0.0)
             after[name] = own + received.sum(apart) / (1 + received.sum(kept.astype(float)))
         return x.replace(**after)
+
+    def graph_conditions(
+        self, topology: Topology, byzantine: frozenset[int]
+    ) -> Sequence[Condition]:
+        """Return that the digraph among the robots is (F + 1, F + 1)-robust, and F lie at most."""
+        found = robustness(topology)
+        of_liar, to_liar = (
+            np.isin(nodes, [*byzantine]) for nodes in (topology.source, topology.sink)
+        )
+        many = int(np.bincount(topology.sink[of_liar & ~to_liar], minlength=1).max())
+        r = nan if found is None else float(found)
+        source = "r of (r, r)-robustness, LeBlanc 2013"
+        return (
+            Condition("F", source, self.F, r, of_liars=True),
+            Condition("liars heard by one robot", "F + 1", many, self.F + 1, of_liars=True),
+        )

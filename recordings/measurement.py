@@ -4,9 +4,10 @@
 e_i = q_i − ε_0 and ė_i = q̇_i − υ_0 on the output grid, in the 2-norm (paper, after equation 2.1).
 Both are of the states, where ε_i and υ_i are what a robot follows: samples are but those that were
 sent, and one that sends only when it must would be judged by its worst moments, or by none.
+Robots that lie are left out: nobody expects them to follow the target.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ TargetAt = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True, slots=True)
 class SteadyState:
-    """Suprema over robots and the last fifth of a run; None where nothing was recorded there."""
+    """Suprema over honest robots and the last fifth of a run; None of what was not recorded."""
 
     position_estimate: float | None = None
     """sup ‖ε̄_i(t_k)‖∞"""
@@ -39,8 +40,8 @@ class SteadyState:
 
 
 @np.errstate(all="ignore")  # what is not finite is measured as such
-def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
-    """Measure the steady state of a recording against its target."""
+def steady_state(reader: Reader, target_at: TargetAt, byzantine: Sequence[int] = ()) -> SteadyState:
+    """Measure the steady state of a recording against its target, of all robots but some."""
     end = reader.end_ns or 0
     since = end - end // 5
     most, times, size = np.full(4, -np.inf), np.zeros(4, np.int64), 0.0
@@ -51,7 +52,8 @@ def steady_state(reader: Reader, target_at: TargetAt) -> SteadyState:
             row = int(norms.argmax())
             most[quantity], times[quantity] = norms[row], time_ns[row]
 
-    for _, part in rows(reader, [STATES], start_ns=since):
+    for _, table in rows(reader, [STATES], start_ns=since):
+        part = table[~np.isin(table["robot"], byzantine)]
         position, velocity = target_at(part["t"])
         note(2, part["position"] - position, 2, part["time_ns"])
         note(3, part["velocity"] - velocity, 2, part["time_ns"])

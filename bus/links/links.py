@@ -1,16 +1,17 @@
 """What happens to a sample on its way over a link j → i.
 
 The sample of t_s arrives at t_{s + delay(s)}, as Q(x + noise(s)), where Q rounds to multiples of
-the quantisation; where it is duplicated, two of it arrive. It never arrives when it is lost, when
-the link is in an outage at t_s, when j or i is in one at t_s (a robot in an outage neither sends
-nor hears), or when i is in one at its arrival. None is sent at a t_s whose digraphs have no such
-link; what is under way then goes on. All of that is known at t_s. Loss, delay, duplication and
-noise are drawn apart from one another, each keyed by (seed, purpose, j, i, s): a draw depends
-neither on who asks, nor on the order, nor on the other links and faults. Noise and quantisation are
-given by field of the samples. Only the links that have faults are kept here.
+the quantisation, and x is what j sent, or the lie that it tells i in place of it; where it is
+duplicated, two of it arrive. It never arrives when it is lost, when the link is in an outage at
+t_s, when j or i is in one at t_s (a robot in an outage neither sends nor hears), or when i is in
+one at its arrival. None is sent at a t_s whose digraphs have no such link; what is under way then
+goes on. All of that is known at t_s. Loss, delay, duplication and noise are drawn apart from one
+another, each keyed by (seed, purpose, j, i, s): a draw depends neither on who asks, nor on the
+order, nor on the other links and faults. Noise and quantisation are given by field of the samples.
+Only the links that have faults are kept here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.lies import Lie, Lies
 from nrs_cosim.bus.links.draws import BLOCK, Draw, Draws
 from nrs_cosim.bus.links.noise import FieldNoise, Quantisation
 from nrs_cosim.bus.links.outages import Outages, Spans
@@ -43,6 +45,8 @@ class LinkFault:
     """What each number of a field is rounded to multiples of, > 0."""
     duplicate: float = 0.0
     """The probability that a sample arrives twice, both at once."""
+    lies: Sequence[Lie] = ()
+    """What a Byzantine robot tells this receiver."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,6 +157,7 @@ class Links:
             {name: np.array([of.get(name, 0.0) for of in given]) for name in shapes}
             for given in ([f.noise for f in theirs], [f.quantisation for f in theirs])
         )
+        self._lies = Lies(seed, [fault.lies for fault in theirs], self.source, self.sink)
         self._noise = FieldNoise(seed, links, shapes, deviations)
         self._quantisation = Quantisation(shapes, steps)
 
@@ -182,5 +187,5 @@ class Links:
         """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`."""
         return {
             name: self._quantisation.rounded(name, self._noise.added(k, name, values))
-            for name, values in sent.items()
+            for name, values in self._lies.sent_instead(k, self.ticks.t(k), sent).items()
         }

@@ -45,6 +45,8 @@ class Theory:
         """Return whether all conditions hold, and the spectral radius."""
         broken = [condition.name for condition in self.conditions if not condition.holds]
         kept = f"violated: {', '.join(broken)}" if broken else "all conditions hold"
+        if self._checked.premise:
+            kept += f", of {self._checked.premise}"
         return f"Theory(spectral radius {self.spectral_radius:.6g}, {kept})"
 
 

@@ -1,6 +1,6 @@
 """Before a run: whether the theory lets its estimates converge (paper, Theorems 1 and 3)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from math import inf, isfinite, isnan, log
 from typing import Any, Literal
@@ -38,6 +38,9 @@ from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
+POSITIVE = "positive definite"
+_OF_ONE_ROBOT = (TRACKING, POSITIVE)
+"""Where conditions come from that are of a robot by itself, whatever others say."""
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""
 
@@ -80,10 +83,19 @@ class Check:
     periods: Periods
     recursion: Recursion | None
     """Of all ticks; None where it is not one, or the jump is not linear."""
-    faulty: bool
+    impaired: bool
     """Whether links have faults, which ρ knows nothing of."""
+    byzantine: tuple[int, ...]
+    """The robots that lie, which it knows nothing of either."""
     chords: Chords | None
     """What references are between sampling times; None where they are lines."""
+
+    @property
+    def premise(self) -> str:
+        """What ρ and the conditions are of, where the scenario is not; empty where it is."""
+        parts = ["links without faults"] * self.impaired
+        parts += ["robots that do not lie"] * bool(self.byzantine)
+        return " and ".join(parts)
 
     @property
     def network(self) -> NetworkSummary | None:
@@ -132,19 +144,20 @@ class Check:
             "algorithm": self.algorithm,
             "parameters": {**self.parameters},
             "convergence": self.convergence,
-            "of": "links without faults" if self.faulty else "the links as they are",
+            "of": self.premise or "the links as they are",
+            "byzantine": list(self.byzantine),
             "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
             "h_bound": finite(self.h_bound),
             "spanning_tree": self.spanning_tree,
-            "conditions": [_condition_json(condition) for condition in self.conditions],
+            "conditions": [_condition_json(c, self.status(c)) for c in self.conditions],
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
             "rate": finite(self.rate),
-            "settling_time": None if self.faulty else finite(self.settling_time),
-            "millionth": None if self.faulty else self.millionth,
+            "settling_time": None if self.premise else finite(self.settling_time),
+            "millionth": None if self.premise else self.millionth,
         }
         if self.periods.constant_period is None:
             result["aperiodic"] = {
@@ -156,7 +169,7 @@ class Check:
         if self.chords:
             result["reference"] = asdict(self.chords)
         if self.network is None:
-            result["topologies"] = [_phase_json(phase) for phase in self.phases]
+            result["topologies"] = [_phase_json(phase, self.status) for phase in self.phases]
         if self.any_order:
             order = {**asdict(self.any_order), "order": list(self.any_order.order)}
             result["switching"] = {"repeat": self.repeat, "any_order": order}
@@ -166,9 +179,10 @@ class Check:
     def convergence(self) -> Literal["converges", "diverges", "unknown"]:
         """Whether the estimates converge over the links that the scenario has.
 
-        Of links with faults it is not known: ρ and the conditions are of links without.
+        Of links with faults, or among robots that lie, it is not known: ρ and the conditions are
+        of links without, and of robots none of which lies.
         """
-        if self.faulty or isnan(self.rho.upper):
+        if self.premise or isnan(self.rho.upper):
             return "unknown"
         if self.rho.upper < 1:
             return "converges"
@@ -177,17 +191,25 @@ class Check:
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows.
 
-        Where links have faults, each says that it is of links without.
+        Where links have faults or robots lie, each says that it is of those without.
         """
         found = self._warnings()
-        return [f"of links without faults: {one}" for one in found] if self.faulty else found
+        found = [f"of {self.premise}: {one}" for one in found] if self.premise else found
+        return [_warning(c, self.algorithm) for c in self._violated if c.of_liars] + found
+
+    def status(self, condition: Condition) -> Literal["holds", "void", "violated"]:
+        """Return whether a condition holds; void where that proves nothing, for robots lie."""
+        if not condition.holds:
+            return "violated"
+        presumes = not condition.of_liars and condition.source not in _OF_ONE_ROBOT
+        return "void" if self.byzantine and presumes else "holds"
+
+    @property
+    def _violated(self) -> list[Condition]:
+        return [c for c in self.conditions if not c.holds and c.source != TRACKING]
 
     def _warnings(self) -> list[str]:
-        unmet = [
-            _warning(condition, self.algorithm)
-            for condition in self.conditions
-            if not condition.holds and condition.source != TRACKING
-        ]
+        unmet = [_warning(c, self.algorithm) for c in self._violated if not c.of_liars]
         if self.spectral_radius >= 1:
             unmet.append(
                 f"the estimates diverge: their error grows by a factor of "
@@ -230,6 +252,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         conditions=(
             *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
             *algorithm.demands(periods.longest, *experiment.target.bounds()),
+            *_graph_conditions(experiment),
             *_gain_conditions(experiment),
             *tracking_conditions(experiment, find),
         ),
@@ -240,7 +263,8 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         recursion=recursions[0]
         if len(recursions) == 1 and periods.constant_period is not None
         else None,
-        faulty=experiment.links is not None,
+        impaired=experiment.impaired,
+        byzantine=tuple(experiment.byzantine),
         chords=_chords(experiment),
     )
 
@@ -251,6 +275,16 @@ def _chords(experiment: Experiment) -> Chords | None:
     step = seconds(experiment.clock.longest) / experiment.clock.parts
     _, gamma_2 = experiment.target.bounds()
     return Chords(step, *chord_errors(gamma_2, step))
+
+
+def _graph_conditions(experiment: Experiment) -> list[Condition]:
+    """Return the algorithm's conditions on who hears whom: of several digraphs, the nearest."""
+    byzantine = frozenset(experiment.byzantine)
+    found = [
+        experiment.algorithm.graph_conditions(digraph, byzantine)
+        for digraph in experiment.topologies.digraphs
+    ]
+    return [min(same, key=lambda c: c.margin) for same in zip(*found, strict=True)]
 
 
 def finite(number: float | None) -> float | None:
@@ -270,7 +304,7 @@ def _bounds(rho: RadiusBounds) -> dict[str, float | None]:
     return {"lower": finite(rho.lower), "upper": finite(rho.upper)}
 
 
-def _condition_json(condition: Condition) -> dict[str, Any]:
+def _condition_json(condition: Condition, status: str) -> dict[str, Any]:
     return {
         "name": condition.name,
         "source": condition.source,
@@ -278,18 +312,18 @@ def _condition_json(condition: Condition) -> dict[str, Any]:
         "relation": ">" if condition.at_least else "<",
         "bound": finite(condition.bound),
         "margin": finite(condition.margin),
-        "status": "holds" if condition.holds else "violated",
+        "status": status,
         "sampled": condition.sampled,
     }
 
 
-def _phase_json(phase: Phase) -> dict[str, Any]:
+def _phase_json(phase: Phase, status: Callable[[Condition], str]) -> dict[str, Any]:
     """Return what is said of a turn by itself, for JSON."""
     return {
         "from": phase.since,
         "spectral_radius": finite(phase.rho.radius),
         **_bounds(phase.rho),
-        "conditions": [_condition_json(condition) for condition in phase.conditions],
+        "conditions": [_condition_json(c, status(c)) for c in phase.conditions],
         "digraphs": [
             {
                 "of": heard.of,
@@ -315,13 +349,19 @@ def _gain_conditions(experiment: Experiment) -> list[Condition]:
     for name in ("kp", "kd"):
         gains = [gain(getattr(controller, name), experiment.m) for controller in controllers]
         smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
-        conditions.append(Condition(name, "positive definite", 0.0, smallest, at_least=True))
+        conditions.append(Condition(name, POSITIVE, 0.0, smallest, at_least=True))
     return conditions
 
 
 def _warning(condition: Condition, algorithm: str) -> str:
-    if condition.source == "positive definite":
+    if condition.source == POSITIVE:
         return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
+    if condition.of_liars:
+        return (
+            f"{condition.name} is {condition.left:g}, and {condition.source} "
+            f"{'is not computed' if isnan(condition.right) else f'is {condition.right:g}'}: "
+            f"robots that lie may draw the others away"
+        )
     if not condition.right > 0:
         return (
             f"algorithm {algorithm}: no {condition.name} above 0 is within the bound of "

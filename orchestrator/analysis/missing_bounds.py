@@ -28,7 +28,8 @@ def why_no_bounds(
     topologies, periods = experiment.topologies, periods_of(experiment)
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
-        "links have faults, and the theory is of links without": experiment.links is not None,
+        "links have faults, and the theory is of links without": experiment.impaired,
+        "robots lie, and the theory is of robots that do not": bool(experiment.byzantine),
         why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _not_converging(rho): rho.status != "proven",

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Column
 
 from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
-from nrs_cosim.orchestrator.cli.theory_text import bound_rows, convergence_rows
+from nrs_cosim.orchestrator.cli.theory_text import ALL_HONEST, bound_rows, convergence_rows
 from nrs_cosim.orchestrator.scenario.robot_ids import decimals
 from nrs_cosim.orchestrator.terminal import prose
 
@@ -46,12 +46,14 @@ def theory_table(
     """Show the analysis of an experiment."""
     grid(console, convergence_rows(checked) | bound_rows(ultimate))
     console.print()
-    if checked.faulty:
+    if checked.impaired:
         prose(console, "conditions are of links without faults")
+    if any(checked.status(condition) == "void" for condition in checked.conditions):
+        prose(console, f"void: a condition of {ALL_HONEST} proves nothing here")
     table(
         console,
         (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
-        map(_condition, checked.conditions),
+        (_condition(c, checked.status(c)) for c in checked.conditions),
     )
     console.print()
     table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
@@ -62,13 +64,13 @@ def _columns(first: str, *numbers: str) -> tuple[Column, ...]:
     return (Column(first), *(Column(title, justify="right") for title in numbers))
 
 
-def _condition(c: "Condition") -> tuple[str, ...]:
+def _condition(c: "Condition", status: str) -> tuple[str, ...]:
     """Return a row of the conditions."""
-    mark = "[green]holds[/]" if c.holds else "[red]fails[/]"
+    mark = {"holds": "[green]holds[/]", "void": "[yellow]void[/]", "violated": "[red]fails[/]"}
     bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
     numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
     source = escape(c.source) + ", [yellow]sampled[/]" * c.sampled
-    return escape(c.name), *numbers, mark, source
+    return escape(c.name), *numbers, mark[status], source
 
 
 def _bounds(row: "Bound") -> tuple[str, ...]:

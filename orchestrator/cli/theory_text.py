@@ -22,10 +22,11 @@ ROUNDING = 1e-12
 MAX_SHOWN = 12
 """Of digraphs, that are shown."""
 CONVERGE = "the estimates converge to a neighbourhood of the target"
-FAULTLESS = ", of links without faults"
-"""What is said of the spectral radius where links have faults."""
+ALL_HONEST = "robots that do not lie"
+"""What a void condition is of."""
 UNKNOWN = "whether the estimates converge with these links is not known"
-"""What follows from it then: the recursion that is computed is not the one that runs."""
+UNKNOWN_OF_HONEST = "whether the honest robots' estimates converge is not known"
+"""What follows from a spectral radius where the recursion that is computed is not what runs."""
 
 
 def convergence_rows(checked: "Check") -> dict[str, str]:
@@ -37,7 +38,7 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         "rho": _convergence(checked),
     }
     if checked.any_order:
-        rows["any order"] = _any_order(checked.any_order, faulty=checked.faulty)
+        rows["any order"] = _any_order(checked.any_order, _of(checked))
     if periods.constant_period is None:
         rows["times"] = (
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
@@ -45,6 +46,8 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         )
     if checked.rate > 0:
         rows["rate"] = _rate(checked)
+    if liars := checked.byzantine:
+        rows["byzantine"] = f"{_lie(liars)}; what follows is of the others"
     if chords := checked.chords:
         rows["reference"] = (
             f"no line between sampling times: chords of {chords.step:g} s are given to the plants, "
@@ -52,6 +55,15 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
             "estimated acceleration is within gamma_2"
         )
     return rows
+
+
+def _lie(liars: Sequence[int]) -> str:
+    return f"{_robots(liars)} lie{'s' * (len(liars) == 1)}"
+
+
+def _of(checked: "Check") -> str:
+    """Return what is said of a number that is not of what runs."""
+    return f", of {checked.premise}" if checked.premise else ""
 
 
 def _networks(checked: "Check") -> dict[str, str]:
@@ -102,11 +114,12 @@ def _convergence(checked: "Check") -> str:
     rho = checked.rho
     if isnan(rho.upper):
         return f"none: {checked.why}"
-    if checked.faulty:
+    if checked.premise:
         lower, upper = multiple(rho.lower), multiple(rho.upper)
         radius = lower if rho.lower == rho.upper else f"{lower} to {upper}"
         worst = "" if rho.lower == rho.upper else ", at worst"
-        return f"spectral radius {radius}{worst}{FAULTLESS}: {UNKNOWN}"
+        unknown = UNKNOWN_OF_HONEST if checked.byzantine else UNKNOWN
+        return f"spectral radius {radius}{worst}{_of(checked)}: {unknown}"
     if not isnan(rho.radius):
         below = rho.radius < 1
         status = CONVERGE if below else "the estimates diverge"
@@ -123,16 +136,16 @@ def _convergence(checked: "Check") -> str:
 def _rate(checked: "Check") -> str:
     """Say how fast errors fall in the long run, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
-    rate += " in the long run" + FAULTLESS * checked.faulty
+    rate += " in the long run" + _of(checked)
     fallen = checked.millionth
-    if checked.faulty:
+    if checked.premise:
         return rate
     if fallen is None:
         return f"{rate}; settling time not computed"
     return f"{rate}; settling time {fallen:.4g} s, to a millionth of any initial error"
 
 
-def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
+def _any_order(found: "AnyOrder", of: str) -> str:
     """Say whether the estimates would converge whatever the order of phases."""
     bounds = ""
     if found.lower is not None and found.upper is not None:
@@ -149,7 +162,7 @@ def _any_order(found: "AnyOrder", *, faulty: bool) -> str:
             "not decided": "it is not decided whether the estimates converge in any order",
             "not computed": "not computed, of so many robots or at times that are not periodic",
         }[found.status]
-        + FAULTLESS * (faulty and found.status != "not computed")
+        + of * (found.status != "not computed")
     )
 
 
@@ -211,6 +224,11 @@ def unmet(checked: "Check", ultimate: "UltimateBounds") -> list[str]:
         f"expected {'>' if c.at_least else '<'} {c.bound:g}"
         for c in checked.conditions
         if not c.holds
+    ]
+    sentences += [
+        f"{c.name} ({c.source}) is void: it is of {ALL_HONEST}, and {_lie(checked.byzantine)}"
+        for c in checked.conditions
+        if checked.status(c) == "void"
     ]
     if checked.convergence != "converges":
         status = "violated" if checked.convergence == "diverges" else "unknown"

@@ -102,6 +102,7 @@ def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
         experiment.links_into(numbers),
         experiment.missing,
         experiment.seed,
+        experiment.lies_to_all(numbers),
     )
 
 

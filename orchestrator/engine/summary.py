@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.clock import NS_PER_S
-from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import storable
 from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.assets import Asset
@@ -45,6 +45,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
         "samples": _samples(reader, run.robots, duration),
         "duration": duration,
         "seed": run.seed,
+        "byzantine": experiment.byzantine,
         "algorithm": {"name": chosen.name, "parameters": chosen.parameters},
         "plants": about.plants,
         "target": _target(experiment),
@@ -97,6 +98,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         + ": "
         + ", ".join(filter(None, (summary["status"], summary["reason"]))),
         "robots": f"{summary['robots']}, {summary['joints']} axes each",
+        **({"byzantine": _byzantine(summary["byzantine"])} if summary["byzantine"] else {}),
         "algorithm": with_parameters(**summary["algorithm"]),
         "plants": "; ".join(plants),
         "driven": _driven(summary["plants"]),
@@ -123,6 +125,11 @@ def _sent(samples: Mapping[str, float] | None) -> str:
     if samples is None:
         return ""
     return f", with {samples['per_robot_and_second']:.4g} samples of each robot a second"
+
+
+def _byzantine(robots: Sequence[int]) -> str:
+    lie = f"lie{'s' * (len(robots) == 1)}"
+    return f"{numbered('robot', robots, 8)} {lie}; errors and bounds are of the honest robots"
 
 
 def _assets(assets: Mapping[str, Mapping[str, str]]) -> str:
@@ -188,5 +195,5 @@ def told_of(experiment: Experiment) -> dict[str, int]:
 
 
 def measure(reader: Reader, experiment: Experiment) -> SteadyState:
-    """Return the steady-state errors of a recording of an experiment, against its target."""
-    return steady_state(reader, experiment.target_at)
+    """Return the steady-state errors of a recording, of its honest robots against its target."""
+    return steady_state(reader, experiment.target_at, experiment.byzantine)

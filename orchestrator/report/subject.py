@@ -45,8 +45,9 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         unit=unit,
         conditions=_condition_rows(checked) if checked else [],
         spectral_radius=None
-        if checked is None or checked.faulty
+        if checked is None or checked.premise
         else finite(checked.spectral_radius),
+        byzantine=experiment.byzantine,
         bounds=_bounds(experiment, checked) if checked else {},
     )
 
@@ -109,8 +110,10 @@ def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float
 
 
 def _condition_rows(checked: Check) -> list[ConditionRow]:
-    of = ", of links without faults" * checked.faulty
+    of = f", of {checked.premise}" if checked.premise else ""
     return [
-        ConditionRow(c.name, c.value, c.bound, c.at_least, c.holds, c.source + of)
+        ConditionRow(
+            c.name, c.value, c.bound, c.at_least, c.holds, c.source + of * (not c.of_liars)
+        )
         for c in checked.conditions
     ]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import Clock, Jitter, nanoseconds
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.lies import Lies
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
@@ -30,6 +31,7 @@ from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
 from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.scenario.assets import Assets
+from nrs_cosim.orchestrator.scenario.byzantine import OwnLie, byzantine_robots, lies_of
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
@@ -133,6 +135,27 @@ class Experiment:
         return link_faults(self.scenario, self.topologies.links, self.algorithm.SENT)
 
     @cached_property
+    def byzantine(self) -> list[int]:
+        """The robots that lie, ascending; what is measured and proven is of the others."""
+        return byzantine_robots(self.scenario)
+
+    @cached_property
+    def _lies(self) -> Sequence[OwnLie]:
+        return lies_of(self.scenario, self.algorithm.SENT, self._initial_sample)
+
+    def lies_to_all(self, robots: Sequence[int]) -> Lies | None:
+        """Return what some robots send in place of their samples; None where none of them does."""
+        lies = [[own.lie for own in self._lies if own.robot == r and not own.to] for r in robots]
+        return Lies(self.seed, lies, np.array(robots)) if any(lies) else None
+
+    @property
+    def impaired(self) -> bool:
+        """Whether links have faults; what robots say is none of these."""
+        sound = LinkFault()
+        faults = self._link_faults.values()
+        return bool(silences(self.scenario)) or any(fault != sound for fault in faults)
+
+    @cached_property
     def links(self) -> Links | None:
         """The links that have faults; None if the scenario has no faults at all."""
         return self._links_into(range(1, self.n + 1))
@@ -213,6 +236,14 @@ class Experiment:
             **start,
         )
 
+    def _initial_sample(self, robot: int) -> dict[str, Array]:
+        """Return what a robot's sample would have at t_0: what it keeps, or fields' own start."""
+        kept = self.initial_state([robot])
+        return {
+            name: kept[name][0] if name in kept else np.full(field.size(self.sizes), field.initial)
+            for name, field in self.algorithm.SENT.items()
+        }
+
     def _initial(self, name: str, robots: Sequence[int] | None) -> Array:
         return initial_rows(self.scenario, name, self._those(robots), (self.m,))
 
@@ -221,7 +252,11 @@ class Experiment:
 
     def _links_into(self, robots: Sequence[int], *, every: bool = False) -> Links | None:
         topologies = self.topologies
-        faults, quiet = self._link_faults, silences(self.scenario)
+        faults, quiet = {**self._link_faults}, silences(self.scenario)
+        for own in self._lies:
+            for link in ((own.robot, receiver) for receiver in own.to):
+                fault = faults.get(link, LinkFault())
+                faults[link] = replace(fault, lies=(*fault.lies, own.lie))
         if not every and not quiet and all(fault == LinkFault() for fault in faults.values()):
             return None
         into: NDArray[np.integer] = np.array(robots)

@@ -38,7 +38,7 @@ def link_faults(
 
 def silences(scenario: Scenario) -> dict[int, Spans]:
     """Return the outages (ns) of each robot that has any."""
-    return {robot.id: _spans(robot.outages) for robot in scenario.faults.robots if robot.outages}
+    return {robot.id: spans_of(robot.outages) for robot in scenario.faults.robots if robot.outages}
 
 
 def wrong_faults(
@@ -69,7 +69,7 @@ def wrong_faults(
                 f"{here}.delay.uniform: expected [low, high] with low <= high, "
                 f"got {list(entry.delay.uniform)}"
             )
-        yield from _wrong_outages(here, entry.outages)
+        yield from wrong_spans(f"{here}.outages", entry.outages)
         yield from _wrong_fields(here, entry, sent)
     for i, robot in enumerate(scenario.faults.robots):
         here = f"faults.robots[{i}]"
@@ -81,7 +81,7 @@ def wrong_faults(
                 f"give all its outages in faults.robots[{known[robot.id]}]"
             )
         known.setdefault(robot.id, i)
-        yield from _wrong_outages(here, robot.outages)
+        yield from wrong_spans(f"{here}.outages", robot.outages)
 
 
 def _wrong_fields(here: str, entry: FaultyLink, sent: Collection[str]) -> Iterator[str]:
@@ -92,15 +92,16 @@ def _wrong_fields(here: str, entry: FaultyLink, sent: Collection[str]) -> Iterat
                 yield f"{here}.{what}.{shortened(name)}: unknown key{nearest(name, [*sent])}"
 
 
-def _wrong_outages(here: str, outages: tuple[Span, ...]) -> Iterator[str]:
-    for i, span in enumerate(outages):
+def wrong_spans(here: str, spans: tuple[Span, ...]) -> Iterator[str]:
+    """Yield which spans of time are no such ones."""
+    for i, span in enumerate(spans):
         try:
             start, end = (nanoseconds(time) for time in span)
         except ValueError as error:
-            yield f"{here}.outages[{i}]: expected whole nanoseconds, but {error}"
+            yield f"{here}[{i}]: expected whole nanoseconds, but {error}"
             continue
         if start >= end:
-            yield f"{here}.outages[{i}]: expected [from, to] in s with from < to, got {list(span)}"
+            yield f"{here}[{i}]: expected [from, to] in s with from < to, got {list(span)}"
 
 
 def _no_link(entry: FaultyLink, topology: Topology) -> str:
@@ -131,7 +132,7 @@ def _values(entry: FaultyLink, sent: Collection[str]) -> dict[str, Any]:
         if name == "delay":
             value = value.uniform if isinstance(value, WholeUniform) else (value, value)
         elif name == "outages":
-            value = _spans(value)
+            value = spans_of(value)
         elif name in _BY_FIELD:
             of = value if isinstance(value, dict) else dict.fromkeys(sent, value)
             value = {field: extent for field, extent in of.items() if extent}
@@ -139,5 +140,6 @@ def _values(entry: FaultyLink, sent: Collection[str]) -> dict[str, Any]:
     return values
 
 
-def _spans(outages: tuple[Span, ...]) -> Spans:
-    return tuple((nanoseconds(start), nanoseconds(end)) for start, end in outages)
+def spans_of(spans: tuple[Span, ...]) -> Spans:
+    """Return spans of time in ns."""
+    return tuple((nanoseconds(start), nanoseconds(end)) for start, end in spans)

@@ -7,6 +7,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.installed import policies_of, takes_separate_graphs
+from nrs_cosim.orchestrator.scenario.byzantine import wrong_byzantine
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
@@ -60,6 +61,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
     if scenario.faults != Faults():
         links = None if network_faults else experiment.topologies.links
         yield from wrong_faults(scenario, links, _sent(experiment))
+        yield from wrong_byzantine(scenario, links, _sent(experiment))
     yield from _robot_faults(scenario)
     yield from _workers_faults(scenario.bus.tls, n)
 

@@ -31,12 +31,13 @@ Array = NDArray[np.float64]
 MOST_DRAWN = 24
 """Robots."""
 KINDS = ("lost", "outage", "late", "duplicated", "altered")
-"""What a link may do to a sample: the first that is true; an altered one is noisy or rounded."""
+"""What a link may do to a sample: the first that is true; an altered one is noisy, rounded or
+a lie."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """The largest of a norm over all robots, at times (rows,) in s."""
+    """The largest of a norm over all honest robots, at times (rows,) in s."""
 
     t: Array
     largest: Array
@@ -127,14 +128,16 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         for number, count in zip(numbers.tolist(), found.tolist(), strict=True):
             counts[schemas[reader.topics[number]]] += count
         if (table := rows_of(reader, types, STATES, messages)) is not None:
-            position, velocity = subject.target_at(table["t"])
             at = _places(reader, output_times, table["time_ns"])
-            note("position_tracking", at, table["position"] - position, 2)
-            note("velocity_tracking", at, table["velocity"] - velocity, 2)
             rows = row_of[table["robot"]]
             shown = rows >= 0
             for name, array in vectors.items():
                 array[at[shown], rows[shown]] = table[name][shown]
+            honest = ~np.isin(table["robot"], subject.byzantine)
+            table, at = table[honest], at[honest]
+            position, velocity = subject.target_at(table["t"])
+            note("position_tracking", at, table["position"] - position, 2)
+            note("velocity_tracking", at, table["velocity"] - velocity, 2)
             then = at_sampling_times(table)
             at = _places(reader, sampled, table["time_ns"][then])
             for name, off in (("position", position), ("velocity", velocity)):
@@ -170,7 +173,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             for name, norms in largest.items()
         },
         link_events=LinkEvents(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
-        steady=steady_state(reader, subject.target_at),
+        steady=steady_state(reader, subject.target_at, subject.byzantine),
     )
 
 

@@ -62,8 +62,11 @@ class Subject:
     spectral_radius: float | None
     """ρ: what is left of the estimation error after one sampling period, in the long run.
 
-    None where there is no such number, or links have faults, which it knows nothing of.
+    None where there is no such number, or links have faults or robots lie, of which it knows
+    nothing.
     """
+    byzantine: Sequence[int]
+    """The robots that lie, whose errors are not measured."""
     bounds: Mapping[str, Mapping[str, float]]
     """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""
 

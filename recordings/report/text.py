@@ -36,6 +36,9 @@ def lead(story: Story) -> str:
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
         _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
     ]
+    if liars := subject.byzantine:
+        lie = f"{numbered('robot', liars, 8)} lie{'s' * (len(liars) == 1)}"
+        sentences.append(f"{lie[0].upper()}{lie[1:]}: errors and envelopes are of honest robots.")
     if len(story.drawn) < story.n:
         sentences.append(f"{len(story.drawn)} of the robots are drawn; envelopes are over all.")
     return " ".join(sentences)

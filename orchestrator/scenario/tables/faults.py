@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
 
+from nrs_cosim.bus.lies import LieKind
 from nrs_cosim.orchestrator.scenario.tables.values import (
     BY_FIELD,
     DRAW,
@@ -11,6 +12,7 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
     PERIODS,
     Count,
     Number,
+    RobotNumber,
     Table,
     Weight,
 )
@@ -44,6 +46,13 @@ Each = Annotated[
     Discriminator(_each_form),
 ]
 """One number for all fields that are sent, or one by field, 0 for those that are not named."""
+
+
+Signed = Annotated[Number, Field(ge=-1e100, le=1e100)]
+EachSigned = Annotated[
+    Annotated[Signed, Tag(NUMBER)] | Annotated[dict[str, Signed], Tag(BY_FIELD)],
+    Discriminator(_each_form),
+]
 
 
 class FaultyLink(Table):
@@ -83,8 +92,39 @@ class FaultyRobot(Table):
     )
 
 
+class ByzantineRobot(Table):
+    """A lie that a robot tells of its samples; its own estimate and plant go on without it.
+
+    Each lie is told of what the entries before it say; those to some robots, of what all are sent.
+    """
+
+    robot: int = Field(strict=True, ge=1, description="1 to n")
+    kind: LieKind = Field(
+        description="what is sent is `stuck` at a value, or has something added: an `offset`, a "
+        "`ramp`, or `noise`, which is drawn at each t_k: for all alike, or for each of `to`",
+    )
+    value: EachSigned | None = Field(
+        None,
+        description="where it is stuck (at what the robot starts with, unless given), the offset, "
+        "the ramp's slope per s, or the standard deviation of the noise: a number, or "
+        "{position = …, velocity = …}, by the fields that the algorithm sends, of which others "
+        "are sent as they are",
+    )
+    to: Annotated[tuple[RobotNumber, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="the robots that are told it, on their links; all alike unless given, and then "
+        "the lie is the sample",
+    )
+    times: tuple[Span, ...] = Field(
+        (), description="s; [from, to]: told at from <= t_k < to; always unless given"
+    )
+
+
 class Faults(Table):
     """What goes wrong between robots, by the seed and by the clock."""
 
     links: tuple[FaultyLink, ...] = Field((), description="of links; later entries replace keys")
     robots: tuple[FaultyRobot, ...] = Field((), description="of robots, an entry each")
+    byzantine: tuple[ByzantineRobot, ...] = Field(
+        (), description="of robots that lie; what is measured and proven is of the others"
+    )

@@ -1,0 +1,52 @@
+"""Whether robots that hear one another can agree though some of them lie: (r, s)-robust digraphs.
+
+A digraph is (r, s)-robust when of any two disjoint sets S_1, S_2 of its nodes, neither empty, all
+of S_1, or all of S_2, or s in both together have r in-neighbours or more outside of their own set.
+H. J. LeBlanc, H. Zhang, X. Koutsoukos, S. Sundaram, IEEE JSAC 31(4), 766-781, 2013, Definition 6.
+
+X(S), how many of S have r in-neighbours outside, is counted for each of the 2^n sets; of a set
+where not all have, the least X of a set that is disjoint from it and as wanting decides: it is the
+least over the subsets of the complement, found for all sets at once, one node after the other.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.topology import Topology
+
+MOST = 16
+"""Robots, of which 2^n sets are looked at."""
+_NONE = 2**30
+"""More than any number of nodes."""
+
+
+def robustness(topology: Topology) -> int | None:
+    """Return the largest r for which the digraph among the robots is (r, r)-robust.
+
+    None where it is not computed, of more than `MOST` robots; the target is no node of it.
+    """
+    n = topology.n
+    if n > MOST:
+        return None
+    among = topology.source > 0
+    heard = np.zeros(n, np.int64)
+    np.bitwise_or.at(heard, topology.sink[among] - 1, 1 << (topology.source[among] - 1))
+    sets = np.arange(2**n, dtype=np.int64)
+    outside = np.bitwise_count(heard[:, None] & ~sets)
+    r = 0
+    while r < -(-n // 2) and _is_robust(outside, sets, r + 1):
+        r += 1
+    return r
+
+
+def _is_robust(outside: NDArray[np.uint8], sets: NDArray[np.int64], r: int) -> bool:
+    """Return whether it is (r, r)-robust, from in-neighbours outside of each set, (n, 2^n)."""
+    n = len(outside)
+    members = (sets >> np.arange(n)[:, None]) & 1 == 1
+    many = ((outside >= r) & members).sum(axis=0)
+    wanting = np.where((many < members.sum(axis=0)) & (sets > 0), many, _NONE)
+    least = wanting.copy()
+    for node in range(n):
+        with_it = least.reshape(-1, 2, 2**node)
+        np.minimum(with_it[:, 1], with_it[:, 0], out=with_it[:, 1])
+    return bool((wanting + least[::-1]).min() >= r)
