@@ -93,7 +93,9 @@ def _keys(table: Mapping[str, Any]) -> str:
 def _forms(key: Mapping[str, Any], name: str = "") -> Iterator[str]:
     """Yield in which forms the value of a key of a name can be written."""
     if "$ref" in key:
-        heading = _TABLES[key["$ref"].rpartition("/")[2]]
+        heading = _TABLES.get(key["$ref"].rpartition("/")[2])
+        if heading is None:  # of an algorithm that is installed and not of here
+            return
         tables = [table.partition(" ")[0] for table in heading.split(", ")]
         table = next((table for table in tables if table.endswith(f".{name}]")), tables[0])
         yield f"`{table}`" if table.startswith("[") else heading[0].lower() + heading[1:]

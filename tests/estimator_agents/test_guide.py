@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs import reference
 from nrs_cosim.estimator_agents.installed import (
     algorithm_names,
     bundled_algorithms,
@@ -28,8 +29,8 @@ LEAKY = {"algorithm.name": "leaky"}
 
 
 CODES = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
-(POINTS,) = re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL)
-POINTS = tomllib.loads(POINTS)["project"]["entry-points"]["nrs.algorithms"]
+(PACKAGE,) = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL))
+POINTS = PACKAGE["project"]["entry-points"]["nrs.algorithms"]
 
 
 @pytest.fixture
@@ -258,6 +259,18 @@ def test_non_finite_numbers_are_attributed_to_the_algorithm_on_any_workers(insta
     )
     assert "Traceback" not in done.stderr + done.stdout
     assert "FMU" not in done.stderr
+
+
+def test_the_guides_package_has_the_modules_of_its_entry_points():
+    modules = [place.partition(":")[0] for place in POINTS.values()]
+    assert PACKAGE["tool"]["setuptools"]["py-modules"] == modules
+    assert {"name", "version"} < PACKAGE["project"].keys()
+
+
+def test_the_reference_leaves_out_algorithms_of_other_packages(installed, monkeypatch):
+    monkeypatch.syspath_prepend(str(installed))
+    assert "leaky" in algorithm_names()
+    assert "leaky" not in reference.scenario_reference()
 
 
 def test_the_guides_table_lists_all_algorithms():
