@@ -459,6 +459,14 @@ class TestReplay:
         assert nrs.replay.verify(path, agents_only=True).status == "identical"
 
 
+@pytest.mark.parametrize("call", [nrs.run, nrs.check, nrs.Scenario], ids=lambda call: call.__name__)
+def test_a_path_in_place_of_a_scenario_is_refused_and_load_is_named(call):
+    with pytest.raises(nrs.errors.InputError) as error:
+        call("row.toml")
+    assert str(error.value).startswith("scenario: expected ")
+    assert str(error.value).endswith(", got 'row.toml'; nrs.Scenario.load reads a file")
+
+
 def test_every_public_name_exists_with_its_docstring():
     for name in nrs.__all__:
         assert getattr(nrs, name).__doc__, name

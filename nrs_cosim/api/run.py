@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from nrs_cosim.api.recording import Recording
-from nrs_cosim.api.scenario import Scenario, change_of
+from nrs_cosim.api.scenario import Scenario, change_of, experiment_of
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
@@ -85,7 +85,7 @@ def run(
         ...     recording.status, recording.ticks
         ('completed', 10)
     """
-    experiment = scenario._experiment
+    experiment = experiment_of(scenario)
     if embed_fmus:
         experiment = with_fmus(experiment)
     return execute(

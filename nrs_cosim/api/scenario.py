@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import count_of
-from nrs_cosim.bus.text import storable
+from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario, tables_of
 from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
+
+_LOAD = "nrs.Scenario.load reads a file"
 
 
 class Scenario:
@@ -65,6 +68,8 @@ class Scenario:
         folder: str | PathLike[str] = ".",
         **more: Any,
     ) -> None:
+        if not isinstance(tables, Mapping | None):
+            raise InputError(f"scenario: expected tables by name, got {quoted(tables)}; {_LOAD}")
         text = tomlkit.dumps(plain({**(tables or {}), **more}))
         self._experiment = resolve_scenario(text, name, Path(folder).absolute(), name)
         self._is_recorded = False
@@ -196,6 +201,13 @@ class Scenario:
         n, ticks = self.robots, self._experiment.clock.ticks
         algorithm = self._experiment.scenario.algorithm.name
         return f"Scenario({self.name!r}: {count_of(n, 'robot')}, {algorithm}, {ticks} ticks)"
+
+
+def experiment_of(scenario: Scenario) -> Experiment:
+    """Return what a scenario is resolved into; `InputError` for what is none, such as a path."""
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"scenario: expected a Scenario, got {quoted(scenario)}; {_LOAD}")
+    return scenario._experiment
 
 
 def plain(value: Any) -> Any:

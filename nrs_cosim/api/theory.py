@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from nrs_cosim.api.scenario import Scenario
+from nrs_cosim.api.scenario import Scenario, experiment_of
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
@@ -15,7 +15,7 @@ class Theory:
     __slots__ = ("_bounds_of_run", "_checked", "bounds")
 
     def __init__(self, scenario: Scenario) -> None:
-        experiment = scenario._experiment
+        experiment = experiment_of(scenario)
         find = Sampling(experiment)
         self._checked = check_experiment(experiment, find)
         self._bounds_of_run = ultimate_bounds(experiment, self._checked.rho, find)

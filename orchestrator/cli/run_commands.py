@@ -87,7 +87,10 @@ def resume(
     ends: WorkerOptions,
     allow_fmus: AllowFmus = False,
 ) -> None:
-    """Continue a run that did not come to its end, in a new recording that holds all of it."""
+    """Continue a run that did not come to its end, in a new recording that holds all of it.
+
+    --set changes run.duration, run.divergence_limit, run.checkpoint_every and deadlines alone.
+    """
     from nrs_cosim.orchestrator.cli.output_paths import unfinished
     from nrs_cosim.orchestrator.cli.progress import opened
     from nrs_cosim.orchestrator.cli.terminal_run import resumable

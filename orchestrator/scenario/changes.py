@@ -59,9 +59,8 @@ class Change:
         for part in _parts(text):
             name, equals, given = part.partition("=")
             if not equals or not name.strip():
-                raise InputError(
-                    f"{option}: expected key=value, got {quoted(part)} in {quoted(text)}"
-                )
+                where = "" if part == text else f" in {quoted(text)}"
+                raise InputError(f"{option}: expected key=value, got {quoted(part)}{where}")
             if name.strip() == "robots":
                 if robots is not None:
                     raise InputError(f"{option}: robots: is given twice in {quoted(text)}")
@@ -83,13 +82,19 @@ class Change:
             if key[0] not in _OF_PLANTS or len(key) == 1:
                 raise InputError(
                     f"{self.option}: {'.'.join(key)}: expected a key of plant, controller or "
-                    f"disturbance"
+                    "disturbance, such as controller.kp"
                 )
         return self
 
     def within(self, table: str) -> "Change":
-        """Return it as one of the whole scenario, of which it is of a table."""
-        return replace(self, values={(table, *key): value for key, value in self.values.items()})
+        """Return it as one of the whole scenario, of which it is of a table; its name may lead."""
+        return replace(
+            self,
+            values={
+                key if key[0] == table and len(key) > 1 else (table, *key): value
+                for key, value in self.values.items()
+            },
+        )
 
 
 def with_changes(text: str, changes: Sequence[Change]) -> str:
@@ -129,9 +134,14 @@ def _table(option: str, name: str, given: str, part: str) -> Mapping[str, Any]:
     if _is_toml(part):
         return tomllib.loads(part)
     if given.lstrip()[:1] in {"[", "{", '"', "'"} or not _is_toml(f"{name} = 0"):
+        whole = name.partition("[")[0].strip()
+        hint = (
+            f"; a list is given whole, as {shortened(whole)}=[…], and a name that has brackets in "
+            "quotation marks"
+        )
         raise InputError(
             f"{option}: {shortened(name.strip())}: expected a key and a value of TOML, got "
-            f"{quoted(part)}"
+            f"{quoted(part)}{hint if '[' in name and whole else ''}"
         )
     table: dict[str, Any] = tomllib.loads(f"{name} = 0")
     inner = table

@@ -187,6 +187,9 @@ def _describe(fault: Any, given: Tables) -> str:
         *table, name = fault["loc"]
         if (table[:1], name) == (["robots"], "algorithm"):
             return f"{field}: unknown key; {_OF_ALL_ROBOTS}"
+        inner = [] if table else [f"{one}.{name}" for one in _tables_with(str(name), given)]
+        if inner:
+            return f"{field}: unknown key; did you mean {' or '.join(map(repr, inner))}?"
         return f"{field}: unknown key{nearest(str(name), _keys_at(table, given))}"
     if kind == "missing":
         keys = _required(_type_at(fault["loc"], given))
@@ -232,6 +235,15 @@ def _keys_at(path: Sequence[int | str], given: Tables) -> list[str]:
     """Return the keys that the table at a path may have, in the scenario that is given."""
     fields = next(_tables(_type_at(path, given))).model_fields
     return [field.alias or name for name, field in fields.items()]
+
+
+def _tables_with(name: str, given: Tables) -> list[str]:
+    """Return the tables of a scenario in which there may be a key of this name, lists left out."""
+    return [
+        table
+        for table, field in Scenario.model_fields.items()
+        if get_origin(field.annotation) is not tuple and name in _keys_at([table], given)
+    ]
 
 
 def _type_at(path: Sequence[int | str], given: Tables) -> Any:

@@ -85,7 +85,12 @@ def test_robots_are_given_as_ranges_anywhere_in_a_change():
         ("plant.parameters={m1=2.0", "plant.parameters: expected a key and a value of TOML, got"),
         ("plant.parameters={m1=two,m2=1}", "plant.parameters: expected a key and a value of TOML"),
         ("robots=2,robots=3,controller.kp=1", "robots: is given twice"),
-        ("plant.parameters.q[0]=1", "plant.parameters.q[0]: expected a key and a value of TOML"),
+        (
+            "plant.parameters.q[0]=1",
+            "plant.parameters.q[0]: expected a key and a value of TOML, got "
+            "'plant.parameters.q[0]=1'; a list is given whole, as plant.parameters.q=[…], and a "
+            "name that has brackets in quotation marks",
+        ),
         ("controller.kp=1,controller.kp=2", "controller.kp: is given twice in"),
         ("plant.parameters={m1=1},plant.parameters.m1=2", "plant.parameters.m1: is given twice"),
     ],

@@ -144,10 +144,11 @@ def test_a_what_if_with_another_plant_equals_a_fresh_run(tmp_path):
         assert by_robots.keys() == {(3,), (1, 2, 4, 5, 6)}
 
 
-def test_a_what_if_with_another_algorithm_equals_a_fresh_run(tmp_path):
+@pytest.mark.parametrize("gains", ["beta=0.9,alpha=1.0", "algorithm.beta=0.9,alpha=1.0"])
+def test_a_what_if_with_another_algorithm_equals_a_fresh_run(tmp_path, gains):
     run(paper(SHORT), tmp_path / "run.mcap")
     with Reader(tmp_path / "run.mcap") as reader:
-        gains = Change.of("--algorithm", "beta=0.9,alpha=1.0").within("algorithm")
+        gains = Change.of("--algorithm", gains).within("algorithm")
         file = changed(experiment_of(reader), [gains])
     again = run(file, tmp_path / "what-if.mcap")
     fresh = run(
@@ -164,10 +165,12 @@ def test_a_what_if_with_another_algorithm_equals_a_fresh_run(tmp_path):
         ("robots=7,plant.fmu=planar_robot", None, "robots[0].id: expected 1 to 6, got 7"),
         ("robots=x,plant.fmu=planar_robot", None, "--plant robots: expected robots like 1-3,7"),
         ("network.pinning=1", None, "network.pinning: expected a key of plant, controller"),
+        ("kp=150", None, "kp: expected a key of plant, controller or disturbance, such as contr"),
         ("plant.fmo=planar_robot", None, "unknown key; did you mean 'fmu'?"),
         ("robots=3", None, "--plant: changes nothing"),
         ("fmu", None, "--plant: expected key=value, got 'fmu'"),
         (None, "gamma=1", "algorithm.gamma: unknown key"),
+        (None, "algorithm.gamma=1", "algorithm.gamma: unknown key"),
         (None, "beta=fast", "algorithm.beta: expected"),
     ],
 )
