@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import inspect
 import json
 import os
 import re
@@ -61,6 +62,27 @@ def test_ten_lines_draw_the_steady_state_error_that_the_theory_has(folder):
         assert 0.999 * bound < error < bound * (1 + 1e-3)
     picture = imread(folder / "gains.png")
     assert (picture[..., :3].min(axis=-1) < 0.5).mean() > 0.01
+
+
+CALLS = [
+    *(nrs.run, nrs.resume, nrs.check, nrs.compare, nrs.replay.verify, nrs.replay.what_if),
+    *(nrs.Scenario, nrs.Scenario.replace, nrs.Recording),
+    *(
+        getattr(nrs.Recording, name)
+        for name in dir(nrs.Recording)
+        if callable(getattr(nrs.Recording, name)) and not name.startswith("_") and name != "close"
+    ),
+]
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.__qualname__)
+def test_every_call_has_its_arguments_errors_and_an_example_in_its_docstring(call):
+    given = [name for name in inspect.signature(call).parameters if name != "self"]
+    text = inspect.getdoc(call)
+    assert {"Raises:", "Example:"} <= set(text.splitlines())
+    shared = "as for the rest" in text or "as the rest" in text
+    of = text.partition("Args:")[2].partition("Raises:")[0]
+    assert shared or [name for name in given if f"{name}: " not in of] == []
 
 
 @pytest.mark.parametrize(

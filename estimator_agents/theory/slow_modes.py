@@ -184,7 +184,8 @@ def slow_sums(slow: SlowModes, seen: Array, of: Moduli, begin: int) -> tuple[Arr
     if not radius < 1 or log(LEFT) / log(radius) / longest.length > MOST:
         return None
     power = longest.change + np.eye(len(slow.step))
-    count = _gone(power, LEFT)
+    if (count := _gone(power, LEFT)) > MOST:
+        return None
     rows, bend = seen @ slow.basis, levels[0].change @ levels[0].change
     states = slow.after(begin)[..., None]
     while states.shape[-1] < count:

@@ -85,7 +85,18 @@ class Recording(Tables):
         return Path(self._reader.path)
 
     def to_scenario(self) -> Scenario:
-        """Return the scenario that was run, to be changed and run again."""
+        """Return the scenario that was run, to be changed and run again.
+
+        Raises:
+            InputError: An algorithm or a file that it names is not here.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     recording.to_scenario().replace({"run.seed": 2})["run.seed"]
+            2
+        """
         return Scenario._of(self._experiment, is_recorded=True)
 
     def times(self, grid: Grid = "output") -> Array:
