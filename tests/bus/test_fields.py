@@ -172,3 +172,8 @@ def test_sound_fields_have_nothing_wrong(fields):
 def test_an_impossible_field_declaration_is_named(fields, words):
     (found,) = wrong_fields(fields)
     assert re.match(words, found), found
+
+
+def test_all_impossible_declarations_are_named_at_once():
+    found = list(wrong_fields({"2x": Field(), "y": Field(("q",)), "z": Field(truth="jerk")}))
+    assert [text.partition(":")[0] for text in found] == ["'2x'", "y", "z"]

@@ -280,3 +280,27 @@ def test_duplication_is_drawn_by_its_own_key():
     assert duplicates_of(alone, ticks)[:, 0].tolist() == [int(x < 0.4) for x in drawn]
     edge = [*zip(both_of_them.source, both_of_them.sink, strict=True)].index((3, 6))
     assert (duplicates_of(both_of_them, ticks)[:, edge] == duplicates_of(alone, ticks)[:, 0]).all()
+
+
+def test_a_link_without_noise_beside_one_that_has_some_alters_nothing():
+    faults = {
+        (3, 6): LinkFault(noise={"P": 1.0, "position": 1.0}, quantisation={"level": 0.25}),
+        (2, 5): LinkFault(delay=(1, 1)),
+    }
+    made = links(faults, sent=OTHERS)
+    sent = {name: zeros + 0.7 for name, zeros in zeros_of(made, OTHERS).items()}
+    received = made.received(3, sent)
+    sound = made.sink == 5
+    for name, values in sent.items():
+        assert received[name][sound].tobytes() == values[sound].tobytes()
+        assert (values == 0.7).all()
+    changed = {name for name in OTHERS if (received[name][~sound] != 0.7).any()}
+    assert changed == {"P", "position", "level"}
+
+
+def test_from_2_to_the_52_steps_on_a_number_is_left_as_it_is():
+    made = links({(3, 6): LinkFault(quantisation={"position": 0.1})}, m=400)
+    sent = np.random.default_rng(52).uniform(0.1 * 2.0**52, 0.1 * 2.0**53, (1, 400))
+    assert (np.rint(sent / 0.1) * 0.1 != sent).any()
+    received = made.received(1, {"position": sent, "velocity": sent})
+    assert received["position"].tobytes() == sent.tobytes()

@@ -256,6 +256,11 @@ def without_presence(message) -> None:
         field.ClearField("proto3_optional")
 
 
+def with_a_wide_number(message) -> None:
+    kind = descriptor_pb2.FieldDescriptorProto.TYPE_FIXED64
+    message.field.add(name="wide", number=6, type=kind, label=1, proto3_optional=True)
+
+
 INT64 = descriptor_pb2.FieldDescriptorProto.TYPE_INT64
 WRONG = {
     "no descriptor": ("nrs.Sample", b"\xff\xff", "'nrs.Sample': is no protobuf FileDescriptorSet"),
@@ -264,6 +269,11 @@ WRONG = {
         "nrs.Sample",
         described(SAMPLE, of("velocity", type=INT64)),
         "field 'velocity': no run writes such",
+    ),
+    "a further number of 64 bits": (
+        "nrs.Sample",
+        described(SAMPLE, with_a_wide_number),
+        "'nrs.Sample': has a further number of 64 bits",
     ),
     "a gap in the numbers": (
         "nrs.Sample",
