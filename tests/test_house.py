@@ -54,7 +54,7 @@ def test_a_process_starts_without_unneeded_imports(module, unneeded):
 
 
 PAPER = ROOT / "scenarios/paper_first_order.toml"
-RUNS = {"multiprocessing", "scipy", "tomlkit", "zenoh"}
+RUNS = {"multiprocessing", "numpy.ma", "scipy", "tomlkit", "zenoh"}
 """What takes part in runs alone, of few robots at periodic times."""
 
 

@@ -38,12 +38,13 @@ def network_of(topology: Topology) -> NetworkSummary:
         label[part] = number
     among = topology.source > 0
     source, sink = label[topology.source[among] - 1], label[topology.sink[among] - 1]
-    between = np.unique(np.stack([source, sink], axis=1)[source != sink], axis=0)
+    pairs = {(j, i) for j, i in zip(source.tolist(), sink.tolist(), strict=True) if j != i}
+    between = np.array(sorted(pairs), np.intp).reshape(-1, 2)
     rank = _ranks(len(parts), between)
     order = np.lexsort(([part[0] for part in parts], rank))
     place = np.empty(len(parts), np.intp)
     place[order] = np.arange(len(parts))
-    edges = np.unique(place[between], axis=0).tolist() if len(between) else []
+    edges = sorted(place[between].tolist())
     steps = topology.steps()
     weights = topology.normalised[among]
     rows = zip(topology.sink[among], topology.source[among], weights, strict=True)
