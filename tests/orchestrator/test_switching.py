@@ -392,7 +392,7 @@ def test_with_jitter_the_reason_for_missing_bounds_is_given(name, algorithm, why
 def test_check_describes_switching_networks():
     nrs = CliRunner()
     result = nrs.invoke(app, ["check", str(SCENARIOS / "switching.toml")]).output
-    assert "3 phases, over and over after 25 ticks" in result
+    assert "3 phases, repeated after 25 ticks" in result
     assert "converge in any order of these digraphs, for both gains are below 1" in result
     assert "no small-value norm is of a switching topology" in result
     result = nrs.invoke(app, ["check", "--json", str(SCENARIOS / "hetero_information.toml")]).output
