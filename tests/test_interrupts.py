@@ -11,7 +11,7 @@ import pytest
 from jupyter_client.manager import start_new_kernel
 
 import nrs_cosim as nrs
-from tests.cluster.local_runs import expect_ended, workers_of
+from tests.cluster.local_workers import expect_ended, workers_of
 from tests.guard import GUARD
 
 ROOT = Path(__file__).parents[1]

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cluster.local_runs import workers_of
-from tests.cluster.remote_runs import Worker, commands
+from tests.cluster.local_workers import workers_of
+from tests.cluster.remote_workers import Worker, commands
 from tests.network.ports import free_port
 
 

@@ -9,7 +9,7 @@ import zenoh
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import Run, alone, paper_file
+from tests.cluster.remote_workers import Run, alone, paper_file
 from tests.guard import GUARD
 
 ASSIGNMENT = {"left": (1, 2, 3), "right": (4, 5, 6)}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from tests.cluster.remote_runs import Run, alone, paper_file
+from tests.cluster.remote_workers import Run, alone, paper_file
 from tests.network.ports import free_port
 
 

@@ -12,10 +12,10 @@ from nrs_cosim.orchestrator.cluster import launcher
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import Spread, digest, lossy, story, workers_of
+from tests.cluster.local_workers import LocalRun, digest, lossy, story, workers_of
 from tests.guard import LIMIT
-from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.faulty_fmu import built, fault_of, three_robots
+from tests.plant_fmu.rewritten_fmus import rewritten
 from tests.scenarios import example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -36,7 +36,7 @@ def whole(tmp_path_factory):
 def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
     """Four deaths a run, drawn by a seed."""
     draw = random.Random(workers)
-    spread = Spread(lossy(), workers)
+    spread = LocalRun(lossy(), workers)
     for k in draw.sample(range(1, TICKS - WINDOW), 4):
         spread.kill(k, draw.randint(1, workers))
     outcome = spread.run(tmp_path / "n.mcap")
@@ -48,7 +48,7 @@ def test_any_worker_may_die_at_any_tick(tmp_path, whole, workers):
 
 
 def test_workers_die_together_again_and_at_the_end(tmp_path, whole):
-    spread = Spread(lossy(), 3).kill(0, 2).kill(50, 1, 3).kill(50 + 1, 1).kill(TICKS - 1, 2)
+    spread = LocalRun(lossy(), 3).kill(0, 2).kill(50, 1, 3).kill(50 + 1, 1).kill(TICKS - 1, 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason) == ("completed", "")
     assert outcome.restarts in {4, 5}  # the last may have done its part already
@@ -56,7 +56,7 @@ def test_workers_die_together_again_and_at_the_end(tmp_path, whole):
 
 
 def test_a_worker_that_dies_after_the_last_tick_is_not_replaced(tmp_path, whole):
-    outcome = Spread(lossy(), 3).kill(TICKS, 1, 2, 3).run(tmp_path / "n.mcap")
+    outcome = LocalRun(lossy(), 3).kill(TICKS, 1, 2, 3).run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
     assert digest(outcome.path) == digest(whole)
 
@@ -73,7 +73,7 @@ def test_a_worker_that_dies_before_it_is_ready_is_restarted(tmp_path, whole, mon
 
     killed = []
     monkeypatch.setattr(launcher, "LocalWorker", Doomed)
-    spread = Spread(lossy(), 2)
+    spread = LocalRun(lossy(), 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
     assert len(spread.said) == len(killed) == 3
@@ -97,7 +97,7 @@ def test_a_plant_without_checkpoints_is_restored_by_replaying_from_the_start(tmp
     without_states(tmp_path)
     file = lossy(FORGETFUL, folder=tmp_path)
     run(file, tmp_path / "1.mcap")
-    outcome = Spread(file, 3).kill(100, 3).kill(220, 2).run(tmp_path / "3.mcap")
+    outcome = LocalRun(file, 3).kill(100, 3).kill(220, 2).run(tmp_path / "3.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 2)
     assert digest(outcome.path) == digest(tmp_path / "1.mcap")
     with Reader(outcome.path) as reader:
@@ -106,7 +106,7 @@ def test_a_plant_without_checkpoints_is_restored_by_replaying_from_the_start(tmp
 
 
 def test_without_restart_a_death_ends_the_run(tmp_path):
-    outcome = Spread(lossy(), 3, restart=False).kill(70, 2).run(tmp_path / "n.mcap")
+    outcome = LocalRun(lossy(), 3, restart=False).kill(70, 2).run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.restarts) == ("failed", 0)
     k = outcome.ticks
     assert 70 <= k <= 70 + WINDOW
@@ -130,7 +130,7 @@ def test_a_stopped_worker_is_waited_for(tmp_path, whole):
         os.kill(stopped[0], signal.SIGSTOP)
         spread.look = look
 
-    stopped, spread = [], Spread(lossy(), 3)
+    stopped, spread = [], LocalRun(lossy(), 3)
     outcome = spread.at(60, stop).run(tmp_path / "n.mcap")
     assert (outcome.status, outcome.reason, outcome.restarts) == ("completed", "", 0)
     assert stopped == []
@@ -139,7 +139,7 @@ def test_a_stopped_worker_is_waited_for(tmp_path, whole):
 
 def test_a_worker_silent_beyond_the_deadline_is_named_with_the_tick(tmp_path):
     """Robots 3 and 4 hear 1, who hears 2 and 3; robots 5 and 6 hear 2 to 4."""
-    spread = Spread(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
+    spread = LocalRun(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
     outcome = spread.run(tmp_path / "n.mcap", deadline=LIMIT)
     assert outcome.status == "failed"
     k = outcome.ticks + 1
@@ -167,7 +167,7 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
     up to tick 5 or an earlier one, and it is lost four times after that.
     """
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    spread = Spread(example(three_robots("segfault", isolate=False), folder=tmp_path), 2)
+    spread = LocalRun(example(three_robots("segfault", isolate=False), folder=tmp_path), 2)
     outcome = spread.run(tmp_path / "n.mcap")
     assert outcome.status == "failed"
     k = outcome.ticks
@@ -184,7 +184,7 @@ def test_a_worker_that_always_dies_at_a_tick_ends_the_run(tmp_path):
 def test_a_deleted_fmu_ends_the_run(tmp_path):
     """A worker that is started again opens its FMUs anew."""
     path = without_states(tmp_path)
-    spread = Spread(lossy(FORGETFUL, folder=tmp_path), 2)
+    spread = LocalRun(lossy(FORGETFUL, folder=tmp_path), 2)
     outcome = spread.at(100, path.unlink).kill(100, 1).run(tmp_path / "n.mcap")
     assert outcome.status == "failed"
     assert outcome.reason == (
@@ -196,7 +196,7 @@ def test_a_deleted_fmu_ends_the_run(tmp_path):
 def test_a_plant_that_refuses_a_step_fails_the_run_as_in_one_process(tmp_path):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     file = example(three_robots("error", isolate=False), folder=tmp_path)
-    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")
+    one, n = run(file, tmp_path / "1.mcap"), LocalRun(file, 2).run(tmp_path / "2.mcap")
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
     assert (one.status, one.ticks) == ("failed", 5)
     assert story(n.path) == story(one.path)
@@ -209,7 +209,7 @@ def test_a_failure_is_reported_even_while_another_worker_hangs(tmp_path):
     one = run(example(robots, folder=tmp_path), tmp_path / "1.mcap")
     hangs = {"fmu": "faulty.fmu", "isolate": False, "parameters": fault_of("hang")}
     robots["robots"].append({"id": 3, "plant": hangs})
-    spread = Spread(example(robots, folder=tmp_path), 3)
+    spread = LocalRun(example(robots, folder=tmp_path), 3)
     outcome = spread.run(tmp_path / "3.mcap", deadline=LIMIT)
     assert (outcome.status, outcome.reason, outcome.ticks) == ("failed", one.reason, 5)
 
@@ -225,7 +225,7 @@ def test_a_dead_worker_is_replaced_while_the_pace_delays_a_tick(tmp_path, whole)
                 while not spread.said:
                     ask()
 
-    spread = Spread(lossy(), 2)
+    spread = LocalRun(lossy(), 2)
     outcome = spread.run(tmp_path / "n.mcap", pace=Held())
     assert (outcome.status, outcome.restarts) == ("completed", 1)
     assert digest(outcome.path) == digest(whole)
@@ -240,14 +240,14 @@ def test_of_many_failures_the_one_of_a_single_process_run_is_reported(tmp_path, 
         for name, robot in beyond.items()
     }
     file = paper(initial, {"run.divergence_limit": 1000.0})
-    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
+    one, n = run(file, tmp_path / "1.mcap"), LocalRun(file, 3).run(tmp_path / "3.mcap")
     assert f"t = 0 s: robot {beyond[worst]}'s" in one.reason
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
 
 
 def test_a_diverging_run_reports_the_same_reason_on_workers(tmp_path):
     file = paper({"algorithm.alpha": 1.18, "algorithm.beta": 1.18, "run.divergence_limit": 1000})
-    one, n = run(file, tmp_path / "1.mcap"), Spread(file, 3).run(tmp_path / "3.mcap")
+    one, n = run(file, tmp_path / "1.mcap"), LocalRun(file, 3).run(tmp_path / "3.mcap")
     assert (n.status, n.reason, n.ticks) == (one.status, one.reason, one.ticks)
     assert one.ticks > 10
     assert story(n.path) == story(one.path)

@@ -7,7 +7,7 @@ import pytest
 
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import Spread, digest, story
+from tests.cluster.local_workers import LocalRun, digest, story
 from tests.command import nrs
 from tests.scenarios import example
 
@@ -98,7 +98,7 @@ def file(tmp_path, monkeypatch):
 
 def test_it_is_one_run_in_one_process_and_on_workers_that_die(file, tmp_path):
     run(file, tmp_path / "1.mcap")
-    spread = Spread(file, 3).kill(25, 1).kill(70, 2, 3)
+    spread = LocalRun(file, 3).kill(25, 1).kill(70, 2, 3)
     outcome = spread.run(tmp_path / "3.mcap")
     assert (outcome.status, outcome.reason, outcome.ticks) == ("completed", "", TICKS)
     assert outcome.restarts == 3

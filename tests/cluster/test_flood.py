@@ -17,7 +17,7 @@ from nrs_cosim.bus.transport import Message, Rejected
 from nrs_cosim.orchestrator.cluster.screen import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.remote_runs import PROCESS, Worker, alone, paper_file
+from tests.cluster.remote_workers import PROCESS, Worker, alone, paper_file
 from tests.guard import GUARD
 from tests.network.ports import free_port
 

@@ -16,7 +16,7 @@ from nrs_cosim.bus.validation import Tick
 from nrs_cosim.orchestrator.cluster.protocol import Go, Hello, Ready, Refusal, Report, Welcome
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from tests.cluster.intruder import ASSIGNMENT, fixture_of_a_run_alone, intruded
-from tests.cluster.remote_runs import Run, Worker
+from tests.cluster.remote_workers import Run, Worker
 from tests.guard import GUARD, VAIN
 from tests.network.authority import Authority
 

@@ -7,8 +7,8 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN
-from tests.cluster.local_runs import Spread, digest, lossy, mixed, story, switching
-from tests.cluster.remote_runs import Run, Worker, alone
+from tests.cluster.local_workers import LocalRun, digest, lossy, mixed, story, switching
+from tests.cluster.remote_workers import Run, Worker, alone
 from tests.scenarios import SCENARIOS, SHORT, example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -25,7 +25,7 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
     """With lost and late samples."""
     run(lossy(), tmp_path / "1.mcap")
     for workers in (2, 4):
-        spread = Spread(lossy(), workers)
+        spread = LocalRun(lossy(), workers)
         outcome = spread.run(tmp_path / f"{workers}.mcap")
         assert (outcome.status, outcome.reason, outcome.rejected) == ("completed", "", {})
         assert len(spread.coordinator.assignment) == workers
@@ -71,7 +71,7 @@ def plants(path):
 @pytest.mark.parametrize("workers", [2, 6])
 def test_all_kinds_of_plants_give_one_digest_on_any_number_of_workers(tmp_path, driven, workers):
     path = tmp_path / "n.mcap"
-    assert Spread(mixed(), workers).run(path).status == "completed"
+    assert LocalRun(mixed(), workers).run(path).status == "completed"
     assert story(path) == story(driven)
     assert digest(path) == digest(driven)
     assert plants(path) == plants(driven)
@@ -81,7 +81,7 @@ def test_the_measured_error_of_a_group_is_recorded_wherever_its_robots_run(tmp_p
     """The error of a held torque is measured at some robots, and told of all."""
     file = paper(SHORT, {"plant.control": "hold"})
     run(file, tmp_path / "1.mcap")
-    Spread(file, 3).run(tmp_path / "3.mcap")
+    LocalRun(file, 3).run(tmp_path / "3.mcap")
     (result,) = plants(tmp_path / "1.mcap")
     assert result["robots"] == [1, 2, 3, 4, 5, 6]
     assert plants(tmp_path / "3.mcap") == [result]

@@ -19,7 +19,7 @@ from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.archives.archive import find_archive
-from tests.cluster.remote_runs import paper_file
+from tests.cluster.remote_workers import paper_file
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
 from tests.guard import GUARD

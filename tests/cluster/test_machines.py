@@ -5,7 +5,7 @@ import json
 import pytest
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import NRS, PROCESS, alone, digest_of, paper_file
+from tests.cluster.remote_workers import NRS, PROCESS, alone, digest_of, paper_file
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
 

@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.cli.main import main
 from nrs_cosim.orchestrator.cluster import coordinator, worker_client
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.remote_runs import PROCESS, Run, Worker, alone, digest_of, paper_file
+from tests.cluster.remote_workers import PROCESS, Run, Worker, alone, digest_of, paper_file
 from tests.guard import GUARD, LIMIT, VAIN
 from tests.network.authority import Authority
 from tests.network.cable import cable_to

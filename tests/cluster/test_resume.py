@@ -14,10 +14,18 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import Spread, digest, expect_ended, lossy, mixed, story, workers_of
+from tests.cluster.local_workers import (
+    LocalRun,
+    digest,
+    expect_ended,
+    lossy,
+    mixed,
+    story,
+    workers_of,
+)
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.plant_fmu.archives import rewritten
+from tests.plant_fmu.rewritten_fmus import rewritten
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
@@ -34,7 +42,7 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from tests.cluster.local_runs import workers_of
+from tests.cluster.local_workers import workers_of
 
 scenario, recording, workers, k, number = sys.argv[1:]
 file = read_scenario(Path(scenario))
@@ -98,7 +106,7 @@ def interrupted(file, path, k, workers=2):
     def stop():
         raise Interrupted
 
-    outcome = Spread(file, workers).at(k, stop).run(path)
+    outcome = LocalRun(file, workers).at(k, stop).run(path)
     assert (outcome.status, outcome.ticks) == ("interrupted", k)
     return path
 
@@ -108,7 +116,7 @@ def resumed(file, cut, path, workers=1):
     with Reader(cut) as reader:
         past = past_of(reader)
         return (
-            Spread(file, workers).run(path, past=past)
+            LocalRun(file, workers).run(path, past=past)
             if workers > 1
             else run(file, path, past=past)
         )

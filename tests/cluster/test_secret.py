@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.engine.lockstep import MOST_WINDOW
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from tests.cluster.intruder import ASSIGNMENT, Intruder, fixture_of_a_run_alone, intruded
-from tests.cluster.remote_runs import Worker, paper_file
+from tests.cluster.remote_workers import Worker, paper_file
 from tests.guard import GUARD
 
 PAUSE, TICKS = 20, 40

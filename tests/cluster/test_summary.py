@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tests.cluster.local_runs import lossy
+from tests.cluster.local_workers import lossy
 from tests.command import nrs
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")

@@ -14,7 +14,7 @@ from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import algorithm_names, load_algorithm
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from tests.bus.test_topology import PAPER
-from tests.estimator_agents.meeting import agents_at, receive, values
+from tests.estimator_agents.agents_without_bus import agents_at, receive, values
 from tests.estimator_agents.paper import first_order, recursion, second_order, target
 
 TICKS = 300

@@ -25,8 +25,8 @@ from nrs_cosim.estimator_agents.theory.estimates import worst_case, worst_case_a
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
 from tests.bus.test_topology import PAPER
+from tests.estimator_agents.agents_without_bus import agents_at, receive
 from tests.estimator_agents.digraphs import digraphs, ring
-from tests.estimator_agents.meeting import agents_at, receive
 from tests.estimator_agents.paper import HARMONIC, first_order, second_order
 from tests.estimator_agents.test_bounds import error, radius_of
 

@@ -13,7 +13,7 @@ from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm
-from tests.estimator_agents.meeting import CLOCK, agents_at, meet, whole
+from tests.estimator_agents.agents_without_bus import CLOCK, agents_at, meet, whole
 
 N, M, H, TICKS = 60, 2, 0.1, 60
 FAULTS = {

@@ -39,8 +39,8 @@ from nrs_cosim.estimator_agents.theory.spectrum import (
     spectrum_of,
 )
 from tests.bus.test_topology import PAPER
+from tests.estimator_agents.agents_without_bus import agents_at, receive
 from tests.estimator_agents.digraphs import digraphs, ring
-from tests.estimator_agents.meeting import agents_at, receive
 from tests.estimator_agents.paper import HARMONIC
 
 TOPOLOGY = Topology.of(*PAPER)

@@ -24,7 +24,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import spectrum_of
 from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.estimator_agents.wmsr import Wmsr
 from tests.bus.test_topology import PAPER
-from tests.estimator_agents.meeting import CLOCK, agents_at, meet, whole
+from tests.estimator_agents.agents_without_bus import CLOCK, agents_at, meet, whole
 
 H = 0.1
 

@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_are
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.kalman_consensus import KalmanConsensus
-from tests.estimator_agents.meeting import agents_at, meet, whole
+from tests.estimator_agents.agents_without_bus import agents_at, meet, whole
 
 H = np.array([[1.0, 0.0]])
 VARIANCES = ("position_variance", "covariance", "velocity_variance")

@@ -23,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.estimates import steady_motion
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step, radius_of_list
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump, recursion_of
 from nrs_cosim.estimator_agents.values import Values
-from tests.estimator_agents.meeting import agents_at, meet
+from tests.estimator_agents.agents_without_bus import agents_at, meet
 from tests.estimator_agents.paper import HARMONIC, PAPER, D, target
 
 H = 0.4

@@ -15,7 +15,7 @@ from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm
 from nrs_cosim.estimator_agents.estimate import Estimate
-from tests.estimator_agents.meeting import CLOCK, agents_at, meet
+from tests.estimator_agents.agents_without_bus import CLOCK, agents_at, meet
 
 SEEN = []
 

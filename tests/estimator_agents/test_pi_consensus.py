@@ -7,7 +7,7 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.pi_consensus import PIConsensus
-from tests.estimator_agents.meeting import agents_at, meet, whole
+from tests.estimator_agents.agents_without_bus import agents_at, meet, whole
 from tests.estimator_agents.paper import PAPER
 
 H = 0.1

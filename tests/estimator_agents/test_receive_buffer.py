@@ -17,8 +17,8 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.estimate import Estimate
-from tests.estimator_agents.faulty import Network, simulate
-from tests.estimator_agents.meeting import agents_at, receive, values
+from tests.estimator_agents.agents_without_bus import agents_at, receive, values
+from tests.estimator_agents.plain_link_faults import Network, simulate
 
 H, TICKS = 0.1, 90
 FUZZ = settings(

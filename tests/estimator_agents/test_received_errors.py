@@ -12,7 +12,7 @@ from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import received_errors
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
-from tests.estimator_agents.meeting import meet
+from tests.estimator_agents.agents_without_bus import meet
 from tests.estimator_agents.test_bundled import made
 
 H = 0.1

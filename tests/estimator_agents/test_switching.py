@@ -31,8 +31,8 @@ from nrs_cosim.estimator_agents.theory.switching import (
     period_radius,
 )
 from nrs_cosim.estimator_agents.theory.varying import LARGEST
+from tests.estimator_agents.agents_without_bus import agents_at, receive
 from tests.estimator_agents.digraphs import exchanges, ring
-from tests.estimator_agents.meeting import agents_at, receive
 from tests.estimator_agents.paper import HARMONIC
 
 quick = settings(max_examples=40, deadline=None, derandomize=True, database=None)

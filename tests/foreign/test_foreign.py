@@ -17,7 +17,7 @@ from nrs_cosim.plant_fmu.bundled.builder import write
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.export.tables import states
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.orchestrator.arms import simulate
+from tests.orchestrator.run_oracle import simulate
 from tests.scenarios import paper
 
 HERE = Path(__file__).parent

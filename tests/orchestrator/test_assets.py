@@ -22,11 +22,11 @@ from nrs_cosim.recordings.mcap.container import BEGIN
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import ASSETS, RUN
-from tests.cluster.local_runs import Spread
-from tests.cluster.remote_runs import Run, Worker, digest_of
+from tests.cluster.local_workers import LocalRun
+from tests.cluster.remote_workers import Run, Worker, digest_of
 from tests.command import nrs
 from tests.network.ports import free_port
-from tests.orchestrator.arms import target
+from tests.orchestrator.run_oracle import target
 from tests.scenarios import PAPER_FILE, SHORT, tables, toml
 
 EDGES = "source,sink,weight\n3,1,1\n2,1,0.5\n1,2,1\n0,3,1\n3,4,1\n1,4,1\n4,5,1\n3,5,1\n3,6,1\n"
@@ -191,7 +191,7 @@ def test_three_workers_of_this_machine_have_the_assets_of_the_orchestrator(ran, 
     scenario_file, _ = write(tmp_path / "here")
     experiment = read_scenario(scenario_file)
     shutil.rmtree(tmp_path / "here")
-    assert Spread(experiment, 3).run(tmp_path / "run.mcap").status == "completed"
+    assert LocalRun(experiment, 3).run(tmp_path / "run.mcap").status == "completed"
     assert digest_of(tmp_path / "run.mcap") == ran.digest
 
 

@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.faulty_fmu import built, three_robots
-from tests.recordings.runs import create, tick
+from tests.recordings.made_up_runs import create, tick
 from tests.scenarios import SHORT, paper, write
 
 DIVERGING = {"algorithm.alpha": 1.5, "run.divergence_limit": 1000}

@@ -17,7 +17,7 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import ASSETS
-from tests.cluster.remote_runs import digest_of
+from tests.cluster.remote_workers import digest_of
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
 from tests.orchestrator.test_assets import again

@@ -12,8 +12,8 @@ import pytest
 from nrs_cosim.orchestrator.cli.main import command as command_line
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.plant_fmu.archives import rewritten
-from tests.recordings import runs
+from tests.plant_fmu.rewritten_fmus import rewritten
+from tests.recordings import made_up_runs
 from tests.scenarios import PAPER, SHORT, tables, toml, write
 
 NRS = Path(sys.executable).with_name("nrs")
@@ -134,7 +134,7 @@ ROWS = [(status, line) for status, lines in STATUSES.items() for line in lines]
 def folder(tmp_path_factory):
     """Return a folder with scenarios, recordings and models, good and bad."""
     folder = tmp_path_factory.mktemp("statuses")
-    good = tables({"run.divergence_limit": 1000.0}, base=runs.chain(2, 2, 3))
+    good = tables({"run.divergence_limit": 1000.0}, base=made_up_runs.chain(2, 2, 3))
     stranger = rewritten(folder / "stranger.fmu", 3, lambda text: text + "<!-- of others -->")
     for name, base, change in (
         ("good", good, {}),
@@ -229,7 +229,7 @@ def test_a_run_under_nohup_survives_the_terminal(tmp_path):
     )  # fmt: skip
     with pipe.open("w") as scenario:
         process.send_signal(signal.SIGHUP)
-        scenario.write(toml(base=runs.chain(2, 2, 3)))
+        scenario.write(toml(base=made_up_runs.chain(2, 2, 3)))
     printed = process.communicate(timeout=GUARD)
     assert process.returncode == 0, printed[1]
     assert "the estimates converge" in printed[0]

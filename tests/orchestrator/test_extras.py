@@ -16,7 +16,7 @@ from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.input_tables import file_columns
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.recordings.runs import recorded
+from tests.recordings.made_up_runs import recorded
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][

@@ -26,7 +26,7 @@ from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.data import KINDS
-from tests.estimator_agents.faulty import Network, simulate
+from tests.estimator_agents.plain_link_faults import Network, simulate
 from tests.scenarios import SCENARIOS, SECOND_ORDER, SHORT, paper
 
 LOSSY = SCENARIOS / "paper_lossy_links.toml"

@@ -8,7 +8,7 @@ import pytest
 
 from nrs_cosim.plant_fmu.bundled.builder import build
 from tests.command import nrs
-from tests.plant_fmu.archives import rewritten, with_variables
+from tests.plant_fmu.rewritten_fmus import rewritten, with_variables
 
 LONG = "stepSizeCtrlSafetyFactorOfTheSolverThatIsInside"
 TYPES = '<SimpleType name="Angle"><Real unit="rad"/></SimpleType>'

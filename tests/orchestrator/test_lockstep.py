@@ -12,7 +12,7 @@ from nrs_cosim.bus.transport import Message, Presence
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.orchestrator.engine import lockstep
 from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode, window
-from tests.batches import ASSIGNMENT, H, recorder_of, samples, tick_batch, whole, wire_of
+from tests.made_up_batches import ASSIGNMENT, H, recorder_of, samples, tick_batch, whole, wire_of
 
 DEADLINE = 2.0
 """s of the made-up clock."""

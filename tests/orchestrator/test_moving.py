@@ -21,8 +21,8 @@ from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recording import Recording
-from tests.cluster.local_runs import Spread
-from tests.orchestrator.arms import target
+from tests.cluster.local_workers import LocalRun
+from tests.orchestrator.run_oracle import target
 from tests.plant_fmu.test_motion import NAMES, PARAMETERS
 from tests.scenarios import PAPER_FILE, SHORT, paper, toml, write
 
@@ -92,7 +92,7 @@ def test_the_run_can_be_repeated_from_the_recording_alone(ran):
 
 def test_any_number_of_workers_gives_one_digest(tmp_path):
     file = read(tmp_path, MOVER, SHORT)
-    outcomes = [run(file, tmp_path / "1.mcap"), Spread(file, 2).run(tmp_path / "2.mcap")]
+    outcomes = [run(file, tmp_path / "1.mcap"), LocalRun(file, 2).run(tmp_path / "2.mcap")]
     with Reader(tmp_path / "1.mcap") as one, Reader(tmp_path / "2.mcap") as two:
         assert two.digest == one.digest
         assert [outcome.ticks for outcome in outcomes] == [10, 10]

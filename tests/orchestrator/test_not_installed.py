@@ -12,7 +12,7 @@ from nrs_cosim.recordings.mcap.container import Schema
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
-from tests.recordings import runs
+from tests.recordings import made_up_runs
 from tests.scenarios import toml
 
 N, M = 3, 2
@@ -20,14 +20,14 @@ SENT = {"position": Field(truth="position"), "P": Field((2, "m")), "level": Fiel
 KEPT = {**ESTIMATE, "last": Field(("in_degree",))}
 CODECS = Codecs.of(Sizes(M, N, 2), "Mine", SENT, KEPT)
 NOT_HERE = {"algorithm": {"name": "no_such_law", "gain": 0.9, "missing": "hold", "where": "here"}}
-SCENARIO = toml(NOT_HERE, base=runs.chain(N, M, 10))
+SCENARIO = toml(NOT_HERE, base=made_up_runs.chain(N, M, 10))
 
 
 def written(path: Path, ticks=10, schemas=(), status="completed") -> Path:
     """Write a run of an algorithm that nobody has, with some schemas of its own."""
     by_name = {kind.name: Schema(kind.name, kind.descriptor()) for kind in CODECS.types}
     by_name |= {schema.name: schema for schema in schemas}
-    with runs.create(path, N, M, 10, (2,), CODECS) as writer:
+    with made_up_runs.create(path, N, M, 10, (2,), CODECS) as writer:
         writer.finish("completed")
     with Reader(path) as empty:
         channels, metadata = empty.channels, empty.metadata
@@ -40,7 +40,7 @@ def written(path: Path, ticks=10, schemas=(), status="completed") -> Path:
         attachments={"scenario.toml": ("application/toml", SCENARIO.encode())},
     ) as writer:
         for k in range(ticks + 1):
-            writer.write(runs.tick(k, N, M, (2,), CODECS))
+            writer.write(made_up_runs.tick(k, N, M, (2,), CODECS))
         writer.finish(status)
     return path
 

@@ -17,7 +17,7 @@ from nrs_cosim.recordings.mcap.container import BEGIN, END, tail
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import PARENT, RUN, SCENARIO, VERSIONS
 from tests.command import nrs
-from tests.recordings import runs
+from tests.recordings import made_up_runs
 from tests.scenarios import toml, write
 
 N, M, TICKS = 2, 2, 3
@@ -93,7 +93,7 @@ class Sealed:
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sealed")
-    write(folder / "two.toml", base=runs.chain(N, M, TICKS))
+    write(folder / "two.toml", base=made_up_runs.chain(N, M, TICKS))
     assert nrs("run", folder / "two.toml", "-o", folder / "run.mcap").returncode == 0
     change = ("replay", folder / "run.mcap", "--algorithm", "beta=1.0")
     assert nrs(*change, "-o", folder / "child.mcap").returncode == 0
@@ -221,7 +221,7 @@ def test_a_missing_record_is_named(sealed, tmp_path, record):
 
 
 def text(*changes, n=N, m=M, ticks=TICKS):
-    return toml(*changes, base=runs.chain(n, m, ticks)).encode()
+    return toml(*changes, base=made_up_runs.chain(n, m, ticks)).encode()
 
 
 SCENARIOS = {

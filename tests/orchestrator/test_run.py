@@ -29,7 +29,7 @@ from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
-from tests.orchestrator.arms import simulate
+from tests.orchestrator.run_oracle import simulate
 from tests.scenarios import SCENARIOS, SECOND_ORDER, SHORT, drawn, paper
 
 SEEDED = {"run.seed": 11}

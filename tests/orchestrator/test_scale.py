@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
-from tests.orchestrator.arms import target
+from tests.orchestrator.run_oracle import target
 from tests.scenarios import SCENARIOS
 
 N, TICKS, H, GAIN = 10_000, 100, 0.05, 0.9

@@ -13,7 +13,7 @@ from nrs_cosim.orchestrator.scenario.initial import draw
 from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.orchestrator.scenario.tables.values import Uniform
-from tests.orchestrator.arms import target
+from tests.orchestrator.run_oracle import target
 from tests.scenarios import SCENARIOS, paper
 
 

@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.export.tables import samples
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import digest, switching
+from tests.cluster.local_workers import digest, switching
 from tests.estimator_agents.paper import second_order
 from tests.orchestrator.networks import (
     PAPER,

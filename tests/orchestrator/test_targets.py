@@ -23,7 +23,7 @@ from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_s
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 from nrs_cosim.recordings.input_tables import file_columns
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.orchestrator.arms import target
+from tests.orchestrator.run_oracle import target
 from tests.scenarios import PAPER_FILE, paper, toml, write
 
 TIMES = np.arange(0, 30.04, 0.05)

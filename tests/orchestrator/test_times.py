@@ -26,7 +26,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.page import page_data
 from nrs_cosim.recordings.report.text import lead
-from tests.orchestrator.arms import along
+from tests.orchestrator.run_oracle import along
 from tests.orchestrator.test_run import rows_of
 from tests.scenarios import SECOND_ORDER, SHORT, paper
 

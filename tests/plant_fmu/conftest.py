@@ -10,7 +10,7 @@ import pytest
 
 from nrs_cosim.plant_fmu.bundled.builder import build
 from tests.plant_fmu.faulty_fmu import built
-from tests.plant_fmu.robots import Open, Robot
+from tests.plant_fmu.fmpy_instances import Open, Robot
 
 
 @pytest.fixture(scope="session")

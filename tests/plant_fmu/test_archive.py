@@ -27,7 +27,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.plant_fmu.fmi.library import Library
 from tests.guard import GUARD, VAIN
-from tests.plant_fmu.archives import NAME, description, rewritten
+from tests.plant_fmu.rewritten_fmus import NAME, description, rewritten
 
 FUZZ = settings(
     derandomize=True,

@@ -19,7 +19,7 @@ from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
-from tests.plant_fmu.archives import reals, rewritten, with_variables
+from tests.plant_fmu.rewritten_fmus import reals, rewritten, with_variables
 from tests.plant_fmu.talker import build_talker
 from tests.plant_fmu.typed_fmu import build_typed
 

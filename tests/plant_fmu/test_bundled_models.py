@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
-from tests.plant_fmu.robots import Array, Open, Robot
+from tests.plant_fmu.fmpy_instances import Array, Open, Robot
 
 MODELS = ("planar_robot", "two_link_arm")
 VERSIONS = (2, 3)
@@ -335,7 +335,7 @@ def test_a_restored_state_continues_with_the_same_bits(robot: Open, model: str, 
 CONTINUE = """
 import sys
 from pathlib import Path
-from tests.plant_fmu.robots import Robot
+from tests.plant_fmu.fmpy_instances import Robot
 from tests.plant_fmu.test_bundled_models import STEPS, play
 robot = Robot("two_link_arm", int(sys.argv[1]), Path(sys.argv[2]), "Slave")
 robot.fmu.setFMUState(robot.fmu.deserializeFMUState(sys.stdin.buffer.read()))

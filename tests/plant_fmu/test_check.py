@@ -21,7 +21,7 @@ from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
 from tests.guard import LIMIT
-from tests.plant_fmu.archives import renamed, rewritten
+from tests.plant_fmu.rewritten_fmus import renamed, rewritten
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),

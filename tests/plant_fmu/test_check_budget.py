@@ -14,7 +14,7 @@ from nrs_cosim.plant_fmu.checking.budget import Budget, OutOfTime, limited
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.subprocess_check import check
-from tests.plant_fmu.archives import description, rewritten
+from tests.plant_fmu.rewritten_fmus import description, rewritten
 from tests.plant_fmu.stepping import INERTIA, build_stepping
 from tests.plant_fmu.test_check import found, statuses
 from tests.plant_fmu.test_internal_steps import body

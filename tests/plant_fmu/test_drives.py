@@ -20,8 +20,8 @@ from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.plant_fmu.plants import Body, Disturbance, DrivenPlants
-from tests.orchestrator.arms import KD, KP, W, simulate, target
-from tests.plant_fmu.archives import rewritten
+from tests.orchestrator.run_oracle import KD, KP, W, simulate, target
+from tests.plant_fmu.rewritten_fmus import rewritten
 
 Array = NDArray[np.float64]
 Open = Callable[..., DrivenPlants]

@@ -15,11 +15,11 @@ from nrs_cosim.plant_fmu.archives.families import NamePattern
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.motion import fmu_motion
 from tests.guard import LIMIT
-from tests.orchestrator.arms import target
+from tests.orchestrator.run_oracle import target
 from tests.plant_fmu import hinge
-from tests.plant_fmu.archives import renamed, rewritten
 from tests.plant_fmu.faulty_fmu import FAULTS
-from tests.plant_fmu.robots import Robot
+from tests.plant_fmu.fmpy_instances import Robot
+from tests.plant_fmu.rewritten_fmus import renamed, rewritten
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 

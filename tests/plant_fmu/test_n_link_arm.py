@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from nrs_cosim.plant_fmu.bundled.builder import build
-from tests.plant_fmu.robots import Array, Open, Robot
+from tests.plant_fmu.fmpy_instances import Array, Open, Robot
 
 H = 0.1
 each_size = pytest.mark.parametrize("n", [1, 2, 3, 7, 16])

@@ -15,8 +15,8 @@ from nrs_cosim.plant_fmu.checking.subprocess_check import p3_of
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
-from tests.plant_fmu.archives import rewritten
 from tests.plant_fmu.faulty_fmu import FAULTS
+from tests.plant_fmu.rewritten_fmus import rewritten
 from tests.plant_fmu.test_check import changed
 
 pytestmark = [

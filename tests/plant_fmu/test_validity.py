@@ -7,7 +7,7 @@ from fmpy.validation import _validate_variable_names
 
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.checking.validity import is_structured, validity
-from tests.plant_fmu.archives import rewritten
+from tests.plant_fmu.rewritten_fmus import rewritten
 
 GOOD = (
     "q q1 _q Arm.q arm[1].q[2,3] der(q) der(arm.q[1]) der(arm[2].q,2) 'a b'.q 'x+y'[1] der "

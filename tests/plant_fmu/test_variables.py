@@ -21,7 +21,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 from nrs_cosim.plant_fmu.unit_names import parse_unit
-from tests.plant_fmu.archives import description, reals, renamed, rewritten, with_variables
+from tests.plant_fmu.rewritten_fmus import description, reals, renamed, rewritten, with_variables
 
 DEG = '<Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>'
 

@@ -29,7 +29,7 @@ from nrs_cosim.recordings.export.tables import SAMPLES, STATES
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.recovery import recover
-from tests.recordings.runs import recorded
+from tests.recordings.made_up_runs import recorded
 
 CASES = 1200
 EIGHT = (bytes(8), b"\xff" * 8, bytes(7) + b"\x7f", bytes(3) + b"\x40" + bytes(4))

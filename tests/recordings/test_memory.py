@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.recordings.runs import create, tick
+from tests.recordings.made_up_runs import create, tick
 
 ROOT = Path(__file__).parents[2]
 READ = """

@@ -39,7 +39,7 @@ from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
-from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from nrs_cosim.bus.keys import EVERYONE, TARGET, sample_topic, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
 from nrs_cosim.recordings.recorder import channels
-from tests.batches import H, recorder_of, samples, tick_batch, whole, wire_of
+from tests.made_up_batches import H, recorder_of, samples, tick_batch, whole, wire_of
 
 TICKS = 40
 

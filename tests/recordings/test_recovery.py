@@ -7,7 +7,7 @@ import pytest
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.recovery import RECOVERED, recover
-from tests.recordings.runs import create, recorded, tick
+from tests.recordings.made_up_runs import create, recorded, tick
 
 EACH_TICK = {"chunk_bytes": 1, "compression": "none"}
 

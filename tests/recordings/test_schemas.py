@@ -25,7 +25,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.recorder import channels
 from nrs_cosim.recordings.schemas import FIELDS, fields_record
-from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
 
 N, M, TICKS, FAULTY = 4, 2, 7, (2, 3)

@@ -20,7 +20,7 @@ from nrs_cosim.recordings.mcap.columns import columns
 from nrs_cosim.recordings.mcap.container import DamageError, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from tests.recordings.runs import about, chain, create, recorded, tick
+from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)

@@ -18,7 +18,7 @@ from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.scene import Shape, write_scene
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.recordings.runs import recorded
+from tests.recordings.made_up_runs import recorded
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

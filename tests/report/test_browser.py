@@ -8,7 +8,7 @@ from nrs_cosim.recordings.report.page import page
 from tests.report.conftest import story
 
 pytest.importorskip("selenium")
-from tests.report.looking import Look
+from tests.report.browser import Look
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,7 @@ class Run:
 
 
 def test_a_browser_follows_a_live_run_to_its_end(chromium, tmp_path):
-    from tests.report.looking import Look  # noqa: PLC0415, needs selenium
+    from tests.report.browser import Look  # noqa: PLC0415, needs selenium
 
     out = tmp_path / "live.mcap"
     with Run("-o", str(out), "--live", "--realtime", "0.3") as live:

@@ -77,7 +77,7 @@ def expect_ended(pids):
         os.close(handle)
 
 
-class Spread:
+class LocalRun:
     """A run on workers of this machine, in which something is done when a tick closes.
 
     `said` is what the user was told of workers, `coordinator` the workers as the run sees them;

@@ -4,8 +4,8 @@
         left = worker("--connect", meet, "--name", "left")
         run.until("paused at tick 50")
 
-The run is in a thread of the test; `python -m tests.cluster.remote_runs` has it in a process of its
-own, which prints what the run shows and goes on after a pause by a line of input.
+The run is in a thread of the test; `python -m tests.cluster.remote_workers` has it in a process of
+its own, which prints what the run shows and goes on after a pause by a line of input.
 """
 
 import json
@@ -246,7 +246,7 @@ class Command(Output):
 
 
 NRS = (sys.executable, "-u", "-m", "nrs_cosim.orchestrator")
-PROCESS = (sys.executable, "-u", "-m", "tests.cluster.remote_runs")
+PROCESS = (sys.executable, "-u", "-m", "tests.cluster.remote_workers")
 
 
 @contextmanager
