@@ -55,8 +55,9 @@ def theory_table(
         (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
         (_condition(c, checked.status(c)) for c in checked.conditions),
     )
-    console.print()
-    table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
+    if not ultimate.why_not:
+        console.print()
+        table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
 
 
 def _columns(first: str, *numbers: str) -> tuple[Column, ...]:

@@ -59,7 +59,7 @@ class AlgorithmTable(Table):
 
 def _installed(name: str) -> str:
     if name not in algorithm_names():
-        raise ValueError(f"one of {', '.join(algorithm_names())}")
+        raise ValueError(f"one of {', '.join(algorithm_names())}, or one of a package to install")
     return name
 
 
