@@ -134,7 +134,7 @@ def prebound(motion: Motion) -> dict[str, float]:
     return {**spent, "instance_bytes": of_an_instance}
 
 
-def timed(work: Callable[[], None]) -> dict[str, float]:
+def timed(work: Callable[[], object]) -> dict[str, float]:
     """Return the seconds that it takes, of the wall and of the processor."""
     wall, processor = time.perf_counter(), time.process_time()
     work()

@@ -3,6 +3,7 @@
     recorded    a bare loop of pre-bound calls / a recorded run, of a hundred robots
     flat        a robot-interval among a hundred robots / one among a thousand
     writer      `mcap`'s writer / the recording's, on the same messages
+    agents      the bare arithmetic of estimates / the agents, of a thousand robots
 
 More is better. Short slices take turns, and of each the least is taken, since noise only adds. A
 test holds the ratios against `floors.json`, which `python -m benchmarks.ratios --keep` writes.
@@ -16,6 +17,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.agents import bare, prepared
 from benchmarks.bare import prebound, timed
 from benchmarks.measured import recorded
 from benchmarks.table import machine
@@ -45,13 +47,15 @@ def measured(
     recorded(*FEW, 1, path)
     keep_motion(scenario(*FEW), path, kept)
     motion, messages = Motion(kept), ticks_of(FEW[0], WRITTEN)
-    columns = as_columns(FEW[0], messages)
+    columns, of_agents = as_columns(FEW[0], messages), prepared()
     slices: Mapping[str, Callable[[], Mapping[str, float]]] = {
         "few": lambda: recorded(*FEW, 1, path),
         "bare": lambda: prebound(motion),
         "many": lambda: recorded(*MANY, 1, path),
         "ours": lambda: timed(lambda: ours_of_columns(path, FEW[0], columns)),
         "mcap": lambda: timed(lambda: mcaps(path, FEW[0], messages)),
+        "arithmetic": lambda: timed(bare),
+        "agents": lambda: timed(of_agents),
     }
     found: defaultdict[str, list[float]] = defaultdict(list)
     for turn in range(1, MOST * rounds + 1):
@@ -72,6 +76,7 @@ def _of(found: Mapping[str, list[float]]) -> dict[str, float]:
         "recorded": least["bare"] / least["few"],
         "flat": per_few / per_many,
         "writer": least["mcap"] / least["ours"],
+        "agents": least["arithmetic"] / least["agents"],
     }
 
 
