@@ -51,6 +51,8 @@ TRIED = ((1, 1.0), (1000, 1e-6), (4097, 1e6))
 """Sampling times, and sizes of the numbers, at which it is tried whether a law is linear."""
 CASES = 8
 """Of random numbers at each; one more is all zeros."""
+MOST_STATES = 300
+"""Of a recursion with late samples, for each eigenvalue of D."""
 WEIGHTS = np.array([[0.5], [0.2], [0.3]])
 """Of three in-neighbours, one of them the target, whom others are tried with."""
 
@@ -86,6 +88,22 @@ class LinearStep:
         """Return F (K + s_i G S) for each eigenvalue of D."""
         blocks: Spectrum = self.own + spectrum[:, None, None] * self.received
         return blocks
+
+    def late_radius(self, spectrum: Spectrum, periods: int) -> float:
+        """Return ρ where every sample, of the target too, is d sampling periods late.
+
+        x(t_{k+1}) = F K x(t_k) + F G S D x(t_{k−d}) is a recursion of d + 1 states. It is not a
+        number of more states than can be looked at.
+        """
+        s = len(self.fields)
+        order = s * (periods + 1)
+        if order > MOST_STATES:
+            return nan
+        companion = np.zeros((len(spectrum), order, order), np.complex128)
+        companion[:, :s, :s] += self.own
+        companion[:, :s, -s:] += spectrum[:, None, None] * self.received
+        companion[:, s:, :-s] += np.eye(order - s)
+        return float(np.abs(np.linalg.eigvals(companion)).max())
 
     def matrix(self, D: Matrix) -> Matrix:
         """Return A, (s n, s n), on a digraph."""

@@ -19,6 +19,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.orchestrator.analysis.convergence import (
+    late_of,
     merged,
     periods_of,
     recursions_of,
@@ -83,6 +84,8 @@ class Check:
     periods: Periods
     recursion: Recursion | None
     """Of all ticks; None where it is not one, or the jump is not linear."""
+    late: tuple[int, float] | None
+    """By how many sampling periods all samples are late, and ρ then; None where it is not that."""
     impaired: bool
     """Whether links have faults, which ρ knows nothing of."""
     byzantine: tuple[int, ...]
@@ -155,6 +158,9 @@ class Check:
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
+            "late": {"periods": self.late[0], "spectral_radius": self.late[1]}
+            if self.late
+            else None,
             "rate": finite(self.rate),
             "settling_time": None if self.premise else finite(self.settling_time),
             "millionth": None if self.premise else self.millionth,
@@ -180,8 +186,11 @@ class Check:
         """Whether the estimates converge over the links that the scenario has.
 
         Of links with faults, or among robots that lie, it is not known: ρ and the conditions are
-        of links without, and of robots none of which lies.
+        of links without, and of robots none of which lies. Where all samples are late by the same,
+        and nothing else, it is that of the recursion with late samples.
         """
+        if self.late:
+            return "converges" if self.late[1] < 1 else "diverges"
         if self.premise or isnan(self.rho.upper):
             return "unknown"
         if self.rho.upper < 1:
@@ -263,6 +272,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         recursion=recursions[0]
         if len(recursions) == 1 and periods.constant_period is not None
         else None,
+        late=late_of(experiment, spectrum, periods),
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
         chords=_chords(experiment),

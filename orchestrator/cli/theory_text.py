@@ -114,6 +114,8 @@ def _convergence(checked: "Check") -> str:
     rho = checked.rho
     if isnan(rho.upper):
         return f"none: {checked.why}"
+    if checked.late:
+        return _late(*checked.late)
     if checked.premise:
         lower, upper = multiple(rho.lower), multiple(rho.upper)
         radius = lower if rho.lower == rho.upper else f"{lower} to {upper}"
@@ -131,6 +133,16 @@ def _convergence(checked: "Check") -> str:
     }[rho.status]
     bounds = f"{multiple(rho.lower)} to {multiple(rho.upper)}"
     return f"joint spectral radius {bounds}: {status}"
+
+
+def _late(periods: int, radius: float) -> str:
+    """Say what follows where all samples are late by so many sampling periods."""
+    plural = "s" * (periods > 1)
+    below = radius < 1
+    return (
+        f"spectral radius {multiple(radius)} {'<' if below else '>='} 1 with all samples {periods} "
+        f"sampling period{plural} late: {CONVERGE if below else 'the estimates diverge'}"
+    )
 
 
 def _rate(checked: "Check") -> str:

@@ -175,6 +175,16 @@ class Experiment:
         """The robots that may meet faults on the links into them, ascending."""
         return np.unique(self.links.sink).tolist() if self.links else []
 
+    @property
+    def common_delay(self) -> int | None:
+        """By how many sampling periods every sample is late; None where links do anything else."""
+        faults = self._link_faults
+        delays = {fault.delay for fault in faults.values()}
+        low, high = next(iter(delays), (0, 0))
+        alike = len(delays) == 1 and low == high and len(faults) == len(self.topologies.links.sink)
+        others = any(fault != LinkFault(delay=fault.delay) for fault in faults.values())
+        return low if alike and not others and not silences(self.scenario) else None
+
     @cached_property
     def outages(self) -> Outages:
         """When which robots send nothing."""

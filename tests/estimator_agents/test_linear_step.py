@@ -236,3 +236,30 @@ def test_modes_that_its_code_has_not_are_the_algorithm_s_error():
         AlgorithmError, match=r"modes of s = 0 at h = 0.4 s are .*, but its code has"
     ):
         expect_modes(Sunny(0.7, 0.6, 0.5), H)
+
+
+@pytest.mark.parametrize(
+    ("h", "periods", "radius"),
+    [
+        (0.4, 0, 0.890128), (0.4, 1, 1.011777), (0.4, 2, 1.018898),
+        (0.1, 0, 0.883173), (0.1, 1, 0.895397), (0.1, 2, 0.914885),
+    ],
+)  # fmt: skip
+def test_of_late_samples_the_factor_of_the_paper_s_example_is_known(h, periods, radius):
+    step = linear_step(SecondOrder(1.1, 0.9), h)
+    assert step.late_radius(SPECTRUM, periods) == pytest.approx(radius, abs=5e-7)
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_of_late_samples_of_whatever_is_kept_it_is_that_of_the_whole_recursion(periods):
+    step, n = linear_step(ThirdOrder(0.7, 0.6, 0.5), H), 6
+    own, received = np.kron(step.own, np.eye(n)), np.kron(step.received, D)
+    now, before = [np.ones(18)], [np.ones(18)] * periods
+    x = before + now
+    for _ in range(600):
+        x.append(own @ x[-1] + received @ x[-1 - periods])
+    size = [np.linalg.norm(x[k]) for k in (400, 600)]
+    assert step.late_radius(SPECTRUM, periods) == pytest.approx(
+        (size[1] / size[0]) ** (1 / 200), rel=0.02
+    )
+    assert np.isnan(step.late_radius(SPECTRUM, 1000))

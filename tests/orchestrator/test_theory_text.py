@@ -29,7 +29,7 @@ def test_with_link_faults_the_spectral_radius_is_stated_for_links_without_them()
     assert (lossy["settling_time"], lossy["millionth"]) == (None, None)
 
 
-def test_with_a_delay_convergence_is_unknown():
+def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursion():
     """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
     period = {"run.sampling_period": 0.4}
     plain = check(example("paper_example_3a", period))
@@ -37,7 +37,8 @@ def test_with_a_delay_convergence_is_unknown():
     scenario = example("paper_example_3a", period, {"faults.links": [{"delay": 1}]})
     checked = check(scenario)
     result = checked.as_json()
-    assert (result["convergence"], result["of"]) == ("unknown", "links without faults")
+    assert (result["convergence"], result["of"]) == ("diverges", "links without faults")
+    assert result["late"] == {"periods": 1, "spectral_radius": pytest.approx(1.011777, abs=5e-7)}
     assert (result["settling_time"], result["millionth"]) == (None, None)
     assert {v.source[-23:] for v in subject_of(scenario, "rad").conditions} == {
         "of links without faults"
