@@ -28,6 +28,11 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     why_unknown,
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
+from nrs_cosim.orchestrator.analysis.robot_conditions import (
+    POSITIVE,
+    gain_conditions,
+    graph_conditions,
+)
 from nrs_cosim.orchestrator.analysis.switching import (
     AnyOrder,
     DigraphAnalysis,
@@ -35,13 +40,12 @@ from nrs_cosim.orchestrator.analysis.switching import (
     any_order_of,
     phases_of,
 )
-from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
-POSITIVE = "positive definite"
 _OF_ONE_ROBOT = (TRACKING, POSITIVE)
 """Where conditions come from that are of a robot by itself, whatever others say."""
+ConditionStatus = Literal["holds", "void", "violated", "unknown"]
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""
 
@@ -206,8 +210,10 @@ class Check:
         found = [f"of {self.premise}: {one}" for one in found] if self.premise else found
         return [_warning(c, self.algorithm) for c in self._violated if c.of_liars] + found
 
-    def status(self, condition: Condition) -> Literal["holds", "void", "violated"]:
+    def status(self, condition: Condition) -> ConditionStatus:
         """Return whether a condition holds; void where that proves nothing, for robots lie."""
+        if isnan(condition.margin):
+            return "unknown"
         if not condition.holds:
             return "violated"
         presumes = not condition.of_liars and condition.source not in _OF_ONE_ROBOT
@@ -261,8 +267,8 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         conditions=(
             *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
             *algorithm.demands(periods.longest, *experiment.target.bounds()),
-            *_graph_conditions(experiment),
-            *_gain_conditions(experiment),
+            *graph_conditions(experiment),
+            *gain_conditions(experiment),
             *tracking_conditions(experiment, find),
         ),
         phases=phases_of(algorithm, topologies, spectra, periods),
@@ -285,16 +291,6 @@ def _chords(experiment: Experiment) -> Chords | None:
     step = seconds(experiment.clock.longest) / experiment.clock.parts
     _, gamma_2 = experiment.target.bounds()
     return Chords(step, *chord_errors(gamma_2, step))
-
-
-def _graph_conditions(experiment: Experiment) -> list[Condition]:
-    """Return the algorithm's conditions on who hears whom: of several digraphs, the nearest."""
-    byzantine = frozenset(experiment.byzantine)
-    found = [
-        experiment.algorithm.graph_conditions(digraph, byzantine)
-        for digraph in experiment.topologies.digraphs
-    ]
-    return [min(same, key=lambda c: c.margin) for same in zip(*found, strict=True)]
 
 
 def finite(number: float | None) -> float | None:
@@ -346,21 +342,6 @@ def _phase_json(phase: Phase, status: Callable[[Condition], str]) -> dict[str, A
             for heard in phase.digraphs
         ],
     }
-
-
-def _gain_conditions(experiment: Experiment) -> list[Condition]:
-    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
-    scenario = experiment.scenario
-    controllers = [
-        scenario.controller,
-        *(experiment.of_robot(robot.id).controller for robot in scenario.robots),
-    ]
-    conditions = []
-    for name in ("kp", "kd"):
-        gains = [gain(getattr(controller, name), experiment.m) for controller in controllers]
-        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
-        conditions.append(Condition(name, POSITIVE, 0.0, smallest, at_least=True))
-    return conditions
 
 
 def _warning(condition: Condition, algorithm: str) -> str:

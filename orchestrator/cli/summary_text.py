@@ -67,11 +67,13 @@ def _columns(first: str, *numbers: str) -> tuple[Column, ...]:
 
 def _condition(c: "Condition", status: str) -> tuple[str, ...]:
     """Return a row of the conditions."""
-    mark = {"holds": "[green]holds[/]", "void": "[yellow]void[/]", "violated": "[red]fails[/]"}
+    mark = {"holds": _MARKS["holds"], "violated": "[red]fails[/]"}
     bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
     numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
+    if status == "unknown":
+        numbers = (numbers[0], "not computed", "")
     source = escape(c.source) + ", [yellow]sampled[/]" * c.sampled
-    return escape(c.name), *numbers, mark[status], source
+    return escape(c.name), *numbers, mark.get(status, f"[yellow]{status}[/]"), source
 
 
 def _bounds(row: "Bound") -> tuple[str, ...]:

@@ -232,8 +232,10 @@ def unmet(checked: "Check", ultimate: "UltimateBounds") -> list[str]:
     A condition on sampled bounds of a plant is one that holds where it holds of the samples.
     """
     sentences = [
-        f"{c.name} ({c.source}) is {'unknown' if isnan(c.margin) else 'violated'}: {c.value:g}, "
-        f"expected {'>' if c.at_least else '<'} {c.bound:g}"
+        f"{c.name} ({c.source}) is violated: {c.value:g}, expected "
+        f"{'>' if c.at_least else '<'} {c.bound:g}"
+        if checked.status(c) == "violated"
+        else f"{c.name} ({c.source}) is unknown: {c.value:g}, and its bound is not computed"
         for c in checked.conditions
         if not c.holds
     ]

@@ -113,7 +113,12 @@ def _condition_rows(checked: Check) -> list[ConditionRow]:
     of = f", of {checked.premise}" if checked.premise else ""
     return [
         ConditionRow(
-            c.name, c.value, c.bound, c.at_least, c.holds, c.source + of * (not c.of_liars)
+            c.name,
+            c.value,
+            c.bound,
+            c.at_least,
+            checked.status(c),
+            c.source + of * (not c.of_liars),
         )
         for c in checked.conditions
     ]

@@ -29,7 +29,8 @@ class ConditionRow:
     value: float
     bound: float
     at_least: bool
-    holds: bool
+    status: str
+    """Whether it holds: as `nrs check` has it."""
     source: str
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.plurals import count_of, numbered
+from nrs_cosim.recordings.metadata import SAMPLES
 from nrs_cosim.recordings.report.data import Story
 
 _MEASURED = {
@@ -71,7 +72,7 @@ def condition_rows(story: Story) -> list[dict[str, Any]]:
             "value": condition.value,
             "bound": condition.bound if np.isfinite(condition.bound) else None,
             "at_least": condition.at_least,
-            "holds": condition.holds,
+            "status": condition.status,
             "source": condition.source,
         }
         for condition in story.subject.conditions
@@ -85,7 +86,10 @@ def counted(story: Story) -> dict[str, str]:
         for kind, count in sorted(story.counts.items())
     }
     return counts | {
-        name: said for key, text in story.ending.items() for name, said in _flat(key, text)
+        name: said
+        for key, text in story.ending.items()
+        if key != SAMPLES  # of robots alone; they are counted with the target's
+        for name, said in _flat(key, text)
     }
 
 

@@ -6,20 +6,23 @@ from fractions import Fraction
 import networkx as nx
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.analysis.results import Result
+from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.report.subject import story_of
+from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows, states
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.report.text import lead
+from nrs_cosim.recordings.report.text import condition_rows, lead
 from tests.estimator_agents.test_robustness import by_definition
-from tests.scenarios import example, paper
+from tests.scenarios import example, paper, write
 
 LIAR = 4
 EMPTY = np.array([])
@@ -264,6 +267,7 @@ def test_errors_are_of_the_honest_robots_and_what_is_said_says_so(tmp_path):
     by_tick = [off[0][then & honest & (kept["k"] == k)].max() for k in range(1, 41)]
     assert story.envelopes["position_estimate"].largest.tolist() == by_tick
     assert story.steady == measured
+    assert [row["status"] for row in condition_rows(story)] == ["void"] * 2 + ["holds"] * 4
     assert "Robot 2 lies: errors and envelopes are of honest robots." in lead(story)
     assert result.as_json()["byzantine"] == [2]
     assert result.lines()["byzantine"].startswith("robot 2 lies")
@@ -304,6 +308,19 @@ def test_w_msr_asks_for_a_robust_digraph_and_for_few_liars():
         "F is 2, and r of (r, r)-robustness, LeBlanc 2013 is 2: "
         "robots that lie may draw the others away"
     ]
+
+
+def test_the_robustness_of_many_robots_is_unknown_and_never_called_holding_or_violated(tmp_path):
+    ring = {"generator": {"kind": "ring", "n": 17, "pinned": [1]}}
+    path = write(tmp_path / "many.toml", {"network": ring, "algorithm": {"name": "wmsr"}})
+    found = check(read_scenario(path))
+    assert found.status(found.conditions[0]) == "unknown"
+    of_json = found.as_json()["conditions"][0]
+    assert (of_json["status"], of_json["bound"], of_json["margin"]) == ("unknown", None, None)
+    shown = CliRunner().invoke(app, ["check", "--strict", str(path)])
+    assert shown.exit_code == 1
+    assert "not computed" in shown.output
+    assert "nan" not in shown.output
 
 
 def lying(**keys):

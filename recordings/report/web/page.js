@@ -152,16 +152,21 @@ const bounded = (value, atLeast) => {
   return { text: `${atLeast ? ">" : "<"} ${text}`, number: true };
 };
 
+const mark = (status) => {
+  const text = status === "violated" ? "fails" : status;
+  return { text, name: text };
+};
+
 function tellTheory(runs) {
   const several = runs.length > 1;
   $("#theory").hidden = false;
   $("#theory .tables").replaceChildren(...runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
     const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
-      [...run.conditions.map((v) => [v.name, number(v.value), bounded(v.bound, v.at_least),
-        { text: v.holds ? "holds" : "fails", name: v.holds ? "holds" : "fails" }, v.source]),
+      [...run.conditions.map((v) => [v.name, number(v.value), v.status === "unknown" ? "" : bounded(v.bound, v.at_least),
+        mark(v.status), v.source]),
        ...(run.spectral_radius === null ? [] : [["ρ", number(run.spectral_radius), bounded(1, false),
-        { text: run.spectral_radius < 1 ? "holds" : "fails", name: run.spectral_radius < 1 ? "holds" : "fails" },
+        mark(run.spectral_radius < 1 ? "holds" : "violated"),
         "left of the estimation error after a sampling period"]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
