@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
-from nrs_cosim.bus.errors import Cause, InputError
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.lies import Lies
 from nrs_cosim.bus.links.links import Links, Ticks
@@ -32,11 +32,11 @@ from nrs_cosim.estimator_agents.algorithm import (
     overrides,
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
-from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
 from nrs_cosim.estimator_agents.flow import follows_lines
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import EveryBuffer, ReceiveBuffer
 from nrs_cosim.estimator_agents.received import Received
+from nrs_cosim.estimator_agents.returned import expect_returned, wrong_return
 from nrs_cosim.estimator_agents.values import (
     Array,
     Values,
@@ -46,8 +46,6 @@ from nrs_cosim.estimator_agents.values import (
 )
 
 Mask = NDArray[np.bool_]
-Returned = tuple[Mapping[str, Array], Mapping[str, Array], NDArray[np.integer]]
-"""What a method returned by field, what has the right shapes, and the robots of the rows."""
 _NOTHING = Values()
 
 
@@ -136,11 +134,13 @@ class Agents:
         """Return the state afterwards, the messages, and who sends, (rows,); None for all."""
         x, messages, who = self._algorithm.send(self._now(k), left)
         if who is not None and not self._algorithm.TRIGGERED:
-            raise self._wrong(
-                "send", "returned who sends; an algorithm that does so declares TRIGGERED = True"
+            raise wrong_return(
+                self._algorithm,
+                "send",
+                "returned who sends; an algorithm that does so declares TRIGGERED = True",
             )
         new = {name: values for name, values in messages.items() if values is not left.get(name)}
-        self._expect(k, "send", [(new, self._samples, self.robots)])
+        expect_returned(self._algorithm, k, "send", [(new, self._samples, self.robots)])
         if silent := self.silent(k):
             out = np.isin(self.robots, silent)
             who = ~out if who is None else who & ~out
@@ -163,7 +163,8 @@ class Agents:
         after = self._algorithm.receive(self._now(k), left, received)
         after, links = after if isinstance(after, tuple) else (after, _NOTHING)
         of_links = self.robots[received.row] if links else self.robots
-        self._expect(k, "receive", [(links, self._links, of_links), (after, left, self.robots)])
+        returned = [(links, self._links, of_links), (after, left, self.robots)]
+        expect_returned(self._algorithm, k, "receive", returned)
         for name, values in links.items():
             self._links[name][place] = values  # of one that is there twice, the last
         self.state = after
@@ -318,39 +319,6 @@ class Agents:
         source = self._buffer.links.source
         sends: Mask = self._sent_at[source] == k
         return sends | np.isin(source, self.silent(k))
-
-    def _expect(self, k: int, method: str, of: Sequence[Returned]) -> None:
-        """Raise `AlgorithmError` for another shape, and for what is no number.
-
-        A plant would be blamed for it, or nothing would. It names the first robot's that is wrong,
-        so that it is the same robot however they are spread over workers.
-        """
-        wrong = []
-        for fields, like, robots in of:
-            for name, values in fields.items():
-                expected = (len(robots), *like[name].shape[1:])
-                if values.shape != expected:
-                    raise self._wrong(
-                        method, f"returned a {name} of shape {values.shape}, expected {expected}"
-                    )
-                if not (finite := np.isfinite(values)).all():
-                    places = np.argwhere(~finite)
-                    first = places[robots[places[:, 0]].argmin()]
-                    wrong.append((int(robots[first[0]]), name, values[tuple(first)]))
-        if wrong:
-            robot, name, value = min(wrong, key=lambda one: one[0])
-            raise self._wrong(
-                method,
-                f"returned a {name} of {value} for robot {robot} at tick {k}",
-                Cause("algorithm", tick=k, robot=robot, quantity=name),
-            )
-
-    def _wrong(self, method: str, what: str, cause: Cause | None = None) -> AlgorithmError:
-        kind = class_of(self._algorithm)
-        if method == "receive" and not overrides(kind, method):
-            method = "jump"
-        line = f"algorithm {name_of(self._algorithm)}: {method} {what}"
-        return AlgorithmError(f"{line}{written_at(getattr(kind, method))}", cause)
 
 
 def _chosen(first: Mask, one: Values, other: Values) -> Values:
