@@ -10,6 +10,7 @@ _KINDS = {
     ".fmu": "an FMU",
     ".html": "a page",
     ".json": "JSON",
+    ".mat": "a table",
     ".mcap": "a recording",
     ".parquet": "a table",
     ".pdf": "a PDF",

@@ -118,8 +118,8 @@ def export(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
     ],
     form: Annotated[
-        Literal["csv", "parquet"],
-        typer.Option("--format", help="Parquet needs the extra `analysis`."),
+        Literal["csv", "parquet", "mat"],
+        typer.Option("--format", help="mat is MATLAB's; parquet needs the extra `analysis`."),
     ] = "csv",
 ) -> None:
     """Write a recording's samples, states and link events as tables."""

@@ -1,1 +1,1 @@
-"""Recordings for other tools: tables as CSV and Parquet, xarray, a scene in 3D."""
+"""Recordings for other tools: tables as CSV, Parquet and MAT, xarray, a scene in 3D."""

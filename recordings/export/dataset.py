@@ -28,7 +28,7 @@ from nrs_cosim.recordings.export.tables import (
 )
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import about, recorded_types
-from nrs_cosim.recordings.units import field_unit
+from nrs_cosim.recordings.units import coordinate_of, field_unit
 
 _MEANING = {
     "position": "joint positions",
@@ -77,8 +77,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
 
     grid, states = spread([STATES])
     at, samples = spread(sampled)
-    units = {joint.unit for group in run.plants for joint in group.joints}
-    coordinate = units.pop() if len(units) == 1 else ""
+    coordinate = coordinate_of(run)
     sizes: dict[str, int] = {"joint": run.joints}
 
     def variable(dims: Sequence[str], full: str, kind: str, name: str, values: Array) -> _Variable:

@@ -1,4 +1,4 @@
-"""A recording's tables as CSV or Parquet: every float is the same bits when it is read again.
+"""A recording's tables as CSV, Parquet or MAT: every float is the same bits when it is read again.
 
 `samples` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
 `states` has a row a robot and output time; `agent_states`, where agents keep more than an estimate,
@@ -11,6 +11,7 @@ A table gets its name when it is whole.
 import csv
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -29,9 +30,10 @@ from nrs_cosim.recordings.export.tables import (
     rows,
 )
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.schemas import expect_joints, recorded_types
+from nrs_cosim.recordings.schemas import about, expect_joints, recorded_types
+from nrs_cosim.recordings.units import coordinate_of
 
-Format = Literal["csv", "parquet"]
+Format = Literal["csv", "parquet", "mat"]
 Opener = Callable[[Path, TableLayout], AbstractContextManager[Put]]
 """Opens a file for a table; what it gives puts rows into it."""
 
@@ -45,7 +47,7 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     reader.expect_ticks("export")
     types = recorded_types(reader)
     expect_joints(reader, types)
-    opened = _csv if form == "csv" else _parquet()
+    opened = _opener(form, reader)
     tables = recorded_tables(types)
     paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
     parts = {name: path.with_suffix(".part") for name, path in paths.items()}
@@ -74,6 +76,18 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
                 part.unlink(missing_ok=True)
     except OSError as error:
         raise UncreatableError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def _opener(form: Format, reader: Reader) -> Opener:
+    match form:
+        case "csv":
+            return _csv
+        case "parquet":
+            return _parquet()
+        case "mat":
+            from nrs_cosim.recordings.export.mat import mat_table  # noqa: PLC0415, it loads scipy.io
+
+            return partial(mat_table, coordinate=coordinate_of(about(reader).run))
 
 
 @contextmanager

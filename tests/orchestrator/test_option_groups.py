@@ -1,13 +1,15 @@
 """A group's fields are options of each command that takes it, with the same names and help."""
 
 from dataclasses import dataclass, fields
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 from typer.testing import CliRunner
 
 from nrs_cosim.orchestrator.cli.main import command
 from nrs_cosim.orchestrator.cli.option_groups import RunOptions, WorkerOptions, with_groups
+from nrs_cosim.recordings.export import formats
+from tests.command import nrs
 
 
 @dataclass(frozen=True)
@@ -51,3 +53,9 @@ def test_run_and_resume_have_the_same_options():
     shared = {field.name for group in (RunOptions, WorkerOptions) for field in fields(group)}
     assert {"output", "changes", "listen", "wait", "tls_ca"} <= shared
     assert {name: run[name] for name in shared} == {name: resume[name] for name in shared}
+
+
+def test_export_takes_every_format_that_there_is():
+    *others, last = get_args(formats.Format)
+    done = nrs("export", "a.mcap", "-o", "a", "--format", "json")
+    assert f"--format: expected {', '.join(others)} or {last}, got 'json'" in done.stderr
