@@ -1,0 +1,137 @@
+"""Gains and a period that are designed for an accuracy keep it in runs."""
+
+import json
+
+import numpy as np
+import pytest
+
+import nrs_cosim
+from nrs_cosim.estimator_agents.theory.design import Gains
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+from nrs_cosim.orchestrator.analysis.bounds import designed
+from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.recordings.mcap.reader import Reader
+from tests.command import nrs
+from tests.scenarios import PAPER_FILE, SCENARIOS, paper
+
+
+def test_a_design_is_found_that_satisfies_inequality_6_1():
+    found = designed(read_scenario(PAPER_FILE), EstimateBounds(0.5, 0.5), 0.5)
+    (part,) = plant_bounds(read_scenario(PAPER_FILE))
+    of = part.constants
+    assert found.paper.kp == pytest.approx(of.mu_1 / 0.25 + of.rho_1)
+    assert 0 < found.paper.period < 0.1
+    assert found.proven.kp > found.paper.kp
+    assert 0 < found.proven.period < 0.1
+
+
+def resonant(frequency=38.07, amplitude=1, model="planar_robot", duration=20.0):
+    """Return a robot that a disturbance in resonance shakes, as changes of the paper's example."""
+    wave = {"sines": [{"amplitude": amplitude, "frequency": frequency}]}
+    still = {"amplitude": 0.01, "frequency": 1}
+    return {
+        "run": {"duration": duration},
+        "algorithm.beta": 0.9,
+        "network": {"adjacency": [[0]], "pinning": [1]},
+        "target.axes": [{"sines": [still]}, {"cosines": [still]}],
+        "plant.fmu": model,
+        "disturbance.axes": [wave, wave],
+        "initial": dict.fromkeys(("position", "velocity", "q", "qd"), 0),
+    }
+
+
+def designed_for(scenario, gains, h):
+    times = {"run.sampling_period": h, "run.output_step": h / 2}
+    return paper(scenario, times, {"controller.kp": gains.kp, "controller.kd": gains.kd})
+
+
+def test_designed_gains_keep_the_accuracy_where_those_of_6_1_do_not(tmp_path):
+    """A disturbance in resonance with Kp: 13 times what (6.1) would have."""
+    wanted = EstimateBounds(0.001, 100.0)
+    shaken = resonant()
+    found = designed(designed_for(shaken, Gains(2900.0, 2.28, None, None), 0.01), wanted, 0.5)
+    most = {}
+    for name, gains in (("paper", found.paper), ("proven", found.proven)):
+        path = tmp_path / f"{name}.mcap"
+        run(designed_for(shaken, gains, 0.01), path)
+        assert gains.period >= 0.01
+        with Reader(path) as reader:
+            most[name] = measure(reader, experiment_of(reader)).position_tracking
+    assert most["proven"] <= wanted.position
+    assert most["paper"] > 10 * wanted.position
+
+
+@pytest.mark.parametrize("model", ["planar_robot", "two_link_arm"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_runs_of_random_designs_keep_their_accuracy(tmp_path, model, seed):
+    rng = np.random.default_rng(seed)
+    wanted = EstimateBounds(*np.exp(rng.uniform(-3, 0, 2)).tolist())
+    shaken = resonant(round(rng.uniform(1, 60), 2), 1 + seed, model)
+    share = float(rng.uniform(0.3, 0.7))
+    found = designed(designed_for(shaken, Gains(1.0, 1.0, None, None), 0.01), wanted, share).proven
+    h = min(float(f"{0.99 * found.period:.2g}"), 0.1)
+    path = tmp_path / "designed.mcap"
+    shaken["run"] = {"duration": float(f"{100 * h:.6g}")}
+    run(designed_for(shaken, found, h), path)
+    with Reader(path) as reader:
+        measured = measure(reader, experiment_of(reader))
+    assert 0 < measured.position_tracking <= wanted.position
+    assert 0 < measured.velocity_tracking <= wanted.velocity
+
+
+def test_check_finds_a_short_period_for_a_slow_algorithm():
+    """Γ of `dcea2` has eigenvalues 1 − O(h): at 33 µs an error lasts for a million periods."""
+    asked = ("check", SCENARIOS / "paper_example_3a.toml", "--accuracy", "0.1", "0.5")
+    result = json.loads(nrs(*asked, "--json").stdout)["design"]
+    proven = result["proven"]
+    assert (proven["status"], proven["bounds_from"]) == ("found", 1e-9)
+    assert proven["period"] == pytest.approx(3.316e-5, rel=1e-3)
+    assert result["paper"]["status"] == "no period is short enough"
+    gains = {f"controller.{name}": proven[name] for name in ("kp", "kd")}
+    paper_3a = nrs_cosim.Scenario.load(SCENARIOS / "paper_example_3a.toml").replace(gains)
+
+    def tracked(period):
+        keys = ("run.sampling_period", "run.output_step", "run.duration")
+        found = nrs_cosim.check(paper_3a.replace(dict.fromkeys(keys, period))).bounds
+        return [bound.worst_case for bound in found if bound.name.endswith("|2")]
+
+    within, beyond = tracked(33e-6), tracked(34e-6)
+    assert within[0] <= 0.1
+    assert within[1] <= 0.5
+    assert beyond[0] > 0.1 or beyond[1] > 0.5
+
+
+def test_check_reports_that_bounds_of_short_periods_are_not_computed_of_many_robots():
+    other = 'algorithm.name="dcea2",algorithm.alpha=1.1,network.generator.n=101'
+    asked = ("check", SCENARIOS / "ring_100.toml", "--accuracy", "0.1", "0.5", "--set", other)
+    proven = json.loads(nrs(*asked, "--json").stdout)["design"]["proven"]
+    assert (proven["status"], proven["period"]) == ("not computed", None)
+    assert proven["bounds_from"] == pytest.approx(1e-3)
+
+
+def test_check_shows_the_design_for_an_accuracy():
+    asked = ("check", PAPER_FILE, "--accuracy", "0.5", "0.5")
+    result = json.loads(nrs(*asked, "--json").stdout)
+    assert result["design"]["paper"]["kp"] == pytest.approx(359.3407, abs=1e-3)
+    assert result["design"]["paper"]["status"] == result["design"]["proven"]["status"] == "found"
+    assert result["tracking"]["unproven"] == ["paper", "paper_of_worst_case"]
+    assert result.keys() >= {
+        "spectrum", "spectral_radius", "alpha_beta_bound", "h_bound", "spanning_tree",
+        "conditions", "network", "rate", "settling_time", "gamma_1", "gamma_2", "norms",
+        "estimates", "plants", "tracking",
+    }  # fmt: skip
+    assert result["rate"] == pytest.approx(-np.log(0.8778174593) / 0.1)
+    assert result["settling_time"] == pytest.approx(np.log(1e6) / result["rate"])
+    assert result["millionth"] == pytest.approx(11.1)
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--accuracy", "0", "1"), ("--share", "1.0"), ("--accuracy", "1", "nan")]
+)
+def test_an_invalid_accuracy_exits_2(wrong):
+    done = nrs("check", PAPER_FILE, *wrong)
+    assert done.returncode == 2
+    assert wrong[0] in done.stderr
