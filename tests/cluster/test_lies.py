@@ -5,7 +5,7 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.recordings.mcap.reader import Reader
-from tests.cluster.local_runs import CHECKPOINTS, Spread, digest, story
+from tests.cluster.local_workers import CHECKPOINTS, LocalRun, digest, story
 from tests.scenarios import example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
@@ -35,7 +35,7 @@ def test_one_digest_over_workers_and_deaths_which_a_replay_comes_to(tmp_path, ma
     }[made]()
     path = tmp_path / "1.mcap"
     run(experiment, path)
-    outcome = Spread(experiment, 3).kill(30, 1).kill(70, 2, 3).run(tmp_path / "3.mcap")
+    outcome = LocalRun(experiment, 3).kill(30, 1).kill(70, 2, 3).run(tmp_path / "3.mcap")
     assert (outcome.status, outcome.restarts) == ("completed", 3)
     assert story(outcome.path) == story(path)
     assert digest(outcome.path) == digest(path)

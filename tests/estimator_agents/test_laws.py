@@ -11,7 +11,7 @@ from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.estimator_agents.algorithm import Algorithm
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.values import Values
-from tests.estimator_agents.meeting import meet, whole
+from tests.estimator_agents.agents_without_bus import meet, whole
 from tests.estimator_agents.test_bundled import H, chain, complete, made, schedule, target_of
 
 
