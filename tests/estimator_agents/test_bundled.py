@@ -1,8 +1,7 @@
 """Bundled algorithms that keep, send or receive more than an estimate, against values by hand."""
 
-from dataclasses import dataclass, replace
-from fractions import Fraction
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -171,53 +170,6 @@ def test_the_largest_value_reaches_all_of_a_ring_in_one_round():
 
 
 # W-MSR
-
-
-@dataclass(frozen=True)
-class LiedTo(Wmsr):
-    """W-MSR of robots to which robot 4 says `lie(robot, k)`."""
-
-    lie: Any = None
-
-    def receive(self, now, x, received):
-        position = received.samples.position.copy()
-        of_liar = received.source == 4
-        to = now.robots[received.row[of_liar]]
-        position[of_liar, 0] = [self.lie(int(i), now.k) for i in to]
-        samples = received.samples.replace(position=position)
-        return Wmsr.receive(self, now, x, replace(received, samples=samples))
-
-
-def lied_to(F, lie, ticks):
-    """Return positions of three honest robots of a complete digraph of four, at each tick."""
-    start = {"position": np.array([[0.0], [1.0], [2.0], [50.0]])}
-    agents = made(LiedTo(F, lie=lie), complete(4), start)
-    story = []
-    for k in range(1, ticks + 1):
-        meet(agents, k, H, target_of(Wmsr()))
-        story.append(agents[0].state.position[:3, 0].tolist())
-    return story
-
-
-def test_one_liar_is_left_out_by_w_msr():
-    story = lied_to(1, lambda _to, _k: 100.0, 60)
-    thirds = [Fraction(1), Fraction(4, 3), Fraction(13, 9)]
-    for found, first in zip(story, thirds, strict=False):
-        np.testing.assert_allclose(found, [float(first), 1.5, 1.5], rtol=1e-14)
-    np.testing.assert_allclose(story[-1], 1.5, rtol=1e-12)
-    assert lied_to(0, lambda _to, _k: 100.0, 1)[0] == [25.75] * 3
-    np.testing.assert_allclose(lied_to(0, lambda _to, _k: 100.0, 200)[-1], 100)
-
-
-def test_a_byzantine_robot_moves_nobody_out_of_the_honest_interval():
-    story = lied_to(1, lambda to, _k: 100.0 if to == 2 else -100.0, 60)
-    assert story[0] == [0.5, 1.5, 1.0]
-    np.testing.assert_allclose(story[-1], 0.75, rtol=1e-12)
-
-
-def test_a_runaway_robot_is_followed_only_without_w_msr():
-    assert lied_to(1, lambda _to, k: 3.0 * k, 40)[-1] == pytest.approx([1.5] * 3)
-    assert min(lied_to(0, lambda _to, k: 3.0 * k, 40)[-1]) > 100
 
 
 # Event-triggered
