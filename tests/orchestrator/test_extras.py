@@ -61,7 +61,7 @@ NEEDS = {
     ),
     "a picture": (
         "matplotlib",
-        "recordings.report.distance",
+        "recordings.report.distance recordings.report.print",
         lambda path: command("diff", path, path, "--picture", path.with_suffix(".png")),
     ),
     "a scene": (
@@ -73,18 +73,19 @@ NEEDS = {
     "a table to read": ("pyarrow", "", lambda _path: file_columns(b"PAR1", "a.parquet")),
     "a URDF": ("casadi", "plant_fmu.bundled.rigid_body", lambda _: build_urdf(read_urdf(ARM))),
 }
-"""A package, our module that imports it as a whole if there is one, and what uses it."""
+"""A package, our modules that import it as a whole if there are any, and what uses it."""
 
 
-@pytest.mark.parametrize(("package", "module", "use"), NEEDS.values(), ids=NEEDS.keys())
-def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, module, use):
+@pytest.mark.parametrize(("package", "modules", "use"), NEEDS.values(), ids=NEEDS.keys())
+def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, modules, use):
     path = tmp_path / "a.mcap"
     recorded(path, ticks=1)
     path.with_suffix(".parquet").touch()
     before = {entry.name for entry in tmp_path.iterdir()}
     if package == "foxglove_schemas_protobuf":
         monkeypatch.delitem(sys.modules, "nrs_cosim.orchestrator.report.shapes", raising=False)
-    monkeypatch.delitem(sys.modules, f"nrs_cosim.{module}", raising=False)
+    for name in modules.split():
+        monkeypatch.delitem(sys.modules, f"nrs_cosim.{name}", raising=False)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(MissingExtraError) as error:
         use(path)

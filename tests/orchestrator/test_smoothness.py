@@ -107,5 +107,7 @@ def test_an_fmu_that_bounces_off_a_wall_is_refused_as_target(tmp_path, fmi):
 def test_without_resampling_both_remedies_are_named():
     times = [0.0, 1.0, 2.0]
     still, moving = np.zeros((3, 1)), np.ones((3, 1))
-    with pytest.raises(FmuError, match=r"; take a shorter target.step, or say in target.variables"):
+    with pytest.raises(
+        FmuError, match=r"; take a shorter target.step, or name them in target.variables"
+    ):
         expect_smooth("ball.fmu", times, still, moving, None)
