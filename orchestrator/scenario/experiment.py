@@ -37,6 +37,7 @@ from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
 from nrs_cosim.orchestrator.scenario.networks import topologies_of
 from nrs_cosim.orchestrator.scenario.own import Own, own_of
+from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis
@@ -109,6 +110,8 @@ class Experiment:
     def algorithm(self) -> Algorithm:
         """The estimator with its parameters; `InputError` where it does not take them."""
         choice = self.scenario.algorithm
+        if isinstance(choice, NotInstalled):
+            raise choice.why_not()
         return load_algorithm(choice.name, choice.parameters)
 
     @property

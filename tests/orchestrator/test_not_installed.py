@@ -23,7 +23,7 @@ NOT_HERE = {"algorithm": {"name": "no_such_law", "gain": 0.9, "missing": "hold",
 SCENARIO = toml(NOT_HERE, base=made_up_runs.chain(N, M, 10))
 
 
-def written(path: Path, ticks=10, schemas=(), status="completed") -> Path:
+def written(path: Path, ticks=10, schemas=(), status="completed", scenario=SCENARIO) -> Path:
     """Write a run of an algorithm that nobody has, with some schemas of its own."""
     by_name = {kind.name: Schema(kind.name, kind.descriptor()) for kind in CODECS.types}
     by_name |= {schema.name: schema for schema in schemas}
@@ -37,7 +37,7 @@ def written(path: Path, ticks=10, schemas=(), status="completed") -> Path:
         channels=channels,
         schemas=by_name.values(),
         metadata=metadata,
-        attachments={"scenario.toml": ("application/toml", SCENARIO.encode())},
+        attachments={"scenario.toml": ("application/toml", scenario.encode())},
     ) as writer:
         for k in range(ticks + 1):
             writer.write(made_up_runs.tick(k, N, M, (2,), CODECS))
@@ -127,3 +127,25 @@ def test_a_schema_that_no_run_writes_is_one_line_of_every_command(tmp_path, name
         assert done.returncode == 2, command
         assert done.stderr.startswith(f"error: {path}: schema '{name}'"), done.stderr
         assert "Traceback" not in done.stderr
+
+
+OTHER_VERSIONS = {
+    "algorithm.gamma": {"name": "dcea1", "alpha": 0.9, "beta": 1.1, "gamma": 0.5},
+    "algorithm.beta": {"name": "dcea1", "alpha": 0.9},
+}
+
+
+@pytest.mark.parametrize(("field", "table"), OTHER_VERSIONS.items(), ids=OTHER_VERSIONS)
+def test_one_of_another_version_is_read_and_what_differs_is_named(tmp_path, field, table):
+    text = toml({"algorithm": table}, base=made_up_runs.chain(N, M, 10))
+    path = written(tmp_path / "run.mcap", scenario=text)
+    done = nrs("info", "--json", path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["algorithm"]["parameters"] == {k: v for k, v in table.items() if k != "name"}
+    assert found["theory"]["why_not"].startswith(f"{field}: ")
+    assert nrs("report", path, "-o", tmp_path / "run.html").returncode == 0
+    done = nrs("replay", "--verify", "--agents-only", path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {field}: ")
+    assert "another version of dcea1 is installed than the recording is of" in done.stderr

@@ -17,12 +17,15 @@ from pydantic import (
     GetJsonSchemaHandler,
     JsonValue,
     PlainValidator,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     create_model,
 )
 from pydantic_core import CoreSchema, core_schema
 
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import Missing
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.installed import algorithm_class, algorithm_names, parameters_of
@@ -72,7 +75,7 @@ class _Unknown(AlgorithmTable):
 
 
 class NotInstalled(AlgorithmTable):
-    """Of an algorithm that is not here, in a recording: what its run gave, whatever that is."""
+    """Of an algorithm that is not here as it was recorded: what its run gave, whatever that is."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -80,6 +83,28 @@ class NotInstalled(AlgorithmTable):
     def parameters(self) -> dict[str, Any]:
         """The values that were given, by name."""
         return dict(self.model_extra or {})
+
+    def why_not(self) -> InputError:
+        """Return what of the recording the algorithm that is installed does not take."""
+        if self.name in algorithm_names():
+            try:
+                table_for({"name": self.name}).model_validate(self.model_dump(exclude_unset=True))
+            except ValidationError as error:
+                fault = error.errors(include_url=False, include_context=False)[0]
+                field = ".".join(["algorithm", *map(str, fault["loc"])])
+                return InputError(
+                    f"{field}: {fault['msg'][0].lower()}{fault['msg'][1:]}: another version of "
+                    f"{self.name} is installed than the recording is of"
+                )
+            except AlgorithmError as error:
+                return error
+        try:
+            algorithm_class(self.name)
+        except InputError as error:
+            return error
+        return InputError(
+            f"algorithm.name: {quoted(self.name)} is not installed as it was recorded"
+        )
 
 
 def table_for(value: Any) -> type[AlgorithmTable]:
@@ -127,16 +152,30 @@ def _key(one: Parameter) -> tuple[Any, Any]:
 
 
 RECORDED = "recorded"
-"""The context of a validation in which an algorithm need not be installed."""
+"""The context of a validation in which an algorithm need not be installed as it is given."""
+
+
+_OTHER_VERSION = {"extra_forbidden", "missing"}
+"""What another version of an algorithm may come to: it has other parameters."""
 
 
 def _checked(value: Any, info: ValidationInfo) -> AlgorithmTable:
     if isinstance(value, AlgorithmTable):
         return value
-    table = table_for(value)
-    if table is _Unknown and info.context == RECORDED:
-        table = NotInstalled
-    return table.model_validate(value)
+    if info.context != RECORDED:
+        return table_for(value).model_validate(value)
+    try:
+        table = table_for(value)
+    except AlgorithmError:  # its class cannot be used here
+        table = _Unknown
+    if table is _Unknown:
+        return NotInstalled.model_validate(value)
+    try:
+        return table.model_validate(value)
+    except ValidationError as error:
+        if {fault["type"] for fault in error.errors()} <= _OTHER_VERSION:
+            return NotInstalled.model_validate(value)
+        raise
 
 
 class _ByName:
