@@ -28,9 +28,16 @@ class Difference:
 
     def between(self, one: str, other: str) -> str:
         """Return it as a sentence on two recordings."""
+        values = self.recorded, self.replayed
+        if values == (PRESENT, ABSENT):
+            seen = f"in {one} and not in {other}"
+        elif values == (ABSENT, PRESENT):
+            seen = f"in {other} and not in {one}"
+        else:
+            seen = f"{quoted(self.recorded)} in {one}, {quoted(self.replayed)} in {other}"
         return (
             f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
-            f"is {quoted(self.recorded)} in {one}, {quoted(self.replayed)} in {other}"
+            f"is {seen}"
         )
 
 
