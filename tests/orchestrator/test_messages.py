@@ -52,7 +52,7 @@ def test_sentences_wrap_between_words_only_on_a_terminal():
 def test_a_text_difference_is_shown_without_a_table():
     screen = console(terminal=False)
     first = type("First", (), {"between": lambda *_: "tick 1: text"})()
-    summary_text.comparison(screen, Comparison({"run.seed": (1, 2)}, first, (), {}, {}, ""))
+    summary_text.comparison(screen, Comparison({"run.seed": (1, 2)}, first, (), {}, {}, "", {}))
     assert plain(screen).splitlines() == ["run.seed: 1 -> 2", "first tick 1: text"]
 
 
@@ -65,7 +65,7 @@ def described(*plants):
             {"fmu": fmu, "fmi_version": "3.0", "drive": "d", "robots": [i], "why": why}
             for i, (fmu, why) in enumerate(plants, 1)
         ],
-        **dict.fromkeys(("parent", "target", "samples"), None),
+        **dict.fromkeys(("parent", "target", "samples", "byzantine"), None),
         **dict.fromkeys(("name", "status", "reason", "digest", "file", "messages"), "x"),
         **dict.fromkeys(("robots", "joints", "ticks", "ticks_planned", "duration"), 2),
     }
