@@ -130,3 +130,9 @@ def test_convergence_in_any_order_is_proven_even_for_a_radius_near_1():
 )
 def test_a_rounded_spectral_radius_stays_on_its_side_of_1(radius, result):
     assert multiple(radius) == result
+
+
+def test_a_negative_bound_is_no_interval_from_0():
+    warnings = check(example("paper_example_3a", {"algorithm.beta": 1.9})).warnings()
+    assert any("no sampling_period above 0 is within the bound" in line for line in warnings)
+    assert "(0, -" not in " ".join(warnings)
