@@ -93,7 +93,7 @@ def test_a_welcome_is_resent_to_its_worker_and_only_that_worker_reads_it(run_alo
         assert "there is a worker of the name" in Refusal.read(refusal).reason
         known = words.replace(own.public.hex().encode(), b"0" * 64)
         (refusal,) = asked(thief, "join/right", known)
-        assert "public key is none" in Refusal.read(refusal).reason
+        assert "public key is not an X25519 key" in Refusal.read(refusal).reason
 
         def replay(query):
             query.reply(query.key_expr, answer)
