@@ -161,7 +161,9 @@ def command_reference() -> str:
     parts = [
         "# The command line",
         "Written by `make reference` from the commands themselves. Exit status: 0 done; 1 the run "
-        "failed, or a check or comparison does not hold; 2 the input is bad; 130 interrupted.",
+        "failed, or a check or comparison does not hold; 2 the input is bad; 130 interrupted. "
+        "In a pipe, long work says in lines on the error output what it is at; NRS_PROGRESS=off "
+        "keeps it silent.",
     ]
     for path, command in _commands("nrs", get_command(app)):
         parts += [f"## `{path}`", " ".join((command.help or "").split())]

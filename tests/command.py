@@ -13,8 +13,6 @@ from unittest.mock import patch
 import numpy as np
 
 from nrs_cosim.orchestrator.__main__ import main
-from nrs_cosim.orchestrator.cli import status_lines
-from tests.guard import GUARD
 
 
 def nrs(*arguments, cwd: Path | None = None) -> CompletedProcess[str]:
@@ -26,7 +24,6 @@ def nrs(*arguments, cwd: Path | None = None) -> CompletedProcess[str]:
         patch.object(sys, "argv", command),
         chdir(cwd) if cwd else nullcontext(),
         np.errstate(),  # which the command changes
-        patch.object(status_lines, "PATIENCE", GUARD),  # what is printed is of no machine's speed
     ):
         try:
             main()

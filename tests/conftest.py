@@ -4,12 +4,15 @@
 case takes about half a second, or all cases together two.
 """
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.printed import SNAPSHOTS
+
+os.environ["NRS_PROGRESS"] = "off"  # what a command prints is of no machine's speed
 
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text("utf-8").split())
 

@@ -1,8 +1,10 @@
 """Where there is no terminal, long work says in lines what it is at: never silent, never chatty.
 
 The first line comes after two seconds, the next when something else begins, and every ten seconds.
+Where NRS_PROGRESS is `off` there is none, as for logs that two runs are compared by.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
@@ -21,6 +23,9 @@ def status_lines(
 
     `over` is what ends it, and whose waiting is its clock.
     """
+    if os.environ.get("NRS_PROGRESS") == "off":
+        yield lambda: None
+        return
     ended, speaking = over or Event(), False
 
     def speak() -> None:

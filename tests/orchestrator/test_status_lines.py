@@ -44,6 +44,7 @@ class Clockwork(Event):
 @pytest.fixture
 def pipe(monkeypatch):
     monkeypatch.setattr(lines, "Event", Clockwork)
+    monkeypatch.delenv("NRS_PROGRESS")
     return Console(file=StringIO(), force_terminal=False, width=80)
 
 
@@ -99,3 +100,11 @@ def test_stages_are_told_by_name(pipe):
         Clockwork.made.pass_by()
         begin("compiling [C]")
     assert printed(pipe) == ["progress: equations", "progress: compiling [C]"]
+
+
+def test_nothing_is_printed_where_progress_is_off(pipe, monkeypatch):
+    monkeypatch.setenv("NRS_PROGRESS", "off")
+    Clockwork.made = None
+    with status_lines(pipe, lambda: "a") as changed:
+        changed()
+    assert (printed(pipe), Clockwork.made) == ([], None)
