@@ -232,21 +232,14 @@ def _slope(
     return [Curve(name, group, envelope.t[start:][rows], line[rows], ink, "dash")]
 
 
-_LABELS = {
-    "lost": "lost",
-    "outage": "in an outage",
-    "late": "late",
-    "duplicated": "duplicated",
-    "altered": "noisy or rounded",
-}
 _LOOKS = {
-    "lost": (5, 5.0),
-    "outage": (1, 5.0),
-    "late": (0, 5.0),
-    "duplicated": (3, 5.0),
-    "altered": (7, 1.0),
+    "altered": ("noisy, rounded or a lie", 7, 1.0),
+    "duplicated": ("duplicated", 3, 5.0),
+    "late": ("late", 0, 5.0),
+    "lost": ("lost", 5, 5.0),
+    "outage": ("in an outage", 1, 5.0),
 }
-"""The colour and the width of each kind."""
+"""Of each of `KINDS` its label, colour and width; what may hide another is drawn first."""
 
 
 def _link_events(stories: Sequence[Story]) -> Figure:
@@ -273,19 +266,16 @@ def _fault_panel(story: Story, label: str) -> Panel:
     row_of = {(int(i), int(j)): row for row, (i, j) in enumerate(links)}
     rows = tuple(_link(int(i), int(j)) for i, j in links)
     curves = []
-    for number in (3, 2, 0, 1):
+    for kind, (name, ink, width) in _LOOKS.items():
         x: list[float] = []
         y: list[float] = []
-        for i, j, first, last in _stretches(met, number):
+        for i, j, first, last in _stretches(met, KINDS.index(kind)):
             row = row_of[i, j]
             x += [*story.t_k[[first - 1, last - 1]], np.nan]
             y += [row, row, np.nan]
         if x:
-            kind = _LABELS[KINDS[number]]
-            ink, width = _LOOKS[KINDS[number]]
-            mark = width > 1
-            line = Curve(kind, kind, np.array(x), np.array(y), ink, width=width, marks=mark)
-            curves.append(line)
+            at, rows_of = np.array(x), np.array(y)
+            curves.append(Curve(name, name, at, rows_of, ink, width=width, marks=width > 1))
     return Panel(label, tuple(curves), legend=True, rows=rows)
 
 

@@ -86,6 +86,8 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, mo
         monkeypatch.delitem(sys.modules, "nrs_cosim.orchestrator.report.shapes", raising=False)
     for name in modules.split():
         monkeypatch.delitem(sys.modules, f"nrs_cosim.{name}", raising=False)
+    for name in [name for name in sys.modules if name.startswith(f"{package}.")]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(MissingExtraError) as error:
         use(path)
