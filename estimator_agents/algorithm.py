@@ -106,7 +106,7 @@ class Algorithm:
 
         It works alike on one robot, (m,), and on many, (n, m).
         """
-        raise NotImplementedError
+        raise NotImplementedError  # a class without it has a `receive` of its own, or is refused
 
     def modes(self, spectrum: Spectrum, h: float) -> Spectrum:  # noqa: ARG002
         """Return the eigenvalues of the error's recursion, one axis of m, from those of D.

@@ -52,6 +52,18 @@ class LinkMemory:
         self._cells = np.zeros((int(self._starts[-1]), head + width))
         self._first = self._starts[:-1]
         """(F,) the first row of each link."""
+        self._rows = self._first
+        """(A,) those of the samples that an agent has."""
+
+    @property
+    def samples(self) -> Values:
+        """What was delivered, (A, *shape) by field; zeros where nothing was."""
+        return unflattened(self._cells[self._rows, self._head :], self._fields, self._sizes)
+
+    def age(self, k: int) -> NDArray[np.int64]:
+        """Return how many ticks before t_k each of the samples was sent, (A,)."""
+        sent: NDArray[np.int64] = self._cells[self._rows, 0].astype(np.int64)
+        return k - sent
 
     def memory(self, robot: int) -> bytes:
         """Return what one robot remembers, little-endian doubles; nothing without links."""
@@ -79,16 +91,13 @@ class LinkMemory:
         self.link_events = link_events(self.links, self._robots, k, outcome, sent, received, sends)
         return outcome, those, leaving, flattened(Values(received).at(leaving), len(leaving))
 
-    def _values(self, rows: NDArray[np.intp]) -> Values:
-        return unflattened(self._cells[rows, self._head :], self._fields, self._sizes)
-
     def _span(self, robot: int) -> slice:
         first, end = np.searchsorted(self.links.sink, [robot, robot + 1])
         return slice(self._starts[first], self._starts[end])
 
 
 class ReceiveBuffer(LinkMemory):
-    """The newest of each link."""
+    """The newest of each link: A is F, in the order of links."""
 
     def __init__(
         self,
@@ -103,16 +112,6 @@ class ReceiveBuffer(LinkMemory):
         self.present = np.zeros(len(links.sink), bool)
         """(F,) whether there is a sample to go by, where an edge asks for one."""
         self._drops = missing == "drop"
-
-    @property
-    def samples(self) -> Values:
-        """What was delivered last on each link, (F, *shape) by field; zeros where nothing was."""
-        return self._values(self._first)
-
-    def age(self, k: int) -> NDArray[np.int64]:
-        """Return how many ticks before t_k each of the samples was sent, (F,)."""
-        sent: NDArray[np.int64] = self._cells[self._first, 0].astype(np.int64)
-        return k - sent
 
     def take(self, k: int, sent: Values, sends: Mask | None = None, of: Mask | None = None) -> None:
         """Send samples of t_k, (F, *shape), on their way, and deliver what arrives at t_k.
@@ -150,16 +149,6 @@ class EveryBuffer(LinkMemory):
         self.link = np.zeros(0, np.intp)
         """(A,) the link of each sample that arrived at the last tick."""
         self._rows = np.zeros(0, np.intp)
-
-    @property
-    def samples(self) -> Values:
-        """What arrived at the last tick, (A, *shape) by field."""
-        return self._values(self._rows)
-
-    def age(self, k: int) -> NDArray[np.int64]:
-        """Return how many ticks before t_k each of them was sent, (A,)."""
-        sent: NDArray[np.int64] = self._cells[self._rows, 0].astype(np.int64)
-        return k - sent
 
     def take(self, k: int, sent: Values, sends: Mask | None = None, of: Mask | None = None) -> None:
         """Send samples of t_k, (F, *shape), on their way, and deliver all that arrive at t_k.

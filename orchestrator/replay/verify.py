@@ -111,11 +111,11 @@ class RecordedPlants:
         )
 
     def save(self) -> Never:
-        """Refuse: they are not checkpointable."""
+        """Refuse: recorded states are not checkpointable, and nobody asks them."""
         raise NotImplementedError
 
     def restore(self, data: Sequence[bytes]) -> Never:
-        """Refuse: they are not checkpointable."""
+        """Refuse: recorded states are not checkpointable, and nobody asks them."""
         raise NotImplementedError
 
     def _next_tick(self) -> Iterator[Records]:

@@ -34,7 +34,7 @@ _DAMAGE = (
     NotImplementedError,
     RuntimeError,
 )
-"""What zipfile raises for damaged archives."""
+"""What zipfile raises for damaged archives; NotImplementedError for compressions it has not."""
 
 
 @contextmanager
