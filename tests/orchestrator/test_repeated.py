@@ -19,8 +19,10 @@ from tests.scenarios import SHORT, paper
 RUNS = 60
 
 
-def held_after_each(folder: Path, runs: int, workers: int) -> tuple[set[str | None], list[Holdings]]:
-    """Run so often, in this process; return the digests, and what the process holds after each."""
+def held_after_each(
+    folder: Path, runs: int, workers: int
+) -> tuple[set[str | None], list[Holdings]]:
+    """Return the digests of so many runs here, and what the process holds after each."""
     tempfile.tempdir = str(folder)
     file = paper(SHORT)
     launch = (
