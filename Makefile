@@ -3,6 +3,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DATA := recordings/data
+# A command takes a third longer where Python compiles the package each time; tests start hundreds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers soak figures reference paper lint lock clean
 
