@@ -18,7 +18,12 @@ from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import read_text, resolve_scenario, tables_of
+from nrs_cosim.orchestrator.scenario.file import (
+    parse_scenario,
+    read_text,
+    resolve_scenario,
+    tables_of,
+)
 from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
@@ -185,6 +190,11 @@ class Scenario:
             value = value[part]
         return value
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to other processes as text and assets; the algorithm must be installed there."""
+        one = self._experiment
+        return _unpickled, (one.text, one.name, one.folder, one.assets, one.fmus, self._is_recorded)
+
     def __eq__(self, other: object) -> bool:
         """Say whether two scenarios have the same tables, and look for files in one place."""
         if not isinstance(other, Scenario):
@@ -201,6 +211,19 @@ class Scenario:
         n, ticks = self.robots, self._experiment.clock.ticks
         algorithm = self._experiment.scenario.algorithm.name
         return f"Scenario({self.name!r}: {count_of(n, 'robot')}, {algorithm}, {ticks} ticks)"
+
+
+def _unpickled(
+    text: str,
+    name: str,
+    folder: Path,
+    assets: Assets,
+    fmus: Mapping[str, Path],
+    is_recorded: bool,
+) -> Scenario:
+    """Return a scenario as it was in another process; no file that it names is read again."""
+    experiment = parse_scenario(text, name, folder, name, assets, recorded=is_recorded)
+    return Scenario._of(experiment.but(fmus=fmus), is_recorded=is_recorded)
 
 
 def experiment_of(scenario: Scenario) -> Experiment:
