@@ -2,7 +2,8 @@
 
 An algorithm that sends exactly a position and a velocity, each of m numbers, has the standing types
 `nrs.Sample` and `nrs.LinkEvent`; any other has types of its own, `nrs.<Class>.Sample` and so on.
-What it keeps beside these two is the agent's state, and has a message type where there is any.
+What it keeps beside these two is the agent's state, and has a message type where there is any; so
+has what its robots measure of the target, where it says how: `nrs.Measurement` or one of its own.
 """
 
 import re
@@ -10,7 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from nrs_cosim.bus.fields import ESTIMATE, Field, Fields, Sizes
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, Count, MessageType
+from nrs_cosim.bus.messages import (
+    LINK_EVENT,
+    MEASUREMENT,
+    SAMPLE,
+    STATE,
+    Codec,
+    Count,
+    MessageType,
+)
 
 DUPLICATES = {"duplicates": Count("how many more copies of the sample arrive with it")}
 """What link events also have where links may duplicate samples."""
@@ -23,8 +32,9 @@ class Codecs:
     samples: Codec
     states: Codec
     link_events: Codec
-    agent_states: Codec | None = None
-    """None where agents keep no more than ε and υ."""
+    of_agents: Mapping[str, Codec]
+    """Of what agents tell of themselves at t_k, by kind: `agent_state`, where they keep more than ε
+    and υ, and `measurement`, where their algorithm says what they measure."""
 
     @classmethod
     def of(
@@ -34,27 +44,33 @@ class Codecs:
         sent: Fields = ESTIMATE,
         kept: Fields = ESTIMATE,
         *,
+        measured: bool = False,
         duplicates: bool = False,
     ) -> "Codecs":
         """Return those for an algorithm's class by its name, and the fields that it declares.
 
-        `duplicates` says whether links may duplicate samples.
+        `measured` says whether it has a measurement of its own, `duplicates` whether links may
+        duplicate samples.
         """
         owner = re.sub(r"\W", "_", owner, flags=re.ASCII)
         further = {name: field for name, field in kept.items() if name not in ESTIMATE}
-        state = MessageType(f"nrs.{owner}.AgentState", _documented(further))
+        of_agents = {}
+        if further:
+            of_agents["agent_state"] = MessageType(f"nrs.{owner}.AgentState", _documented(further))
+        if measured:
+            of_agents["measurement"] = _measurement(owner, sent)
         return cls(
             Codec(_sample(owner, sent), sizes),
             Codec(STATE, sizes),
             Codec(_link_event(owner, sent, duplicates), sizes),
-            Codec(state, sizes) if further else None,
+            {kind: Codec(message, sizes) for kind, message in of_agents.items()},
         )
 
     @property
     def types(self) -> tuple[MessageType, ...]:
         """What message types they code."""
-        found = (self.samples, self.states, self.link_events, self.agent_states)
-        return tuple(codec.kind for codec in found if codec)
+        found = (self.samples, self.states, self.link_events, *self.of_agents.values())
+        return tuple(codec.kind for codec in found)
 
 
 def _is_estimate(fields: Fields) -> bool:
@@ -80,6 +96,16 @@ def _link_event(owner: str, sent: Fields, duplicates: bool) -> MessageType:
         for name, field in sent.items()
     }
     return MessageType(f"nrs.{owner}.LinkEvent", {**counts, **further, **fields})
+
+
+def _measurement(owner: str, sent: Fields) -> MessageType:
+    if _is_estimate(sent):
+        return MEASUREMENT
+    fields = {
+        name: replace(field, doc=f"measured of the target: {field.doc or name}")
+        for name, field in sent.items()
+    }
+    return MessageType(f"nrs.{owner}.Measurement", fields)
 
 
 def _documented(fields: Fields) -> dict[str, Field]:

@@ -1,9 +1,9 @@
 """A node's messages have topics of their own; what a worker puts at one tick travels as one batch.
 
 In a recording node 0 is the target and the robots are 1 … n: `/target/sample`, `/robot_1/sample`,
-`/robot_1/state`, `/robot_1/agent_state`, `/robot_1/link_event`, `/robot_1/checkpoint`, so that a
-robot is one folder in every viewer's tree, with a name that ROS allows. On the wire a key is
-`<kind>/<worker>`.
+`/robot_1/state`, `/robot_1/agent_state`, `/robot_1/measurement`, `/robot_1/link_event`,
+`/robot_1/checkpoint`, so that a robot is one folder in every viewer's tree, with a name that ROS
+allows. On the wire a key is `<kind>/<worker>`.
 """
 
 TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
@@ -33,6 +33,11 @@ def link_event_topic(robot: int) -> str:
 def agent_state_topic(robot: int) -> str:
     """Return the topic of what a robot's agent keeps beside its estimate, right after t_k."""
     return f"/{_folder(robot)}/agent_state"
+
+
+def measurement_topic(robot: int) -> str:
+    """Return the topic of what a robot measures of the target at t_k, when it is pinned."""
+    return f"/{_folder(robot)}/measurement"
 
 
 def checkpoint_topic(robot: int) -> str:

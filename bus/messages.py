@@ -154,6 +154,15 @@ STATE = MessageType(
 The first three are named as in ROS's JointState; the reference is what the robot follows.
 """
 
+MEASUREMENT = MessageType(
+    "nrs.Measurement",
+    {
+        "position": Field(truth="position", doc="as the robot measures the target's position"),
+        "velocity": Field(truth="velocity", doc="as the robot measures the target's velocity"),
+    },
+)
+"""What robot i, pinned at t_k, measures of the target then, before its link does anything."""
+
 LINK_EVENT = MessageType(
     "nrs.LinkEvent",
     {

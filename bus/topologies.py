@@ -86,6 +86,16 @@ class TopologySchedule:
         tick = (k - 1) % self.repeat + 1 if self.repeat else k
         return bisect_right(self.since, tick) - 1
 
+    def pinned(self, k: int) -> NDArray[np.integer]:
+        """Return the robots that receive from the target at t_k, k ≥ 1: (p,), ascending."""
+        exchange = self.exchanges[self.at(k)]
+        return united(_digraphs([exchange])).pinned
+
+    @property
+    def ever_pinned(self) -> NDArray[np.integer]:
+        """(p,) the robots that receive from the target at some t_k, ascending."""
+        return self.links.pinned
+
     def phases(self) -> list[tuple[int, int]]:
         """Return exchange and number of ticks of each turn of one period, in order."""
         if not self.repeat:

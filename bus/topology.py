@@ -45,6 +45,12 @@ class Topology:
         return received
 
     @property
+    def pinned(self) -> NDArray[np.intp]:
+        """(p,) the robots that hear the target, ascending."""
+        robots: NDArray[np.intp] = self.sink[self.source == 0]
+        return robots
+
+    @property
     def in_degree(self) -> NDArray[np.float64]:
         """ϖ_i = Σ_{j=0..n} w_ij, shape (n,)."""
         return np.bincount(self.sink - 1, self.weight, minlength=self.n).astype(np.float64)

@@ -2,7 +2,8 @@
 
 A worker puts two batches a tick: `samples/<worker>`, the samples of its robots at t_k, for the
 other workers and the recorder; and `records/<worker>`, all else that is recorded of the tick: its
-states of (t_{k−1}, t_k], its link events, what its agents keep right after t_k, its checkpoints.
+states of (t_{k−1}, t_k], its link events, what its agents keep right after t_k and measured at it,
+its checkpoints.
 Each batch is k and then whole messages as they will stand in the recording, signed. A batch is
 accepted when it is signed for its key, comes from a worker that the run has, and holds exactly what
 is expected of it: its robots, its times, finite numbers. Any other is rejected with the reason, and
@@ -10,7 +11,7 @@ never mixed in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from struct import Struct
 from typing import Protocol
@@ -58,11 +59,12 @@ class Tick:
     link_events: Records
     checkpoints: Sequence[bytes]
     """Messages, one a robot; none at most ticks."""
-    agent_states: Records | None = None
-    """What agents keep beside their estimates right after t_k; None where that is nothing."""
+    of_agents: Mapping[str, Records] = field(default_factory=dict)
+    """What agents keep right after t_k and measured at it, by kind as `Codecs.of_agents`; none of
+    t_0."""
 
 
-def _none_silent(_k: int) -> Nodes:
+def _nobody(_k: int) -> Nodes:
     return np.empty(0, np.int64)
 
 
@@ -75,20 +77,22 @@ class Wire:
         times: Times,
         assignment: Mapping[str, Nodes],
         signer: Signer,
-        silent: Callable[[int], Nodes] = _none_silent,
+        silent: Callable[[int], Nodes] = _nobody,
         *,
+        measuring: Callable[[int], Nodes] = _nobody,
         triggered: bool = False,
     ) -> None:
         """Know the run: which nodes each worker has, ascending, and who cannot send at a tick.
 
-        Nodes are (n,) each, 0 for the target. Where it is `triggered`, each robot that can send
-        decides itself whether it does.
+        Nodes are (n,) each, 0 for the target. `measuring` are those that measure the target at a
+        tick. Where it is `triggered`, each robot that can send decides itself whether it does.
         """
         self.samples, self.states = codecs.samples, codecs.states
-        self.link_events, self.agent_states = codecs.link_events, codecs.agent_states
+        self.link_events, self.of_agents = codecs.link_events, codecs.of_agents
         self.assignment = dict(assignment)
         self.times = times
         self._signer, self._silent, self._triggered = signer, silent, triggered
+        self._measuring = measuring
         self.none = self.link_events.blank(np.empty(0, np.int64))
         """No link events."""
         self._accepted_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
@@ -98,8 +102,8 @@ class Wire:
         self._expected_samples = {
             worker: self.samples.blank(nodes) for worker, nodes in assignment.items()
         }
-        self._expected_agent_states = {
-            worker: self.agent_states.blank(nodes) if self.agent_states else None
+        self._expected_of_agents = {
+            worker: {kind: codec.blank(nodes) for kind, codec in self.of_agents.items()}
             for worker, nodes in assignment.items()
         }
         self._expected_states = {
@@ -135,8 +139,8 @@ class Wire:
     def pack_tick(self, worker: str, k: int, tick: Tick) -> bytes:
         """Return the batch of all else that is recorded of a worker's tick."""
         parts = [tick.states.tobytes(), tick.link_events.tobytes()]
-        if self.agent_states:
-            parts.append(b"" if tick.agent_states is None else tick.agent_states.tobytes())
+        of_agents = (tick.of_agents.get(kind) for kind in self.of_agents)
+        parts += [b"" if records is None else records.tobytes() for records in of_agents]
         parts += tick.checkpoints
         return self._signer.sign(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
 
@@ -145,10 +149,11 @@ class Wire:
         data, robots = self._open(RECORDS, worker, payload)
         k = self._tick(data, 0)
         parts = parted(data[_K.size :])
-        if parts is None or len(parts) < (3 if self.agent_states else 2):
+        if parts is None or len(parts) < 2 + len(self.of_agents):
             raise RejectedError("size")
-        state_bytes, met, *checkpoints = parts
-        kept = self._agent_states(worker, k, checkpoints.pop(0)) if self.agent_states else None
+        state_bytes, met, *rest = parts
+        of_agents = self._of_agents(worker, k, rest)
+        checkpoints = rest[len(self.of_agents) :]
         expected, outputs = self._expected_states[worker], self.times.outputs(k)
         expected = expected[: len(robots) * len(outputs)]
         expected["k"] = k
@@ -164,17 +169,20 @@ class Wire:
             raise RejectedError("robot")
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
             raise RejectedError("tick")
-        return k, Tick(states, events, checkpoints, kept)
+        return k, Tick(states, events, checkpoints, of_agents)
 
-    def _agent_states(self, worker: str, k: int, data: bytes) -> Records | None:
-        """Return what agents keep right after t_k; there is nothing of t_0."""
-        expected = self._expected_agent_states[worker]
-        if not k or expected is None or self.agent_states is None:
-            if data:
-                raise RejectedError("size")
-            return None
-        expected["k"], expected["time_ns"] = k, self.times.t(k)
-        return self._accepted(self.agent_states, data, expected)
+    def _of_agents(self, worker: str, k: int, parts: Sequence[bytes]) -> dict[str, Records]:
+        """Return what agents tell of t_k, by kind, from as many parts; there is nothing of t_0."""
+        found = {}
+        for (kind, codec), data in zip(self.of_agents.items(), parts, strict=False):
+            expected = self._expected_of_agents[worker][kind]
+            if not k:
+                expected = expected[:0]
+            elif kind == "measurement":
+                expected = expected[np.isin(expected["robot"], self._measuring(k))]
+            expected["k"], expected["time_ns"] = k, self.times.t(k)
+            found[kind] = self._accepted(codec, data, expected)
+        return found
 
     def _of_senders(self, messages: bytes, expected: Records) -> Records:
         """Return what is expected of the robots that a batch says have sent: ascending, each once.

@@ -94,6 +94,8 @@ class Agents:
         self._first_link = np.searchsorted(sink, np.append(robots, robots[-1] + 1))
         """(rows + 1,) where the link fields of each robot begin."""
         self._links = initial_values(algorithm.LINK, len(sink), self._sizes)
+        self._measured: tuple[int, Mask, Values] | None = None
+        """At which tick, by whom, and what by every row."""
         self.observes = overrides(class_of(algorithm), "observe")
         """Whether they look at the target, whose sample they then need before they send."""
         self._measures = overrides(class_of(algorithm), "measure")
@@ -168,6 +170,14 @@ class Agents:
         for name, values in links.items():
             self._links[name][place] = values  # of one that is there twice, the last
         self.state = after
+
+    def measured(self, k: int) -> tuple[Mask, Values]:
+        """Return who is pinned at t_k, (rows,), and what these measure of the target then.
+
+        Its sample of t_k is there.
+        """
+        pinned, values = self._measurement(k)
+        return pinned, values.at(pinned)
 
     def silent(self, k: int) -> list[int]:
         """Return the robots, of all that there are, that are in an outage at t_k, ascending."""
@@ -304,13 +314,31 @@ class Agents:
         """Return what nodes sent last to rows, (E, *shape); of the target, what they measure."""
         samples = self._samples.at(source)
         if self._measures:
-            target = self._samples.at(0)
-            measured = self._algorithm.measure(self._now(k), target)
+            _, measured = self._measurement(k)
             of_target = source == 0
             for name, values in samples.items():
-                each = np.broadcast_to(measured[name], (len(self.robots), *values.shape[1:]))
-                values[of_target] = each[row[of_target]]
+                values[of_target] = measured[name][row[of_target]]
         return samples
+
+    def _measurement(self, k: int) -> tuple[Mask, Values]:
+        """Return who is pinned at t_k, and what each row measures; asked for once a tick."""
+        if self._measured is None or self._measured[0] != k:
+            pinned = np.zeros(len(self.robots), bool)
+            for edges in self._edges[self._exchange_at(k)]:
+                pinned |= edges.pinned
+            target = self._samples.at(0)
+            found = self._algorithm.measure(self._now(k), target)
+            rows = len(self.robots)
+            each = Values(
+                {
+                    name: np.broadcast_to(found[name], (rows, *of.shape))
+                    for name, of in target.items()
+                }
+            )
+            returned = [(each.at(pinned), self._samples, self.robots[pinned])]
+            expect_returned(self._algorithm, k, "measure", returned)
+            self._measured = k, pinned, each
+        return self._measured[1:]
 
     def _who_sends(self, k: int) -> Mask | None:
         """Return whose sample of t_k there may be, over the links of the buffer; None: all's."""

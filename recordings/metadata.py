@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.bus.keys import agent_state_topic, sample_topic, state_topic
+from nrs_cosim.bus.keys import agent_state_topic, measurement_topic, sample_topic, state_topic
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.errors import UnreadableError
@@ -173,18 +173,19 @@ def read_about(
 ) -> About | None:
     """Return what records say of a run, None if there is none; `UnreadableError` names a field.
 
-    `topics` are those whose messages enter the digest.
+    `topics` are those whose messages enter the digest; some robots may have measurements.
     """
     if RUN not in metadata:
         return None
     run = parse(path, RUN, RunRecord, metadata[RUN])
     n = run.robots
+    topics = {*topics} - {measurement_topic(robot) for robot in range(1, n + 1)}
     keys = (sample_topic, state_topic, agent_state_topic)
     of_each = [keys[:count] for count in (0, 2, 3) if len(topics) == count * n + 1]
     expected = {sample_topic(0)} | {
         key(robot) for keys in of_each for key in keys for robot in range(1, n + 1)
     }
-    if expected != {*topics}:
+    if expected != topics:
         raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
     of_plants = sorted(robot for group in run.plants for robot in group.robots)
     if of_plants != list(range(1, n + 1)):

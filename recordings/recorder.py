@@ -1,9 +1,9 @@
 """The recorder writes what workers say, a closed tick at a time, in the very bytes that travelled.
 
 Tick k closes with the samples of t_k and all that the workers told of it: their states of
-(t_{k−1}, t_k], link events, checkpoints. It is counted by worker: a batch is accepted only when it
-holds all that is expected of its worker. What is rejected is counted by its reason and passed over;
-what is said twice is kept once.
+(t_{k−1}, t_k], link events, what agents keep and measured, checkpoints. It is counted by worker: a
+batch is accepted only when it holds all that is expected of its worker. What is rejected is counted
+by its reason and passed over; what is said twice is kept once.
 """
 
 import json
@@ -27,6 +27,7 @@ from nrs_cosim.bus.keys import (
     checkpoint_topic,
     kind_of,
     link_event_topic,
+    measurement_topic,
     sample_topic,
     state_topic,
 )
@@ -47,12 +48,14 @@ def channels(
     faulty: Collection[int],
     checkpoints: bool,
     plants: Sequence[Mapping[str, Any]] = (),
+    measuring: Iterable[int] = (),
 ) -> list[Channel]:
     """Return the channels of n robots and the target, with what `plants` tell of the robots.
 
-    They are of the message types that `codecs` code; those of agent states only if there are any.
-    Those of link events, for robots whose links may do anything to samples, and those of
-    checkpoints, if there are any, do not enter the digest.
+    They are of the message types that `codecs` code; those of agent states only if there are any,
+    and those of measurements for the robots that are `measuring` at some time. Those of link
+    events, for robots whose links may do anything to samples, and those of checkpoints, if there
+    are any, do not enter the digest.
     """
     robots = range(1, n + 1)
     of = {robot: plant for plant in plants for robot in plant["robots"]}
@@ -62,8 +65,13 @@ def channels(
 
     found = [channel(sample_topic(node), codecs.samples, node) for node in range(n + 1)]
     found += [channel(state_topic(robot), codecs.states, robot) for robot in robots]
-    if codecs.agent_states:
-        found += [channel(agent_state_topic(r), codecs.agent_states, r) for r in robots]
+    of_agents = {
+        "agent_state": (agent_state_topic, robots),
+        "measurement": (measurement_topic, measuring),
+    }
+    for kind, codec in codecs.of_agents.items():
+        topic_of, those = of_agents[kind]
+        found += [channel(topic_of(robot), codec, robot) for robot in those]
     found += [channel(link_event_topic(r), codecs.link_events, r, False) for r in faulty]
     if checkpoints:
         found += [Channel(checkpoint_topic(r), CHECKPOINT.name, counted=False) for r in robots]
@@ -154,7 +162,10 @@ class Recorder:
             return np.array(of_nodes, np.uint16)
 
         self._samples_on, self._states_on = on(sample_topic), on(state_topic)
-        self._agent_states_on = on(agent_state_topic)
+        self._of_agents_on = {
+            "agent_state": on(agent_state_topic),
+            "measurement": on(measurement_topic),
+        }
         self._link_events_on, self._checkpoints_on = on(link_event_topic), on(checkpoint_topic)
 
     def take(self, message: Message) -> None:
@@ -218,8 +229,8 @@ class Recorder:
         checkpoints: list[bytes] = []
         for of_worker in tick.ticks.values():
             parts.append(_columns(self._states_on, of_worker.states))
-            if of_worker.agent_states is not None:
-                parts.append(_columns(self._agent_states_on, of_worker.agent_states))
+            for kind, records in of_worker.of_agents.items():
+                parts.append(_columns(self._of_agents_on[kind], records))
             if len(of_worker.link_events):
                 parts.append(_columns(self._link_events_on, of_worker.link_events))
             checkpoints += of_worker.checkpoints
@@ -304,7 +315,7 @@ class Recorder:
 
 def _same(one: Tick, other: Tick) -> bool:
     """Return whether two say the same of what enters the digest beside samples."""
-    kept = [b"" if t.agent_states is None else t.agent_states.tobytes() for t in (one, other)]
+    kept = [{kind: of.tobytes() for kind, of in tick.of_agents.items()} for tick in (one, other)]
     return one.states.tobytes() == other.states.tobytes() and kept[0] == kept[1]
 
 

@@ -23,6 +23,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.export.tables import (
     AGENT_STATES,
     LINK_EVENTS,
+    MEASUREMENTS,
     SAMPLES,
     STATES,
     MessageTable,
@@ -182,6 +183,36 @@ class Recording:
             0
         """
         return self._array(AGENT_STATES, robots, start, end)
+
+    def measurements(
+        self,
+        robots: int | Collection[int] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> NDArray[np.void]:
+        """Return what pinned robots measured of the target at t_k, before their links did anything.
+
+        Args:
+            robots: One or several of 1 to n; all unless given.
+            start: s; the first time that is asked for.
+            end: s; the end is excluded.
+
+        Returns:
+            Rows of k, time_ns, t, robot, and the fields of samples, sorted by time, then robot.
+            There are none where the algorithm has no measurement of its own.
+
+        Raises:
+            InputError: As of `states`.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/compare_kalman_consensus.toml")
+            >>> with nrs.run(scenario.replace({"run.duration": 1.0})) as recording:
+            ...     measured = recording.measurements(end=0.2)
+            >>> measured["robot"].tolist(), measured["position"].shape
+            ([3], (1, 2))
+        """
+        return self._array(MEASUREMENTS, robots, start, end)
 
     def link_events(
         self,

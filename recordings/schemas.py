@@ -16,7 +16,13 @@ from pydantic import Field as Limits
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import MOST_NUMBERS, Field, Sizes, wrong_fields
-from nrs_cosim.bus.keys import agent_state_topic, link_event_topic, sample_topic, state_topic
+from nrs_cosim.bus.keys import (
+    agent_state_topic,
+    link_event_topic,
+    measurement_topic,
+    sample_topic,
+    state_topic,
+)
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
 from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.bus.text import quoted
@@ -34,6 +40,7 @@ TOPICS = {
     "state": state_topic,
     "link_event": link_event_topic,
     "agent_state": agent_state_topic,
+    "measurement": measurement_topic,
 }
 """Of each kind of message that is a table the topic of a node's."""
 STANDING: Mapping[str, MessageType] = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
@@ -74,7 +81,7 @@ class RecordedTypes:
     """What codes the messages of a recording, by their kinds: those of `TOPICS`."""
 
     codecs: Mapping[str, Codec]
-    """Without `agent_state` where there is none."""
+    """Without those of `Codecs.of_agents` that there are none of."""
     channels: Mapping[str, frozenset[int]]
     """The numbers of each kind's channels."""
 
@@ -189,7 +196,7 @@ def expect_joints(reader: Reader, types: RecordedTypes) -> None:
 def declared_types(codecs: Codecs) -> dict[str, Codec]:
     """Return what codes the messages of a run, by their kinds."""
     found = {"sample": codecs.samples, "state": codecs.states, "link_event": codecs.link_events}
-    return found | ({"agent_state": codecs.agent_states} if codecs.agent_states else {})
+    return {**found, **codecs.of_agents}
 
 
 def contents_of(codec: Codec | None) -> str:

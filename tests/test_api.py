@@ -326,7 +326,7 @@ class TestRecording:
             (lambda r: r.target(float("nan")), "t: expected times in s, got nan"),
             (
                 lambda r: r.to_pandas("state"),
-                "table: expected states or samples or agent_states or link_events",
+                "table: expected states or samples or agent_states or measurements or link_events",
             ),
             (lambda r: r.report("a.docx"), r"a\.docx: expected a name that ends in one of \.html"),
             (lambda r: r.report("README.md/a.html"), "README.md: is a file and not a folder"),

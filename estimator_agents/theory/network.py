@@ -50,7 +50,7 @@ def network_of(topology: Topology) -> NetworkSummary:
     rows = zip(topology.sink[among], topology.source[among], weights, strict=True)
     return NetworkSummary(
         D=tuple(sorted((int(i), int(j), float(d)) for i, j, d in rows)),
-        pinned=tuple((topology.sink[topology.source == 0]).tolist()),
+        pinned=tuple(topology.pinned.tolist()),
         components=tuple(tuple((np.sort(parts[p]) + 1).tolist()) for p in order),
         edges=tuple((int(j), int(i)) for j, i in edges),
         depth=int(steps.max()),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Grid = Literal["output", "sampling"]
-Table = Literal["states", "samples", "agent_states", "link_events", "errors"]
+Table = Literal["states", "samples", "agent_states", "measurements", "link_events", "errors"]
 GRIDS: Sequence[str] = get_args(Grid)
 TABLES: Sequence[str] = get_args(Table)
 
@@ -230,7 +230,7 @@ class Recording(Tables):
         """Return a table, a column a number: `position_1`, …; needs the extra `analysis`.
 
         Args:
-            table: `states`, `samples`, `agent_states`, `link_events` or `errors`.
+            table: `states`, `samples`, `agent_states`, `measurements`, `link_events` or `errors`.
             robots: As of that table, as the rest.
             start: s; the first time that is asked for.
             end: s; the end is excluded.

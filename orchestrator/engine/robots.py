@@ -118,5 +118,6 @@ def wire_of(
         nodes,
         signer,
         experiment.outages.at,
+        measuring=experiment.topologies.pinned,
         triggered=experiment.algorithm.TRIGGERED,
     )

@@ -104,8 +104,11 @@ def run(
     """
     clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
     every, faulty = scenario.run.checkpoint_every, experiment.faulty
+    measuring = experiment.topologies.ever_pinned.tolist()
     checkpoints = 0 < every <= clock.ticks
-    if (count := len(channels(experiment.codecs, n, faulty, checkpoints))) > MOST_CHANNELS:
+    if (
+        count := len(channels(experiment.codecs, n, faulty, checkpoints, (), measuring))
+    ) > MOST_CHANNELS:
         raise ScenarioError(
             f"network: {n} robots would need {count} channels of a recording, which has room "
             f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
@@ -118,7 +121,7 @@ def run(
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.describe_plants()
         assets = recorded_assets(experiment, plants)
-        topics = channels(experiment.codecs, n, faulty, checkpoints, plants)
+        topics = channels(experiment.codecs, n, faulty, checkpoints, plants, measuring)
         writer = stack.enter_context(
             Writer(
                 output,
@@ -138,14 +141,14 @@ def run(
         )
         recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
         of_tick = wire.samples.size + wire.states.size * len(clock.outputs(1))
-        ahead = window(n * (of_tick + (wire.agent_states.size if wire.agent_states else 0)))
+        of_tick += sum(codec.size for codec in wire.of_agents.values())
         lockstep = Lockstep(
             clock,
             target,
             workers,
             recorder,
             _needs(experiment.topologies.links, workers.assignment),
-            ahead,
+            window(n * of_tick),
             deadline or scenario.bus.deadline,
             watch,
             pace,

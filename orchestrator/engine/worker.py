@@ -97,8 +97,9 @@ class Worker:
         self._sample = wire.samples.blank(agents.robots)
         self._fields = tuple(wire.samples.kind.fields)
         self._state = wire.states.blank(agents.robots)
-        if wire.agent_states:
-            self._agent_state = wire.agent_states.blank(agents.robots)
+        self._of_agents = {
+            kind: codec.blank(agents.robots) for kind, codec in wire.of_agents.items()
+        }
         self._put_samples = bus.publisher(wire_key(SAMPLES, name))
         self._put_records = bus.publisher(wire_key(RECORDS, name))
         self._inbox = inbox
@@ -275,22 +276,26 @@ class Worker:
                     states,
                     self._wire.none if events is None else events,
                     checkpoints,
-                    self._agent_states(k),
+                    self._told_by_agents(k) if k else {},
                 ),
             )
         )
         self.spent.bus += perf_counter() - began
 
-    def _agent_states(self, k: int) -> Records | None:
-        """Return what the agents keep beside their estimates right after t_k, k ≥ 1."""
-        codec = self._wire.agent_states
-        if not codec or not k:
-            return None
-        records = self._agent_state.copy()
-        records["k"], records["time_ns"] = k, self._clock.t(k)
-        for name in codec.shapes:
-            records[name] = self.agents.state[name]
-        return records
+    def _told_by_agents(self, k: int) -> dict[str, Records]:
+        """Return what agents keep beside their estimates right after t_k, and measured at it."""
+        found = {}
+        for kind, blank in self._of_agents.items():
+            if kind == "measurement":
+                pinned, values = self.agents.measured(k)
+                records = blank[pinned]
+            else:
+                records, values = blank.copy(), self.agents.state
+            records["k"], records["time_ns"] = k, self._clock.t(k)
+            for name in self._wire.of_agents[kind].shapes:
+                records[name] = values[name]
+            found[kind] = records
+        return found
 
     def _checkpoints(self, k: int) -> Sequence[bytes]:
         """Return what each robot can be restored from at t_k, where that is due and exact."""

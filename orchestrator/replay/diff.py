@@ -30,7 +30,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import contents_of, recorded_types
 
 QUANTITIES = tuple(STATE.fields)
-COUNTED = ("sample", "state", "agent_state")
+COUNTED = ("sample", "state", "agent_state", "measurement")
 """The kinds of messages that enter the digest."""
 Array = NDArray[np.float64]
 

@@ -148,7 +148,8 @@ class _Kept:
 
     def __init__(self, codecs: Codecs, n: int) -> None:
         self.tick: list[Recorded] = []
-        found = channels(codecs, n, range(1, n + 1), checkpoints=True)
+        robots = range(1, n + 1)
+        found = channels(codecs, n, robots, checkpoints=True, measuring=robots)
         self._topics = dict(enumerate((channel.topic for channel in found), 1))
         self.numbers = {topic: number for number, topic in self._topics.items()}
 

@@ -24,7 +24,7 @@ from nrs_cosim.bus.lies import Lies
 from nrs_cosim.bus.links.links import LinkFault, Links
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing, class_of
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing, class_of, overrides
 from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
@@ -130,7 +130,14 @@ class Experiment:
         """What codes the run's messages: of what the algorithm sends and keeps."""
         kind = class_of(self.algorithm)
         duplicates = any(fault.duplicate for fault in self._link_faults.values())
-        return Codecs.of(self.sizes, kind.__name__, kind.SENT, kind.STATE, duplicates=duplicates)
+        return Codecs.of(
+            self.sizes,
+            kind.__name__,
+            kind.SENT,
+            kind.STATE,
+            measured=overrides(kind, "measure"),
+            duplicates=duplicates,
+        )
 
     @cached_property
     def _link_faults(self) -> Mapping[tuple[int, int], LinkFault]:

@@ -6,8 +6,9 @@ sample_position, sample_velocity        (sampling_time, robot, joint)  left limi
 target_position, target_velocity        (sampling_time, joint)         the target's
 
 An algorithm may send other fields, `sample_<field>` and `target_<field>`, and its agents may keep
-more, `agent_<field>`. An axis of m numbers is `joint`, one of n `other_robot`, one of in-degrees
-`in_neighbour`, and any other one the variable's own, as is a second one of a kind.
+more, `agent_<field>`; what pinned robots measured at t_k is `measured_<field>`. An axis of m
+numbers is `joint`, one of n `other_robot`, one of in-degrees `in_neighbour`, and any other one the
+variable's own, as is a second one of a kind.
 """
 
 from collections import Counter
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.fields import Field, Shape
 from nrs_cosim.recordings.export.tables import (
     AGENT_STATES,
+    MEASUREMENTS,
     SAMPLES,
     STATES,
     MessageTable,
@@ -44,7 +46,7 @@ _MEANING = {
 _AXES = {"m": "joint", "n": "other_robot", "in_degree": "in_neighbour"}
 Array = NDArray[np.float64]
 _Variable = tuple[tuple[str, ...], Array, dict[str, str]]
-_PREFIX = {"state": "", "sample": "sample_", "agent_state": "agent_"}
+_PREFIX = {"state": "", "sample": "sample_", "agent_state": "agent_", "measurement": "measured_"}
 
 
 def dataset(reader: Reader) -> xarray.Dataset:
@@ -54,7 +56,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
     `UnreadableError` as `rows` does.
     """
     run, types = about(reader).run, recorded_types(reader)
-    n, sampled = run.robots, [SAMPLES, AGENT_STATES]
+    n, sampled = run.robots, [SAMPLES, AGENT_STATES, MEASUREMENTS]
     parts: dict[str, list[NDArray[np.void]]] = {table.name: [] for table in (STATES, *sampled)}
     for table, part in rows(reader, [STATES, *sampled]):
         parts[table.name].append(part)

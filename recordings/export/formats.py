@@ -2,10 +2,11 @@
 
 `samples` has the left limits at t_k, a row a node (robot 0 is the target) and sampling time;
 `states` has a row a robot and output time; `agent_states`, where agents keep more than an estimate,
-a row a robot and sampling time; `link_events`, where the scenario has any, a row a sample that a
-link lost, delayed, duplicated or altered. A number of an array has a column of its own. All are
-sorted by time, then robot. CSV has floats in their shortest form that reads back to the same bits.
-A table gets its name when it is whole.
+a row a robot and sampling time; `measurements`, where their algorithm measures the target in a way
+of its own, a row a pinned robot and sampling time; `link_events`, where the scenario has any, a row
+a sample that a link lost, delayed, duplicated or altered. A number of an array has a column of its
+own. All are sorted by time, then robot. CSV has floats in their shortest form that reads back to
+the same bits. A table gets its name when it is whole.
 """
 
 import csv

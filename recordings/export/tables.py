@@ -2,8 +2,9 @@
 
 A row has k, `time_ns` and `t` (the same in s), the robot, then what the message type in the file
 has. Samples are left limits at t_k, of all nodes, robot 0 being the target; states are of robots on
-the output grid; agent states are what agents keep beside their estimates, right after t_k; link
-events say what a link did to a sample of `source` on its way to the robot.
+the output grid; agent states are what agents keep beside their estimates, right after t_k;
+measurements are what pinned robots measured of the target at t_k; link events say what a link did
+to a sample of `source` on its way to the robot.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -101,8 +102,10 @@ class TableLayout:
 SAMPLES = MessageTable("samples", "sample", 0)
 STATES = MessageTable("states", "state", 1)
 AGENT_STATES = MessageTable("agent_states", "agent_state", 1)
+MEASUREMENTS = MessageTable("measurements", "measurement", 1)
 LINK_EVENTS = MessageTable("link_events", "link_event", 1)
-MESSAGES = {table.name: table for table in (SAMPLES, STATES, AGENT_STATES, LINK_EVENTS)}
+_FURTHER = (AGENT_STATES, MEASUREMENTS, LINK_EVENTS)
+MESSAGES = {table.name: table for table in (SAMPLES, STATES, *_FURTHER)}
 
 
 def joints(reader: Reader) -> int:
@@ -127,8 +130,7 @@ def layout(types: RecordedTypes, table: MessageTable) -> TableLayout:
 
 def recorded_tables(types: RecordedTypes) -> list[MessageTable]:
     """Return the tables that a recording has: samples and states, and others that it may have."""
-    further = [table for table in (AGENT_STATES, LINK_EVENTS) if types.channels[table.kind]]
-    return [SAMPLES, STATES, *further]
+    return [SAMPLES, STATES, *(table for table in _FURTHER if types.channels[table.kind])]
 
 
 def rows(

@@ -15,6 +15,7 @@ from nrs_cosim.bus.keys import (
     agent_state_topic,
     checkpoint_topic,
     link_event_topic,
+    measurement_topic,
     sample_topic,
     state_topic,
 )
@@ -35,6 +36,16 @@ _SOURCE = HEADER.size + 1
 """Where a link event has its source, behind the field's tag."""
 
 
+_TOPICS = (
+    sample_topic,
+    state_topic,
+    agent_state_topic,
+    measurement_topic,
+    link_event_topic,
+    checkpoint_topic,
+)
+
+
 class Contents:
     """What the messages of a run of n robots must say of themselves."""
 
@@ -44,8 +55,7 @@ class Contents:
         numbers = {topic: number for number, topic in topics.items()}
         self._node = np.full(MANY, -1, np.int64)
         self._is_event = np.zeros(MANY, bool)
-        keys = sample_topic, state_topic, agent_state_topic, link_event_topic, checkpoint_topic
-        for key in keys:
+        for key in _TOPICS:
             for node in range(n + 1):
                 if (number := numbers.get(key(node))) is not None:
                     self._node[number] = node

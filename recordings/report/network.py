@@ -90,7 +90,7 @@ def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
 
 def _nodes(story: Story, nodes: Array, node: float) -> Iterator[str]:
     topology = story.subject.topology
-    pinned = set(topology.sink[topology.source == 0].tolist())
+    pinned = set(topology.pinned.tolist())
     for number, (x, y) in enumerate(nodes):
         if number == 0:
             kind, name, label = "node target", "the target", "ε₀"

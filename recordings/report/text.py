@@ -25,7 +25,7 @@ _STATUS = {
 def lead(story: Story) -> str:
     """Return a paragraph on a run: who, what, how long, and how it ended."""
     subject, topology = story.subject, story.subject.topology
-    pinned = topology.sink[topology.source == 0].tolist()
+    pinned = topology.pinned.tolist()
     among = int((topology.source > 0).sum())
     robots, joints = count_of(story.n, "robot"), count_of(story.m, "joint")
     who = numbered("robot", pinned, 8) if pinned else "nobody"

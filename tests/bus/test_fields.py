@@ -8,7 +8,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes, column_names, wrong_fields
-from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE
+from nrs_cosim.bus.messages import LINK_EVENT, MEASUREMENT, SAMPLE, STATE
 
 SIZES = Sizes(m=2, n=5, in_degree=3)
 RNG = np.random.default_rng(11)
@@ -85,7 +85,9 @@ def test_position_and_velocity_have_the_standing_types():
         assert codecs.samples.kind is SAMPLE
         assert codecs.states.kind is STATE
         assert codecs.link_events.kind.descriptor() == LINK_EVENT.descriptor()
-        assert codecs.agent_states is None
+        assert codecs.of_agents == {}
+        measured = Codecs.of(SIZES, "Mine", sent, measured=True).of_agents
+        assert [codec.kind for codec in measured.values()] == [MEASUREMENT]
 
 
 @pytest.mark.parametrize(
@@ -97,15 +99,16 @@ def test_position_and_velocity_have_the_standing_types():
     ],
 )
 def test_other_fields_have_a_type_of_the_class_own(sent):
-    codecs = Codecs.of(SIZES, "Mine", sent, {**ESTIMATE, "integral": Field()})
+    codecs = Codecs.of(SIZES, "Mine", sent, {**ESTIMATE, "integral": Field()}, measured=True)
     assert [kind.name for kind in codecs.types] == [
         "nrs.Mine.Sample",
         "nrs.State",
         "nrs.Mine.LinkEvent",
         "nrs.Mine.AgentState",
+        "nrs.Mine.Measurement",
     ]
-    assert codecs.agent_states
-    assert list(codecs.agent_states.kind.fields) == ["integral"]
+    assert list(codecs.of_agents["agent_state"].kind.fields) == ["integral"]
+    assert codecs.of_agents["measurement"].shapes == codecs.samples.shapes
     assert list(codecs.samples.kind.fields) == list(sent)
 
 

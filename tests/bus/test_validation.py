@@ -269,28 +269,47 @@ def test_the_codec_of_faults_is_the_wires():
     assert WIRE.none.dtype == Codec(LINK_EVENT, Sizes(M)).dtype
 
 
-KEPT = Codecs.of(Sizes(M), "Mine", kept={**ESTIMATE, "P": Field((2, "m")), "next": Field(())})
+KEPT = Codecs.of(
+    Sizes(M), "Mine", kept={**ESTIMATE, "P": Field((2, "m")), "next": Field(())}, measured=True
+)
+PINNED = ROBOTS[-1:]
+"""Of an odd tick; nobody is at an even one."""
 
 
 def kept_wire():
     assignment = {WORKER: np.array(ROBOTS), TARGET: np.array([0])}
-    return Wire(KEPT, TwoOutputs(), assignment, SIGNER)
+    return Wire(
+        KEPT, TwoOutputs(), assignment, SIGNER, measuring=lambda k: np.array(PINNED[: k % 2], int)
+    )
 
 
 def kept_of(k=K, robots=ROBOTS):
-    records = KEPT.agent_states.blank(np.array(robots))
+    records = KEPT.of_agents["agent_state"].blank(np.array(robots))
     records["k"], records["time_ns"] = k, 100 * k
     records["P"], records["next"] = RNG.normal(size=(len(robots), 2, M)), 7.5
     return records
 
 
+def measured_of(robots, k=K):
+    records = KEPT.of_agents["measurement"].blank(np.array(robots))
+    records["k"], records["time_ns"], records["position"] = k, 100 * k, 3.0
+    return records
+
+
+def of_agents(kept=None, measured=None):
+    parts = {"agent_state": kept, "measurement": measured}
+    return {kind: records for kind, records in parts.items() if records is not None}
+
+
 @pytest.mark.parametrize("k", [1, K, TICKS])
-def test_agent_states_unpack_to_what_was_packed(k):
+def test_what_agents_tell_unpacks_to_what_was_packed(k):
     wire = kept_wire()
     checkpoints = checkpoints_of(k=k, time_ns=100 * k)
-    result = Tick(states_of(wire, k), wire.none, checkpoints, kept_of(k))
+    kept, measured = kept_of(k), measured_of(PINNED[: k % 2], k)
+    result = Tick(states_of(wire, k), wire.none, checkpoints, of_agents(kept, measured))
     _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, k, result))
-    assert got.agent_states.tobytes() == result.agent_states.tobytes()
+    assert got.of_agents["agent_state"].tobytes() == kept.tobytes()
+    assert got.of_agents["measurement"].tobytes() == measured.tobytes()
     assert got.states.tobytes() == result.states.tobytes()
     assert list(got.checkpoints) == checkpoints
 
@@ -298,25 +317,33 @@ def test_agent_states_unpack_to_what_was_packed(k):
 def test_nothing_is_kept_of_the_beginning():
     wire = kept_wire()
     result = Tick(states_of(wire, 0), wire.none, ())
-    assert wire.unpack_tick(WORKER, wire.pack_tick(WORKER, 0, result))[1].agent_states is None
+    _, got = wire.unpack_tick(WORKER, wire.pack_tick(WORKER, 0, result))
+    assert [len(records) for records in got.of_agents.values()] == [0, 0]
 
 
-WRONGLY_KEPT = {
-    "none": ("size", K, None),
-    "of one robot alone": ("size", K, kept_of()[:1]),
-    "of another robot": ("robot", K, changed(kept_of(), "robot", 3)),
-    "of another tick": ("tick", K, changed(kept_of(), "k", 2, 1)),
-    "of another time": ("time", K, changed(kept_of(), "time_ns", 301)),
-    "a number that is none": ("value", K, changed(kept_of(), "next", np.nan)),
-    "of another form": ("form", K, changed(kept_of(), "P.tag", 9)),
-    "of the beginning": ("size", 0, kept_of(0)),
+MEASURED = measured_of(PINNED)
+WRONGLY_TOLD = {
+    "none": ("size", K, None, MEASURED),
+    "of one robot alone": ("size", K, kept_of()[:1], MEASURED),
+    "of another robot": ("robot", K, changed(kept_of(), "robot", 3), MEASURED),
+    "of another tick": ("tick", K, changed(kept_of(), "k", 2, 1), MEASURED),
+    "of another time": ("time", K, changed(kept_of(), "time_ns", 301), MEASURED),
+    "a number that is none": ("value", K, changed(kept_of(), "next", np.nan), MEASURED),
+    "of another form": ("form", K, changed(kept_of(), "P.tag", 9), MEASURED),
+    "of the beginning": ("size", 0, kept_of(0), None),
+    "nothing measured": ("size", K, kept_of(), None),
+    "measured by one that is not pinned": ("robot", K, kept_of(), measured_of(ROBOTS[:1])),
+    "measured by more": ("size", K, kept_of(), measured_of(ROBOTS)),
+    "measured when nobody is pinned": ("size", K + 1, kept_of(K + 1), measured_of(PINNED, K + 1)),
+    "measured at the beginning": ("size", 0, None, measured_of(PINNED, 0)),
 }
 
 
-@pytest.mark.parametrize(("why", "k", "kept"), WRONGLY_KEPT.values(), ids=WRONGLY_KEPT)
-def test_invalid_agent_states_are_rejected(why, k, kept):
+@pytest.mark.parametrize(("why", "k", "kept", "measured"), WRONGLY_TOLD.values(), ids=WRONGLY_TOLD)
+def test_what_agents_cannot_tell_is_rejected(why, k, kept, measured):
     wire = kept_wire()
-    payload = wire.pack_tick(WORKER, k, Tick(states_of(wire, k), wire.none, (), kept))
+    tick = Tick(states_of(wire, k), wire.none, (), of_agents(kept, measured))
+    payload = wire.pack_tick(WORKER, k, tick)
     with pytest.raises(RejectedError, match=f"^{why}$"):
         wire.unpack_tick(WORKER, payload)
 

@@ -1,4 +1,4 @@
-"""An algorithm of another package, with a third gain, a memory and a trigger: one run anywhere."""
+"""An algorithm of another package, with a memory, a trigger and a sensor: one run anywhere."""
 
 import json
 import sys
@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from nrs_cosim.orchestrator.engine.run import past_of, run
+from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.local_workers import LocalRun, digest, story
 from tests.command import nrs
@@ -14,7 +15,7 @@ from tests.scenarios import example
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
 TICKS = 120
-MODULE = '''"""Third order with an integral, sent when an estimate has moved."""
+MODULE = '''"""Third order with an integral, sent when an estimate has moved, of a noisy target."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -47,12 +48,17 @@ class Patient(nrs.Algorithm):
     gamma: float = nrs.parameter("gain on the accelerations", above=0)
     ki: float = nrs.parameter("gain on the integral", 0.05, least=0)
     c0: float = nrs.parameter("what is let pass", 0.2, unit="rad", least=0)
+    sigma: float = nrs.parameter("standard deviation of a measurement", 0.02, unit="rad", least=0)
 
     def flow(self, x, dt):
         return x.replace(
             position=x.position + dt * (x.velocity + dt / 2 * x.acceleration),
             velocity=x.velocity + dt * x.acceleration,
         )
+
+    def measure(self, now, target):
+        noise = self.sigma * now.normal("look", target.position.shape[-1])
+        return target.replace(position=target.position + noise)
 
     def send(self, now, x):
         now_said = np.stack([x.position, x.velocity, x.acceleration], axis=-1)
@@ -109,6 +115,9 @@ def test_it_is_one_run_in_one_process_and_on_workers_that_die(file, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     done = nrs("replay", "--verify", "--agents-only", outcome.path)
     assert (done.returncode, done.stderr) == (0, "")
+
+    with Recording(outcome.path) as recording:
+        assert recording.measurements()["k"].tolist() == [*range(1, TICKS + 1)]
 
     samples = json.loads(nrs("info", outcome.path, "--json").stdout)["samples"]
     assert 0 < samples["per_robot_and_second"] < 10

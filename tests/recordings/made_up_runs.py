@@ -10,7 +10,6 @@ import numpy as np
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import (
-    agent_state_topic,
     link_event_topic,
     sample_topic,
     state_topic,
@@ -20,7 +19,7 @@ from nrs_cosim.recordings.mcap.container import Channel, Message
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
-from nrs_cosim.recordings.schemas import fields_record
+from nrs_cosim.recordings.schemas import TOPICS, fields_record
 from tests.scenarios import tables, toml
 
 H = 100_000_000  # ns
@@ -85,8 +84,9 @@ def tick(
         put(states, range(1, n + 1), time_ns, state_topic)
     if k:
         put(samples, range(n + 1), k * H, sample_topic)
-        if codecs.agent_states:
-            put(codecs.agent_states, range(1, n + 1), k * H, agent_state_topic)
+        for kind, codec in codecs.of_agents.items():
+            step = 2 if kind == "measurement" else 1  # every other robot is pinned
+            put(codec, range(1, n + 1, step), k * H, TOPICS[kind])
         if faulty and k % 3 == 0:
             put(faults, faulty, k * H, link_event_topic)
     return made
@@ -103,7 +103,7 @@ def create(
 ) -> Writer:
     """A writer of such a run."""
     codecs = codecs or Codecs.of(Sizes(m))
-    used: list[Channel] = channels(codecs, n, faulty, False)
+    used: list[Channel] = channels(codecs, n, faulty, False, (), range(1, n + 1, 2))
     attachments = {"scenario.toml": ("application/toml", toml(base=chain(n, m, ticks)).encode())}
     head = {
         "channels": used,

@@ -36,7 +36,7 @@ SENT = {
     "level": Field(()),
 }
 KEPT = {**ESTIMATE, "last": Field(("in_degree", "m")), "votes": Field(("n",)), "next": Field(())}
-CODECS = Codecs.of(SIZES, "Filter", SENT, KEPT, duplicates=True)
+CODECS = Codecs.of(SIZES, "Filter", SENT, KEPT, measured=True, duplicates=True)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +78,10 @@ def test_arrays_agree_with_protobuf_in_the_declared_shapes(run) -> None:
                 recording.agent_states(),
                 {"last": (3, M), "votes": (N,), "next": ()},
             ),
+            "measurement": (
+                recording.measurements(),
+                {"position": (M,), "P": (2, M, M), "level": ()},
+            ),
             "state": (recording.states(), dict.fromkeys(STATE.fields, (M,))),
             "link_event": (
                 recording.link_events(),
@@ -101,8 +105,8 @@ def test_every_number_has_its_own_column_with_the_same_bits_in_csv_and_parquet(
     with Reader(path) as reader:
         written = export(reader, tmp_path)
         export(reader, tmp_path, "parquet")
-    names = ["samples.csv", "states.csv", "agent_states.csv", "link_events.csv"]
-    assert [file.name for file in written] == names
+    names = ["samples", "states", "agent_states", "measurements", "link_events"]
+    assert [file.name for file in written] == [f"{name}.csv" for name in names]
     with (tmp_path / "samples.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     assert header == [
@@ -123,6 +127,7 @@ def test_every_number_has_its_own_column_with_the_same_bits_in_csv_and_parquet(
     ]
     assert table["last_3_1"].to_numpy().tolist() == kept["last"][:, 2, 0].tolist()
     with Api(path) as recording:
+        assert len(recording.to_pandas("measurements")) == 2 * TICKS
         frame = recording.to_pandas("agent_states")
         assert list(frame.columns) == table.column_names
         assert frame["votes_4"].tolist() == kept["votes"][:, 3].tolist()
@@ -141,6 +146,8 @@ def test_a_dataset_has_the_dimensions_of_the_declared_shapes(run) -> None:
     assert dims["agent_last"] == ("robot", "in_neighbour", "joint")
     assert dims["agent_votes"] == ("robot", "other_robot")
     assert dims["agent_next"] == ("robot",)
+    assert dims["measured_P"] == ("robot", "measured_P_axis_1", "joint", "measured_P_axis_3")
+    assert np.isnan(data.measured_level).any("sampling_time").to_numpy().tolist() == [0, 1, 0, 1]
     assert dict(data.sizes)["other_robot"] == N
     for row in samples[samples["robot"] > 0]:
         at = data.sel(sampling_time=row["t"], robot=row["robot"])
