@@ -1,7 +1,8 @@
 """What a Byzantine robot sends in place of its sample: to all alike, or to some receivers only.
 
 A lie follows from the sample, from the time, and from chance that is keyed by (seed, which lie,
-field, sender, receiver, k). It has no memory: whoever tells it, and whenever, it is the same.
+field, sender, receiver, k). It has no memory: whoever tells it, and whenever, it is the same. One
+by an algorithm is what that algorithm says at t_k, which is given.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +17,11 @@ from nrs_cosim.bus.links.outages import Spans
 from nrs_cosim.bus.random_streams import keyed_normal
 
 Array = NDArray[np.float64]
-LieKind = Literal["stuck", "offset", "ramp", "noise"]
+Pretended = Mapping[int, Mapping[str, Array]]
+"""What the algorithms say at t_k by which there are lies: by lie, fields (*shape)."""
+LieKind = Literal["stuck", "offset", "ramp", "noise", "algorithm"]
 LIE_KINDS: tuple[LieKind, ...] = get_args(LieKind)
+NOTHING_PRETENDED: Pretended = {}
 _TO_ALL = 0
 """The receiver, in the key of chance, of what is told to all alike."""
 
@@ -31,7 +35,8 @@ class Lie:
     kind: LieKind
     values: Mapping[str, Array]
     """By field, of one number or of the field's shape: where it is stuck, what is added, what is
-    added each s since the lie began, or the standard deviation of what is added."""
+    added each s since the lie began, or the standard deviation of what is added; none of an
+    algorithm."""
     spans: Spans = ()
     """From and to, ns: told at from <= t_k < to; always where there is none."""
 
@@ -63,18 +68,20 @@ class Lies:
             for lie in sorted(rows, key=lambda lie: lie.number)
         ]
 
-    def sent_instead(self, k: int, t: int, sent: Mapping[str, Array]) -> Mapping[str, Array]:
+    def sent_instead(
+        self, k: int, t: int, sent: Mapping[str, Array], pretended: Pretended = NOTHING_PRETENDED
+    ) -> Mapping[str, Array]:
         """Return what is sent at t_k = t, ns, in place of fields (rows, *shape)."""
         instead = dict(sent)
         for lie, rows, pairs in self._by_lie:
             began = lie.since(t)
             if began is None:
                 continue
-            for name, value in lie.values.items():
+            for name, value in pretended.get(lie.number, lie.values).items():
                 if instead[name] is sent[name]:
                     instead[name] = sent[name].copy()
                 truth = instead[name][rows]
-                if lie.kind == "stuck":
+                if lie.kind in ("stuck", "algorithm"):
                     said = np.broadcast_to(value, truth.shape)
                 elif lie.kind == "offset":
                     said = truth + value

@@ -9,7 +9,7 @@ what an algorithm is given is over the edges of t_k alone.
 Where links have impairments, an agent goes by what its links deliver, if they do (`received`). A
 robot in an outage neither sends nor receives: what `send` changed of its state is undone, and it
 goes by what it received last if it holds. What a Byzantine robot sends to all is a lie, in place of
-what its algorithm says; its own state goes on without it.
+what its algorithm says; its own state goes on without it (`lying_agents` lie by another algorithm).
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.framing import joined, parted
-from nrs_cosim.bus.lies import Lies
+from nrs_cosim.bus.lies import NOTHING_PRETENDED, Lies
 from nrs_cosim.bus.links.links import Links, Ticks
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import (
@@ -74,6 +74,8 @@ class Agents:
         self.state = initial
         self._algorithm, self._ticks, self._seed = algorithm, ticks, seed
         self._lies = lies
+        self.pretended = NOTHING_PRETENDED
+        """What other algorithms say at t_k by which robots lie."""
         self._exchange_at = topologies.at
         into = {t: Edges.into(robots, t, topologies.links, links) for t in topologies.digraphs}
         self._edges = [(into[e.position], into[e.velocity]) for e in topologies.exchanges]
@@ -96,7 +98,7 @@ class Agents:
         self._links = initial_values(algorithm.LINK, len(sink), self._sizes)
         self._measured: tuple[int, Mask, Values] | None = None
         """At which tick, by whom, and what by every row."""
-        self.observes = overrides(class_of(algorithm), "observe")
+        self.observes = self._observes = overrides(class_of(algorithm), "observe")
         """Whether they look at the target, whose sample they then need before they send."""
         self._measures = overrides(class_of(algorithm), "measure")
         self.follows_lines = follows_lines(algorithm, self._sizes)
@@ -148,15 +150,18 @@ class Agents:
             who = ~out if who is None else who & ~out
             x = x if x is left else _chosen(out, left, x)
         if self._lies:
-            messages = Values(self._lies.sent_instead(k, self._ticks.t(k), messages))
+            messages = Values(
+                self._lies.sent_instead(k, self._ticks.t(k), messages, self.pretended)
+            )
         return x, messages, who
 
     def jump(self, k: int, left: Values) -> None:
         """Receive the samples of t_k, k after k, with the state after `send`."""
         positions, velocities = self._edges[self._exchange_at(k)]
         if self._buffer:
-            of = self._buffer.links.source > 0 if self.observes else None
-            self._buffer.take(k, self._sent_over_links(k), self._who_sends(k), of)
+            of = self._buffer.links.source > 0 if self._observes else None
+            sent, who = self._sent_over_links(k), self._who_sends(k)
+            self._buffer.take(k, sent, who, of, self.pretended)
         if isinstance(self._buffer, EveryBuffer):
             place, received = self._buffer.link, self._arrived(k, self._buffer, positions)
         else:
@@ -213,10 +218,7 @@ class Agents:
             robot = int(self.robots[row])
             parts = parted(checkpoint)
             if parts is None or len(parts) != 4 or parts[0] != self._declared:
-                raise InputError(
-                    f"robot {robot}'s checkpoint was not saved by algorithm "
-                    f"{name_of(self._algorithm)} with the fields that it declares; start from t_0"
-                )
+                raise self._not_saved(robot)
             _, state, memory, kept = parts
             rows.append(np.frombuffer(state, "<f8"))
             if self._buffer:
@@ -231,6 +233,12 @@ class Agents:
             for name, values in unflattened(flat, self._algorithm.LINK, self._sizes).items():
                 self._links[name][links] = values
         return unflattened(np.array(rows), self._algorithm.STATE, self._sizes)
+
+    def _not_saved(self, robot: int) -> InputError:
+        return InputError(
+            f"robot {robot}'s checkpoint was not saved by algorithm {name_of(self._algorithm)} "
+            "with the fields that it declares; start from t_0"
+        )
 
     @property
     def _declared(self) -> bytes:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import Fields, Sizes
+from nrs_cosim.bus.lies import NOTHING_PRETENDED, Pretended
 from nrs_cosim.bus.links.events import link_events
 from nrs_cosim.bus.links.links import LinkOutcome, Links
 from nrs_cosim.estimator_agents.algorithm import Missing
@@ -80,11 +81,11 @@ class LinkMemory:
         cells[:] = np.frombuffer(memory, "<f8").reshape(cells.shape)
 
     def _leaving(
-        self, k: int, sent: Values, sends: Mask | None, of: Mask | None
+        self, k: int, sent: Values, sends: Mask | None, of: Mask | None, pretended: Pretended
     ) -> tuple[LinkOutcome, NDArray[np.intp], NDArray[np.intp], Array]:
         """Return what becomes of samples of t_k, whose turn it is, who of these send, and what."""
         outcome = self.links.outcome(k)
-        received = self.links.received(k, sent)
+        received = self.links.received(k, sent, pretended)
         those = np.arange(len(self.is_new)) if of is None else np.flatnonzero(of)
         leaves = ~outcome.gone if sends is None else ~outcome.gone & sends
         leaving = those[leaves[those]]
@@ -113,13 +114,21 @@ class ReceiveBuffer(LinkMemory):
         """(F,) whether there is a sample to go by, where an edge asks for one."""
         self._drops = missing == "drop"
 
-    def take(self, k: int, sent: Values, sends: Mask | None = None, of: Mask | None = None) -> None:
+    def take(
+        self,
+        k: int,
+        sent: Values,
+        sends: Mask | None = None,
+        of: Mask | None = None,
+        pretended: Pretended = NOTHING_PRETENDED,
+    ) -> None:
         """Send samples of t_k, (F, *shape), on their way, and deliver what arrives at t_k.
 
         It is done where the source `sends`, (F,) or None for all, and is in no outage: elsewhere
-        `sent` may be anything. Of links that are not `of` these, (F,), nothing is done now.
+        `sent` may be anything. Of links that are not `of` these, (F,), nothing is done now. `told`
+        is what algorithms say at t_k by which robots lie.
         """
-        outcome, those, leaving, values = self._leaving(k, sent, sends, of)
+        outcome, those, leaving, values = self._leaving(k, sent, sends, of, pretended)
         due = self._slot(k + outcome.delay)[leaving]
         self._cells[due, 0] = k
         self._cells[due, 1:] = values
@@ -150,12 +159,19 @@ class EveryBuffer(LinkMemory):
         """(A,) the link of each sample that arrived at the last tick."""
         self._rows = np.zeros(0, np.intp)
 
-    def take(self, k: int, sent: Values, sends: Mask | None = None, of: Mask | None = None) -> None:
+    def take(
+        self,
+        k: int,
+        sent: Values,
+        sends: Mask | None = None,
+        of: Mask | None = None,
+        pretended: Pretended = NOTHING_PRETENDED,
+    ) -> None:
         """Send samples of t_k, (F, *shape), on their way, and deliver all that arrive at t_k.
 
         The arguments are as those of `ReceiveBuffer`.
         """
-        outcome, _, leaving, values = self._leaving(k, sent, sends, of)
+        outcome, _, leaving, values = self._leaving(k, sent, sends, of, pretended)
         row = (self._first + k % self._slots)[leaving]
         self._cells[row, 0], self._cells[row, 1] = k, k + outcome.delay[leaving]
         self._cells[row, 2] = 1 + outcome.duplicates[leaving]

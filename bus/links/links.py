@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.codecs import Codecs
-from nrs_cosim.bus.lies import Lie, Lies
+from nrs_cosim.bus.lies import NOTHING_PRETENDED, Lie, Lies, Pretended
 from nrs_cosim.bus.links.draws import BLOCK, Draw, Draws
 from nrs_cosim.bus.links.noise import FieldNoise, Quantisation
 from nrs_cosim.bus.links.outages import Outages, Spans
@@ -183,9 +183,15 @@ class Links:
         duplicates[lost | outage | absent] = 0
         return LinkOutcome(lost, outage, delay, duplicates, absent)
 
-    def received(self, k: int, sent: Mapping[str, Array]) -> dict[str, Array]:
-        """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`."""
+    def received(
+        self, k: int, sent: Mapping[str, Array], pretended: Pretended = NOTHING_PRETENDED
+    ) -> dict[str, Array]:
+        """Return what arrives of the samples of t_k, where any does: fields (F, …) as `sent`.
+
+        `pretended` is what algorithms say then by which robots lie.
+        """
+        instead = self._lies.sent_instead(k, self.ticks.t(k), sent, pretended)
         return {
             name: self._quantisation.rounded(name, self._noise.added(k, name, values))
-            for name, values in self._lies.sent_instead(k, self.ticks.t(k), sent).items()
+            for name, values in instead.items()
         }

@@ -1,6 +1,6 @@
 """Before a run: whether the theory lets its estimates converge (paper, Theorems 1 and 3)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import inf, isfinite, isnan, log
 from typing import Any, Literal
@@ -94,6 +94,8 @@ class Check:
     """Whether links have faults, which ρ knows nothing of."""
     byzantine: tuple[int, ...]
     """The robots that lie, which it knows nothing of either."""
+    lying_by: Sequence[tuple[int, str]]
+    """Those of them that lie by another algorithm, and by which."""
     chords: Chords | None
     """What references are between sampling times; None where they are lines."""
 
@@ -153,6 +155,7 @@ class Check:
             "convergence": self.convergence,
             "of": self.premise or "the links as they are",
             "byzantine": list(self.byzantine),
+            "lying_by": [{"robot": robot, "algorithm": by} for robot, by in self.lying_by],
             "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
@@ -281,6 +284,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         late=late_of(experiment, spectrum, periods),
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
+        lying_by=experiment.lying_by,
         chords=_chords(experiment),
     )
 

@@ -47,7 +47,8 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
     if checked.rate > 0:
         rows["rate"] = _rate(checked)
     if liars := checked.byzantine:
-        rows["byzantine"] = f"{_lie(liars)}; what follows is of the others"
+        by = "".join(f", robot {robot} by {other}" for robot, other in checked.lying_by)
+        rows["byzantine"] = f"{_lie(liars)}{by}; what follows is of the others"
     if chords := checked.chords:
         rows["reference"] = (
             f"no line between sampling times: chords of {chords.step:g} s are given to the plants, "

@@ -12,6 +12,7 @@ from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus, Inbox
 from nrs_cosim.bus.validation import Nodes, Wire
 from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.lying_agents import LyingAgents, OtherAlgorithm
 from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -93,7 +94,7 @@ class Robots:
 
 def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
     """Return some robots' agents at t_0."""
-    return Agents(
+    agents = (
         np.array(numbers),
         experiment.topologies,
         experiment.algorithm,
@@ -104,6 +105,29 @@ def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:
         experiment.seed,
         experiment.lies_to_all(numbers),
     )
+    others = _other_algorithms(experiment, numbers)
+    return LyingAgents(others, *agents) if others else Agents(*agents)
+
+
+def _other_algorithms(experiment: Experiment, numbers: Sequence[int]) -> list[OtherAlgorithm]:
+    """Return the algorithms at t_0 by which robots lie to some robots, or these to all."""
+    found = []
+    for own in experiment.algorithm_lies(numbers):
+        assert own.algorithm
+        algorithm = own.algorithm.loaded()
+        agent = Agents(
+            np.array([own.robot]),
+            experiment.topologies,
+            algorithm,
+            experiment.initial_of(algorithm, [own.robot]),
+            experiment.clock,
+            experiment.links_into([own.robot], algorithm),
+            own.algorithm.policy,
+            experiment.seed,
+        )
+        needed_by = {robot for robot in numbers if own in experiment.algorithm_lies([robot])}
+        found.append(OtherAlgorithm(own.lie, agent, not own.to, frozenset(needed_by)))
+    return found
 
 
 def wire_of(

@@ -1,6 +1,10 @@
-"""What the Byzantine robots of a scenario say, to all alike or to some that hear them."""
+"""What the Byzantine robots of a scenario say, to all alike or to some that hear them.
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+One that lies by another algorithm runs it beside its own, with a state of its own. Where it is told
+to some robots, what it receives may itself be told to it by such a lie, and so on.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -12,6 +16,7 @@ from nrs_cosim.bus.text import shortened
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.faults import spans_of, wrong_spans
 from nrs_cosim.orchestrator.scenario.spelling import nearest
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable
 from nrs_cosim.orchestrator.scenario.tables.faults import ByzantineRobot
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 
@@ -26,20 +31,39 @@ class OwnLie:
     robot: int
     to: tuple[int, ...]
     lie: Lie
+    algorithm: AlgorithmTable | None = None
+    """By which it lies; None for any other lie."""
+
+
+def needed_algorithms(lies: Sequence[OwnLie], robots: Collection[int]) -> list[OwnLie]:
+    """Return the lies by algorithms that some robots tell all or are told, and what these need."""
+    found: list[OwnLie] = []
+    wanted = {*robots}
+    liars = [own for own in lies if own.algorithm]
+    while new := [
+        own
+        for own in liars
+        if own not in found and (wanted & {*own.to} or (not own.to and own.robot in robots))
+    ]:
+        found += new
+        wanted |= {own.robot for own in new}
+    return sorted(found, key=lambda own: own.lie.number)
 
 
 def lies_of(scenario: Scenario, sent: Collection[str], initial: InitialSample) -> list[OwnLie]:
     """Return the lies of a scenario, in their order; samples have the `sent` fields."""
     found = []
     for number, entry in enumerate(scenario.faults.byzantine):
-        if entry.value is None:
+        if entry.algorithm:
+            values: Mapping[str, NDArray[np.float64]] = {}
+        elif entry.value is None:
             values = initial(entry.robot)
         else:
             by_field = entry.value if isinstance(entry.value, dict) else None
             given = dict.fromkeys(sent, entry.value) if by_field is None else by_field
             values = {name: np.array(value, float) for name, value in given.items()}
         lie = Lie(number, entry.kind, values, spans_of(entry.times))
-        found.append(OwnLie(entry.robot, entry.to or (), lie))
+        found.append(OwnLie(entry.robot, entry.to or (), lie, entry.algorithm))
     return found
 
 
@@ -85,6 +109,14 @@ def _wrong_receivers(here: str, entry: ByzantineRobot, topology: Topology) -> It
 
 def _wrong_value(here: str, entry: ByzantineRobot, sent: Collection[str]) -> Iterator[str]:
     value = entry.value
+    if entry.kind == "algorithm":
+        if entry.algorithm is None:
+            yield f"{here}.algorithm: missing; give its name and parameters, as in [algorithm]"
+        if value is not None:
+            yield f"{here}.value: expected none beside an algorithm, got {value!r}"
+        return
+    if entry.algorithm:
+        yield f'{here}.algorithm: expected none of kind {entry.kind}; give kind = "algorithm"'
     if value is None and entry.kind != "stuck":
         yield f"{here}.value: missing; {entry.kind} needs a number, or one by field"
     by_field = value if isinstance(value, dict) else {}

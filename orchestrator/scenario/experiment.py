@@ -27,17 +27,21 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing, class_of, overrides
 from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.estimate import Estimate
-from nrs_cosim.estimator_agents.installed import load_algorithm, policies_of
 from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.assets import Assets
-from nrs_cosim.orchestrator.scenario.byzantine import OwnLie, byzantine_robots, lies_of
+from nrs_cosim.orchestrator.scenario.byzantine import (
+    OwnLie,
+    byzantine_robots,
+    lies_of,
+    needed_algorithms,
+)
 from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
 from nrs_cosim.orchestrator.scenario.networks import topologies_of
 from nrs_cosim.orchestrator.scenario.own import Own, own_of
-from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis
@@ -109,16 +113,12 @@ class Experiment:
     @cached_property
     def algorithm(self) -> Algorithm:
         """The estimator with its parameters; `InputError` where it does not take them."""
-        choice = self.scenario.algorithm
-        if isinstance(choice, NotInstalled):
-            raise choice.why_not()
-        return load_algorithm(choice.name, choice.parameters)
+        return self.scenario.algorithm.loaded()
 
     @property
     def missing(self) -> Missing:
         """What an agent does without a neighbour's sample."""
-        choice = self.scenario.algorithm
-        return choice.missing or policies_of(choice.name)[0]
+        return self.scenario.algorithm.policy
 
     @cached_property
     def sizes(self) -> Sizes:
@@ -149,6 +149,15 @@ class Experiment:
         """The robots that lie, ascending; what is measured and proven is of the others."""
         return byzantine_robots(self.scenario)
 
+    @property
+    def lying_by(self) -> Sequence[tuple[int, str]]:
+        """The robots that lie by another algorithm, and by which."""
+        return [
+            (entry.robot, with_parameters(entry.algorithm.name, entry.algorithm.parameters))
+            for entry in self.scenario.faults.byzantine
+            if entry.algorithm
+        ]
+
     @cached_property
     def _lies(self) -> Sequence[OwnLie]:
         return lies_of(self.scenario, self.algorithm.SENT, self._initial_sample)
@@ -157,6 +166,10 @@ class Experiment:
         """Return what some robots send in place of their samples; None where none of them does."""
         lies = [[own.lie for own in self._lies if own.robot == r and not own.to] for r in robots]
         return Lies(self.seed, lies, np.array(robots)) if any(lies) else None
+
+    def algorithm_lies(self, robots: Sequence[int]) -> Sequence[OwnLie]:
+        """Return the lies by other algorithms that some robots tell all, or are told."""
+        return needed_algorithms(self._lies, robots)
 
     @property
     def impaired(self) -> bool:
@@ -170,13 +183,13 @@ class Experiment:
         """The links that have faults; None if the scenario has no faults at all."""
         return self._links_into(range(1, self.n + 1))
 
-    def links_into(self, robots: Sequence[int]) -> Links | None:
+    def links_into(self, robots: Sequence[int], algorithm: Algorithm | None = None) -> Links | None:
         """Return the links into some robots over which a receive buffer keeps the last sample.
 
         They are those that have faults, and all where robots decide when they send, or receive
-        every sample; else None.
+        every sample, as they do by their own algorithm or by another one; else None.
         """
-        if self.algorithm.TRIGGERED or self.algorithm.ARRIVALS == "every":
+        if self.algorithm.TRIGGERED or (algorithm or self.algorithm).ARRIVALS == "every":
             return self._links_into(robots, every=True)
         return self.links if len(robots) == self.n else self._links_into(robots)
 
@@ -226,15 +239,22 @@ class Experiment:
 
     def initial_state(self, robots: Sequence[int] | None = None) -> Values:
         """Return what agents keep at t_0, (rows, *shape) each, of some robots or of all."""
-        those = self._those(robots)
-        return Values(
-            {
-                name: initial_rows(
-                    self.scenario, name, those, field.size(self.sizes), field.initial
-                )
-                for name, field in self.algorithm.STATE.items()
-            }
-        )
+        return self.initial_of(self.algorithm, self._those(robots))
+
+    def initial_of(self, algorithm: Algorithm, robots: Sequence[int]) -> Values:
+        """Return what some robots' agents keep at t_0 that run an algorithm, their own or not.
+
+        What a scenario gives is of fields of their own; others begin as they are declared.
+        """
+        found = {}
+        for name, kept in algorithm.STATE.items():
+            shape, own = kept.size(self.sizes), self.algorithm.STATE.get(name)
+            if own and own.size(self.sizes) == shape:
+                rows = initial_rows(self.scenario, name, robots, shape, kept.initial)
+            else:
+                rows = np.full((len(robots), *shape), kept.initial, float)
+            found[name] = rows
+        return Values(found)
 
     def bodies(self, robots: Sequence[int] | None = None) -> list[Body]:
         """Return what each of some robots starts with, or of all."""

@@ -249,15 +249,21 @@ def _tables_with(name: str, given: Tables) -> list[str]:
 def _type_at(path: Sequence[int | str], given: Tables) -> Any:
     """Return the type of what stands at a path."""
     annotation: Any = Scenario
+    value: Any = given
     for part in path:
         if part in FORMS:
             annotation = TARGETS.get(part, annotation)
-        elif isinstance(part, str) and get_origin(annotation) is not dict:
+            continue
+        try:
+            value = value[part]
+        except (LookupError, TypeError):  # it is missing, or it is a number where a table should be
+            value = None
+        if isinstance(part, str) and get_origin(annotation) is not dict:
             fields = next(_tables(annotation)).model_fields
             names = {field.alias or name: name for name, field in fields.items()}
             annotation = fields[names.get(part, part)].annotation
-            if annotation is AlgorithmTable:
-                annotation = table_for(given.get("algorithm"))
+            if AlgorithmTable in _tables(annotation):
+                annotation = table_for(value)
     return annotation
 
 

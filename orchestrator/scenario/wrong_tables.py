@@ -1,11 +1,13 @@
 """What may be wrong with a scenario's tables in shape, or in the relation of one to another."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import Shape
 from nrs_cosim.bus.network.access import expect_worker_name
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.estimator_agents.algorithm import class_of
 from nrs_cosim.estimator_agents.installed import policies_of, takes_separate_graphs
 from nrs_cosim.orchestrator.scenario.byzantine import wrong_byzantine
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -13,9 +15,10 @@ from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.orchestrator.scenario.spelling import nearest
-from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.orchestrator.scenario.tables.networks import Network
 from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
 from nrs_cosim.orchestrator.scenario.targets import unsampled_times
 from nrs_cosim.orchestrator.scenario.times import wrong_times
@@ -48,7 +51,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
         return
     n, m = scenario.n, scenario.m
     network_faults = list(wrong_network(experiment))
-    yield from _algorithm_faults(experiment)
+    yield from _algorithm_faults(scenario.network, scenario.algorithm)
     time_faults = list(wrong_times(experiment))
     yield from time_faults or unsampled_times(experiment)
     yield from _plant_faults("plant", scenario.plant)
@@ -62,6 +65,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
         links = None if network_faults else experiment.topologies.links
         yield from wrong_faults(scenario, links, _sent(experiment))
         yield from wrong_byzantine(scenario, links, _sent(experiment))
+        yield from _wrong_liars(experiment, sized=links is not None)
     yield from _robot_faults(scenario)
     yield from _workers_faults(scenario.bus.tls, n)
 
@@ -110,26 +114,61 @@ def _workers_faults(tls: TlsTable | None, n: int) -> Iterator[str]:
             taken[robot] = worker
 
 
-def _algorithm_faults(experiment: Experiment) -> Iterator[str]:
-    scenario = experiment.scenario
-    if isinstance(scenario.algorithm, NotInstalled):
+def _algorithm_faults(network: Network, choice: AlgorithmTable, liar: str = "") -> Iterator[str]:
+    """Yield what is wrong with the algorithm of all, or with that by which a `liar.` lies."""
+    if isinstance(choice, NotInstalled):
         return
     try:
-        experiment.algorithm  # noqa: B018, it may not take these parameters together
+        choice.loaded()  # it may not take these parameters together
     except InputError as error:
-        yield str(error)
-    apart = hetero_at(scenario.network)
-    if apart and not takes_separate_graphs(scenario.algorithm.name):
+        yield f"{liar}{error}"
+    apart = hetero_at(network)
+    if apart and not takes_separate_graphs(choice.name):
+        where = f"{liar}algorithm.name" if liar else f"{apart}.velocity"
         yield (
-            f"{apart}.velocity: {scenario.algorithm.name} receives positions and velocities over "
+            f"{where}: {choice.name} receives positions and velocities over "
             f"one digraph; give {apart} one digraph, or take dcea1"
         )
-    known = policies_of(scenario.algorithm.name)
-    if scenario.algorithm.missing and scenario.algorithm.missing not in known:
+    known = policies_of(choice.name)
+    if choice.missing and choice.missing not in known:
         yield (
-            f"algorithm.missing: expected one of {', '.join(known)}, which "
-            f"{scenario.algorithm.name} knows, got {quoted(scenario.algorithm.missing)}"
+            f"{liar}algorithm.missing: expected one of {', '.join(known)}, which "
+            f"{choice.name} knows, got {quoted(choice.missing)}"
         )
+
+
+def _wrong_liars(experiment: Experiment, *, sized: bool) -> Iterator[str]:
+    """Yield what is wrong with algorithms by which robots lie, and what they cannot send."""
+    for i, entry in enumerate(experiment.scenario.faults.byzantine):
+        if not entry.algorithm:
+            continue
+        here = f"faults.byzantine[{i}]"
+        faults = [*_algorithm_faults(experiment.scenario.network, entry.algorithm, f"{here}.")]
+        yield from faults
+        if faults or not sized or not _sent(experiment):
+            continue
+        try:
+            kind, honest = class_of(entry.algorithm.loaded()), class_of(experiment.algorithm)
+        except InputError:  # not installed as it was recorded
+            continue
+        theirs, ours = (
+            {name: field.size(experiment.sizes) for name, field in one.SENT.items()}
+            for one in (kind, honest)
+        )
+        if theirs != ours:
+            yield (
+                f"{here}.algorithm.name: {entry.algorithm.name} sends {_fields(theirs)}, and the "
+                f"others go by {_fields(ours)}; take one that sends the same"
+            )
+        elif kind.TRIGGERED and not honest.TRIGGERED:
+            yield (
+                f"{here}.algorithm.name: {entry.algorithm.name} decides when it sends, and the "
+                f"others expect a sample at every t_k; take one that always sends"
+            )
+
+
+def _fields(shapes: Mapping[str, Shape]) -> str:
+    return ", ".join(f"{name} {list(shape)}" for name, shape in shapes.items())
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:

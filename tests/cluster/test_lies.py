@@ -10,13 +10,18 @@ from tests.scenarios import example, paper
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 
+OTHER = {"name": "pi_consensus", "alpha": 0.7, "beta": 0.9, "kappa": 0.3}
 LIES = {
     "faults.byzantine": [
+        {"robot": 4, "kind": "algorithm", "algorithm": OTHER | {"kappa": 0.1}},
         {"robot": 1, "kind": "noise", "value": {"position": 0.5}},
         {"robot": 2, "kind": "stuck", "times": [[4.0, 8.0]]},
         {"robot": 4, "kind": "ramp", "value": 0.1, "times": [[5.0, 14.0]]},
         {"robot": 3, "kind": "noise", "value": 2.0, "to": [1, 4]},
         {"robot": 3, "kind": "offset", "value": -3.0, "to": [4, 5]},
+        # What 1 tells 4 follows from what 2 tells 1, wherever these are.
+        {"robot": 2, "kind": "algorithm", "algorithm": OTHER, "to": [1, 5]},
+        {"robot": 1, "kind": "algorithm", "algorithm": OTHER, "to": [4]},
     ]
 }
 OF_ALL = (CHECKPOINTS, LIES, {"run.duration": 15.0})

@@ -6,7 +6,7 @@ own, made of that class.
 
 import inspect
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Never
 
 from pydantic import (
     AfterValidator,
@@ -26,9 +26,15 @@ from pydantic_core import CoreSchema, core_schema
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.estimator_agents.algorithm import Missing
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
 from nrs_cosim.estimator_agents.errors import AlgorithmError
-from nrs_cosim.estimator_agents.installed import algorithm_class, algorithm_names, parameters_of
+from nrs_cosim.estimator_agents.installed import (
+    algorithm_class,
+    algorithm_names,
+    load_algorithm,
+    parameters_of,
+    policies_of,
+)
 from nrs_cosim.estimator_agents.parameters import Parameter
 from nrs_cosim.orchestrator.scenario.tables.values import Table
 
@@ -59,6 +65,15 @@ class AlgorithmTable(Table):
         keys = [key for key in type(self).model_fields if key.startswith(_OWN)]
         return {key.removeprefix(_OWN): getattr(self, key) for key in keys}
 
+    def loaded(self) -> Algorithm:
+        """Return the algorithm; `InputError` where it does not take its parameters."""
+        return load_algorithm(self.name, self.parameters)
+
+    @property
+    def policy(self) -> Missing:
+        """What an agent does without an in-neighbour's sample."""
+        return self.missing or policies_of(self.name)[0]
+
 
 def _installed(name: str) -> str:
     if name not in algorithm_names():
@@ -83,6 +98,10 @@ class NotInstalled(AlgorithmTable):
     def parameters(self) -> dict[str, Any]:
         """The values that were given, by name."""
         return dict(self.model_extra or {})
+
+    def loaded(self) -> Never:
+        """Raise `InputError`."""
+        raise self.why_not()
 
     def why_not(self) -> InputError:
         """Return what of the recording the algorithm that is installed does not take."""

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Field, Tag
 
 from nrs_cosim.bus.lies import LieKind
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmChoice
 from nrs_cosim.orchestrator.scenario.tables.values import (
     BY_FIELD,
     DRAW,
@@ -101,7 +102,13 @@ class ByzantineRobot(Table):
     robot: int = Field(strict=True, ge=1, description="1 to n")
     kind: LieKind = Field(
         description="what is sent is `stuck` at a value, or has something added: an `offset`, a "
-        "`ramp`, or `noise`, which is drawn at each t_k: for all alike, or for each of `to`",
+        "`ramp`, or `noise`, which is drawn at each t_k: for all alike, or for each of `to`; or it "
+        "is what another `algorithm` would send",
+    )
+    algorithm: AlgorithmChoice | None = Field(
+        None,
+        description="of kind `algorithm`: its name and parameters, as in `[algorithm]`; it sends "
+        "the same fields, receives what the robot does, and starts as the robot does",
     )
     value: EachSigned | None = Field(
         None,
