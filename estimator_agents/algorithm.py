@@ -23,7 +23,7 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.estimator_agents.values import Array, Values
 
 Missing = Literal["hold", "drop"]
 """What an agent does without a sample of an in-neighbour."""
@@ -133,6 +133,14 @@ class Algorithm:
 
         They are of the samples of robots, the most at any time, by field. The bounds of that
         algorithm then hold, with what such errors add.
+        """
+        return None
+
+    def periods_between(self, position: Array, velocity: Array, h: float) -> Array | None:  # noqa: ARG002
+        """Return how many sampling periods h lie at least between two samples of each robot, (n,).
+
+        In the long run its estimate jumps by `position` and `velocity` at most, (n,) each. None
+        where nobody knows, or where all robots send at every t_k.
         """
         return None
 

@@ -12,7 +12,11 @@ it is off:
 or when `longest_silence` has gone by, which makes up for what links lose. What others go by is then
 off by c_0 and d_0 at most, in the long run: the error's recursion is that of the first-order DCEA
 with a bounded input, and x ≤ (I − A)⁻¹ A_N (c_0, d_0) for gains up to 1, where A_N is the part of A
-that comes from in-neighbours. With c_0 = d_0 = 0 all that changes is sent.
+that comes from in-neighbours (statement E1). With c_0 = d_0 = 0 all that changes is sent.
+
+A robot whose estimate jumps by a and b at most, of position and velocity, has moved away from what
+it sent q periods ago by q a + h b q (q + 1)/2 and q b at most: it sends again when that has come to
+c_0 or d_0, and not before (statement E2).
 """
 
 import math
@@ -29,7 +33,7 @@ from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.estimator_agents.values import Array, Values
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +99,19 @@ class EventTriggered(Algorithm):
         """Return the first-order DCEA, and how far off others' models of an estimate may be."""
         off = {"position": self.c0 + self.c1, "velocity": self.d0}
         return FirstOrder(self.alpha, self.beta), off
+
+    def periods_between(self, position: Array, velocity: Array, h: float) -> Array:
+        """Return the least q at which q a + h b q (q + 1)/2 ≥ c_0 or q b ≥ d_0, or silence ends."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            half = position / h + velocity / 2
+            root = np.sqrt(half**2 + 2 * velocity * self.c0 / h)
+            of_position = 2 * self.c0 / h / (half + root)
+            of_velocity = self.d0 / velocity
+        silence = self.longest_silence / h
+        least = np.fmin(np.fmin(of_position, of_velocity), silence)
+        # A bound from below: what is a whole number but for rounding counts as that one.
+        periods: Array = np.maximum(np.ceil(least * (1 - 1e-12)), 1)
+        return periods
 
     def conditions(self, spectrum: Spectrum, h: float) -> list[Condition]:
         """Return Theorem 1's bound on both gains."""

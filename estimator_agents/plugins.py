@@ -28,7 +28,7 @@ from nrs_cosim.estimator_agents.errors import AlgorithmError, written_at
 from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.estimator_agents.values import Array, Values
 
 T = TypeVar("T")
 
@@ -148,6 +148,15 @@ class ThirdParty(Algorithm):
     def nominal(self) -> tuple[Algorithm, Mapping[str, float]] | None:
         """Return the algorithm that it is but for errors of what is received."""
         return self._asked("nominal", "", lambda: _nominal(self.own.nominal()))
+
+    def periods_between(self, position: Array, velocity: Array, h: float) -> Array | None:
+        """Return how many sampling periods lie at least between two samples of each robot."""
+
+        def act() -> Array | None:
+            found = self.own.periods_between(position, velocity, h)
+            return found if found is None else np.broadcast_to(found, position.shape).astype(float)
+
+        return self._asked("periods_between", "position, velocity, h", act)
 
     def graph_conditions(
         self, topology: Topology, byzantine: frozenset[int]

@@ -2,22 +2,28 @@
 
 Where each number that is received from robot j may be off by δ, x(t_{k+1}) = A x + F G ⊗ D δ + Δ(k)
 with the recursion of what would be received. In the long run δ adds at most Σ_j |A^j F G ⊗ D| δ to
-the error, which is (I − A)⁻¹ F G ⊗ D δ where nothing in it is negative. So it is with samples that
-are sent only when they say something new (`event_triggered`).
+the error, which is (I − A)⁻¹ F G ⊗ D δ where nothing in it is negative (statement E1). So it is
+with samples that are sent only when they say something new (`event_triggered`).
+
+An estimate jumps at t_k by G ⊗ (D − I) x + G ⊗ D δ: the most that it comes to is how soon there can
+be something new to say (statement E2).
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.matrices import FEW, Matrix, as_array, identity_like, kron
-from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+from nrs_cosim.estimator_agents.algorithm import Algorithm
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds, worst
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.solving import solve
 
+Array = NDArray[Any]
 LEFT = 1e-13
 """The part of the sum at which it ends."""
 MOST = 200_000
@@ -44,17 +50,62 @@ def received_errors(
         return _largest(solve(identity_like(A) - A, received @ errors), n)
     if n > FEW:
         return None
-    dense, kernel = as_array(A), as_array(received)
-    most = np.zeros(len(dense))
+    most = _summed(as_array(A), as_array(received), np.eye(A.shape[0]), errors, radius)
+    return None if most is None else _largest(most, n)
+
+
+def periods_between(
+    triggered: Algorithm, period: Recursion | None, gamma_1: float, gamma_2: float, radius: float
+) -> Array | None:
+    """Return how many sampling periods lie at least between two samples of each robot, (n,).
+
+    They are of the long run, and of any target within γ1 and γ2. None where that is not known.
+    """
+    nominal = triggered.nominal()
+    if not nominal or not period:
+        return None
+    jumps = largest_jumps(period, nominal[1], gamma_1, gamma_2, radius)
+    if jumps is None:
+        return None
+    position, velocity = jumps
+    return triggered.periods_between(position, velocity, period.h)
+
+
+def largest_jumps(
+    recursion: Recursion, off: Mapping[str, float], gamma_1: float, gamma_2: float, radius: float
+) -> Array | None:
+    """Return the most by which positions and velocities jump in the long run, (2, n).
+
+    What is received may be `off`, and the target is any within γ1 and γ2. None as above, and of
+    many robots.
+    """
+    n, D = recursion.n, as_array(recursion.D)
+    if n > FEW or radius >= 1 or recursion.keep.tolist() != np.eye(2).tolist():
+        return None
+    h, pull = recursion.h, np.kron(recursion.gain, D - np.eye(n))
+    followed = worst(recursion, gamma_1, gamma_2, radius, pull, h)
+    errors = np.kron([off[name] for name in ESTIMATE], np.ones(n))
+    received = np.kron(recursion.flow @ recursion.gain, D)
+    heard = _summed(as_array(recursion.matrix), received, pull, errors, radius)
+    if followed is None or heard is None:
+        return None
+    jumps: Array = followed + heard + np.abs(np.kron(recursion.gain, D)) @ errors
+    return jumps.reshape(2, n)
+
+
+def _summed(A: Array, kernel: Array, seen: Array, errors: Array, radius: float) -> Array | None:
+    """Return Σ_j |seen A^j kernel| errors; None where it takes too many terms."""
+    most, left = np.zeros(len(seen)), np.zeros(len(A))
     for _ in range(MOST):
         added = np.abs(kernel) @ errors
-        most += added
-        if added.max() <= LEFT * (1 - radius) * most.max():
-            return _largest(most, n)
-        kernel = dense @ kernel
+        most += np.abs(seen @ kernel) @ errors
+        left += added
+        if added.max() <= LEFT * (1 - radius) * left.max():
+            return most
+        kernel = A @ kernel
     return None
 
 
-def _largest(most: NDArray[np.float64], n: int) -> EstimateBounds:
+def _largest(most: Array, n: int) -> EstimateBounds:
     position, velocity = most.reshape(-1, n)[:2].max(axis=1).tolist()
     return EstimateBounds(position, velocity)

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
 from nrs_cosim.estimator_agents.target import Harmonic
@@ -22,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case_always,
 )
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
-from nrs_cosim.estimator_agents.theory.received_errors import received_errors
+from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
@@ -85,6 +86,8 @@ class UltimateBounds:
     """A period of an algorithm whose agents keep more; None of others, which have recursions."""
     added: EstimateBounds | None
     """What is added to these by errors of what is received; None of an algorithm without such."""
+    gaps: NDArray[np.float64] | None
+    """(n,) how many sampling periods lie at least between two samples of each robot (E2)."""
     worst_case: EstimateBounds | None
     paper: PaperBound | None
     robots: list[Bounded]
@@ -115,6 +118,7 @@ class UltimateBounds:
                 "worst_case": pair_json(self.worst_case),
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
+            "periods_between_samples": None if self.gaps is None else self.gaps.tolist(),
             "plants": [_plant(part) for part in self.robots],
             "tracking": {
                 **{name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
@@ -205,10 +209,12 @@ def ultimate_bounds(
     if not recursions and periods.constant_period is not None and len(topologies.digraphs) == 1:
         step = linear_step(algorithm, periods.constant_period)
     why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
+    gaps = None
     if nominal and not why_not:
         if len(topologies.digraphs) == 1 and periods.constant_period is not None:
             period, D = recursion or step, topologies.digraphs[0].D
             added = received_errors(period, D, nominal[1], rho.radius) if period else None
+            gaps = periods_between(experiment.algorithm, recursion, *whole, rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
     motion, worst, always, paper = None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
@@ -254,6 +260,7 @@ def ultimate_bounds(
         motion,
         step,
         added,
+        gaps,
         worst,
         paper,
         robots,

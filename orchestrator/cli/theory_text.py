@@ -9,6 +9,9 @@ from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from nrs_cosim.estimator_agents.algorithm import Spectrum
     from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
     from nrs_cosim.estimator_agents.theory.network import NetworkSummary
@@ -221,10 +224,22 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
             f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
             f"kappa = {ultimate.paper.kappa:.4g} per s ({norm.family})"
         )
+    if ultimate.gaps is not None:
+        rows["silence"] = _silence(ultimate.gaps, ultimate.recursions[0].h)
     for part in ultimate.robots:
         name = "P3" if len(ultimate.robots) == 1 else f"P3 of {part.robots[0]}"
         rows[name] = _mechanics(part)
     return rows
+
+
+def _silence(gaps: "NDArray[np.float64]", h: float) -> str:
+    """Say how long robots are silent, and how much they send at most."""
+    low, high = gaps.min(), gaps.max()
+    some = f"{low:g}" if low == high else f"{low:g} to {high:g}, by robot"
+    return (
+        f"sampling periods between two samples of a robot: at least {some}; samples of a robot a "
+        f"second: at most {(1 / gaps).mean() / h:.4g} in the mean (statement E2)"
+    )
 
 
 def unmet(checked: "Check", ultimate: "UltimateBounds") -> list[str]:

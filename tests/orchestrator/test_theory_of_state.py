@@ -6,6 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from nrs_cosim.recordings.export.tables import samples
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.estimator_agents.paper import ONE, D
 from tests.scenarios import PAPER_FILE, write
@@ -133,11 +135,21 @@ def test_a_triggered_algorithm_has_the_bounds_of_its_own_and_of_what_is_not_sent
 
 
 def test_a_run_of_a_triggered_algorithm_is_within_them(tmp_path):
-    change = "algorithm={name='event_triggered',alpha=0.9,beta=1.1,c0=0.1,d0=0.1}"
+    change = "algorithm={name='event_triggered',alpha=0.9,beta=1.1,c0=0.3,d0=0.3}"
     done = nrs("run", PAPER_FILE, "--set", change, "-o", tmp_path / "run.mcap", "--json")
     theory = json.loads(done.stdout)["theory"]
     assert [row["status"] for row in theory["quantities"][:2]] == ["within"] * 2
     assert theory["measured_radius"] is None
+    shown = " ".join(nrs("check", PAPER_FILE, "--set", change).stdout.split())
+    assert (
+        "silence sampling periods between two samples of a robot: at least 1 to 3, by robot; "
+        "samples of a robot a second: at most 8.889 in the mean (statement E2)"
+    ) in shown
+    with Reader(tmp_path / "run.mcap") as reader:
+        sent = np.concatenate([found[["robot", "k"]] for found in samples(reader)])
+    late = sent[sent["k"] > 100]
+    gaps = [np.diff(late["k"][late["robot"] == robot]).min() for robot in range(1, 7)]
+    assert np.greater_equal(gaps, [1, 1, 3, 1, 1, 1]).all()
 
 
 def test_what_is_wrong_with_its_nominal_algorithm_is_one_line(remembering):
