@@ -5,12 +5,18 @@ case takes about half a second, or all cases together two.
 """
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.printed import SNAPSHOTS
+
+# What starts the tests may ignore signals, as a shell does for what it puts into the background;
+# the processes that tests start are to take them as a user's do.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 os.environ["NRS_PROGRESS"] = "off"  # what a command prints is of no machine's speed
 

@@ -188,7 +188,7 @@ def test_agents_agree_with_plain_python_to_the_bit(network, order):
         assert set(agents.link_events["time_ns"].tolist()) <= {network.t(k)}
 
 
-@settings(FUZZ, max_examples=50)
+@settings(FUZZ, max_examples=25)
 @given(network=networks(), data=st.data())
 def test_any_partition_and_restart_gives_the_same_bits(network, data):
     start, targets = start_of(network)

@@ -45,6 +45,7 @@ def places(tree, at=()):
 
 
 FEW = (1e155, 1e-300)
+"""One after the other over the places, where a case takes long."""
 
 
 def put(given, at, value):
@@ -60,8 +61,8 @@ def put(given, at, value):
 def faults_of(given, extremes, compared):
     """Judge tables with one number after the other changed: what was raised but errors of input."""
     found, passed = [], 0
-    for at in places(given):
-        for extreme in extremes:
+    for number, at in enumerate(places(given)):
+        for extreme in extremes if extremes is EXTREMES else [extremes[number % len(extremes)]]:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")
