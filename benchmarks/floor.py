@@ -52,11 +52,11 @@ def arithmetic(n: int, ticks: int, motion: Motion) -> float:
         for k, references in enumerate(motion.references):
             plants.hold(references[:, :2], references[:, 2:])
             began = thread_time()
-            plants._stepped.step(k / 10, H)
+            plants.step(k / 10, H)
             stepped = thread_time()
-            plants._stepped.read()
+            plants.read()
             stepping, reading = stepping + stepped - began, reading + thread_time() - stepped
-        motion.expect(plants._stepped.state)
+        motion.expect(plants.state)
     return stepping - reading
 
 

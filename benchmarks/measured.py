@@ -22,7 +22,7 @@ from benchmarks.writers import as_columns, ours_of_columns, ticks_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.pace import AtOnce
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.experiment import Experiment

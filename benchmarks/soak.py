@@ -32,7 +32,7 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.run import Outcome, run

@@ -10,7 +10,7 @@ from mcap.writer import Writer as McapWriter
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import sample_topic, state_topic
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message
@@ -29,7 +29,7 @@ Ticks = list[list[Message]]
 def ticks_of(n: int, count: int) -> Ticks:
     """Return ticks of samples and of states at two times, of arms that move smoothly."""
     made: Ticks = [[] for _ in range(count)]
-    for kind, robots, key in ((SAMPLE, n + 1, sample_topic), (STATE, n, state_topic)):
+    for kind, robots, kind_name in ((SAMPLE, n + 1, "sample"), (STATE, n, "state")):
         codec, first = Codec(kind, Sizes(2)), n + 1 - robots
         numbers = np.arange(first, n + 1)
         records = codec.blank(numbers)
@@ -39,7 +39,7 @@ def ticks_of(n: int, count: int) -> Ticks:
                 for name in kind.fields:
                     records[name] = np.sin(np.outer(numbers + 0.1, [t / 1e9, t / 2e9]))
                 encoded = zip(numbers.tolist(), codec.encode(records), strict=True)
-                tick.extend((t, key(robot), k, data) for robot, data in encoded)
+                tick.extend((t, topic_of(kind_name, robot), k, data) for robot, data in encoded)
     return made
 
 

@@ -15,34 +15,15 @@ JOIN, START, MISSED, FMU = "join", "start", "missed", "fmu"
 ALIVE = "alive"
 
 
-def sample_topic(node: int) -> str:
-    """Return the topic of a node's estimates (for node 0: of the target) at the sampling times."""
-    return f"/{_folder(node)}/sample"
+def topic_of(kind: str, node: int) -> str:
+    """Return the topic of a kind of a node's messages.
 
-
-def state_topic(robot: int) -> str:
-    """Return the topic of a robot's state on the output grid."""
-    return f"/{_folder(robot)}/state"
-
-
-def link_event_topic(robot: int) -> str:
-    """Return the topic of what the links into a robot did to samples."""
-    return f"/{_folder(robot)}/link_event"
-
-
-def agent_state_topic(robot: int) -> str:
-    """Return the topic of what a robot's agent keeps beside its estimate, right after t_k."""
-    return f"/{_folder(robot)}/agent_state"
-
-
-def measurement_topic(robot: int) -> str:
-    """Return the topic of what a robot measures of the target at t_k, when it is pinned."""
-    return f"/{_folder(robot)}/measurement"
-
-
-def checkpoint_topic(robot: int) -> str:
-    """Return the topic of what a robot can be restored from."""
-    return f"/{_folder(robot)}/checkpoint"
+    `sample`: its estimates (of node 0, the target's own) at the sampling times; `state`: on the
+    output grid; `link_event`: what the links into it did to samples; `agent_state`: what its agent
+    keeps beside its estimate, right after t_k; `measurement`: what it measures of the target at
+    t_k, when it is pinned; `checkpoint`: from what it can be restored.
+    """
+    return f"/{f'robot_{node}' if node else TARGET}/{kind}"
 
 
 def kind_of(topic: str) -> str:
@@ -54,10 +35,6 @@ def node_of(topic: str) -> int:
     """Return whose a topic is: the number of a robot, or 0, the target."""
     folder = topic.split("/")[1]
     return 0 if folder == TARGET else int(folder.removeprefix("robot_"))
-
-
-def _folder(node: int) -> str:
-    return f"robot_{node}" if node else TARGET
 
 
 def wire_key(kind: str, name: str) -> str:

@@ -1,6 +1,6 @@
-"""How many there are and which they are, as a message says it: `1 link`, `robots 1-3, 7`."""
+"""How many and which, as a message says it: `1 link`, `robots 1-3, 7`, `a or b`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 def count_of(number: int, what: str) -> str:
@@ -23,6 +23,12 @@ def spans(numbers: Sequence[int], most: int | None = None) -> str:
             found.append([number, number])
     shown = [f"{first}-{last}" if last > first else f"{first}" for first, last in found[:most]]
     return ", ".join([*shown, *(["…"] if len(shown) < len(found) else [])])
+
+
+def any_of(names: Iterable[str]) -> str:
+    """Return `a, b or c`."""
+    *most, last = names
+    return f"{', '.join(most)} or {last}" if most else last
 
 
 def plural(what: str, number: int) -> str:

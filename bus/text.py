@@ -5,6 +5,7 @@ a name becomes a part of a record or a message, the byte is written out as `\\\\
 """
 
 import re
+from collections.abc import Sequence
 from unicodedata import category
 
 LONGEST = 80
@@ -60,3 +61,16 @@ def printable(text: str) -> str:
         c.encode("unicode_escape").decode() if c != "\n" and category(c) in _STEERS else c
         for c in text
     )
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Suggest the nearest known name, or list them all, as the end of a sentence."""
+    found = close(name, known)
+    return f"; did you mean {found[0]!r}?" if found else f"; there are {', '.join(known)}"
+
+
+def close(name: str, known: Sequence[str]) -> list[str]:
+    """Return the nearest known name, if one is near."""
+    from difflib import get_close_matches  # noqa: PLC0415, for what is wrong alone
+
+    return get_close_matches(name, known, n=1)

@@ -14,11 +14,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from struct import Struct
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.framing import joined, parted
@@ -35,20 +35,6 @@ _WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
 
 class RejectedError(BusError):
     """A batch that is not accepted; the text says why, in few words and without its numbers."""
-
-
-class Times(Protocol):
-    """The sampling times and the output grid, ns; see `bus.clock.Clock`."""
-
-    @property
-    def ticks(self) -> int:
-        """K."""
-
-    def t(self, k: int) -> int:
-        """Return t_k."""
-
-    def outputs(self, k: int) -> Sequence[int]:
-        """Return the output times in (t_{k−1}, t_k]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +60,7 @@ class Wire:
     def __init__(
         self,
         codecs: Codecs,
-        times: Times,
+        times: Clock,
         assignment: Mapping[str, Nodes],
         signer: Signer,
         silent: Callable[[int], Nodes] = _nobody,

@@ -20,10 +20,10 @@ from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.engine.robots import agents_of
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed, read_scenario
+from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.recordings.export.tables import samples
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState

@@ -18,11 +18,11 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.clock import seconds
+from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.lies import NOTHING_PRETENDED, Lies
-from nrs_cosim.bus.links.links import Links, Ticks
+from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
@@ -64,7 +64,7 @@ class Agents:
         topologies: TopologySchedule,
         algorithm: Algorithm,
         initial: Values,
-        ticks: Ticks,
+        ticks: Clock,
         links: Links | None = None,
         missing: Missing = "hold",
         seed: int = 0,

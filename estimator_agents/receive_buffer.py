@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import Fields, Sizes
 from nrs_cosim.bus.lies import NOTHING_PRETENDED, Pretended
-from nrs_cosim.bus.links.events import link_events
-from nrs_cosim.bus.links.links import LinkOutcome, Links
+from nrs_cosim.bus.links.links import LinkOutcome, Links, link_events
 from nrs_cosim.estimator_agents.algorithm import Missing
 from nrs_cosim.estimator_agents.values import Array, Values, flattened, unflattened
 

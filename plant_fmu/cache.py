@@ -4,10 +4,14 @@ Code from the cache is run, so it is believed no more than any input: nobody but
 folder or may write there, and its bytes have the digest that stands beside it, or in its name. What
 is not whole is as if not there, and is made again. A file and its digest are on the disk before
 they have their names, so no crash leaves half of one.
+
+FMUs are kept by content too, under their digest: whoever has only a scenario's text and a digest
+finds the FMU of that digest.
 """
 
 import hashlib
 import os
+import re
 import stat
 import sys
 from collections.abc import Iterator
@@ -17,6 +21,7 @@ from tempfile import NamedTemporaryFile
 from nrs_cosim.plant_fmu.errors import FmuError
 
 _DIGEST = ".sha256"
+_SHA256 = re.compile("[0-9a-f]{64}")
 _ADVICE = "set NRS_CACHE to another folder"
 
 
@@ -136,3 +141,19 @@ def _replace(path: Path, data: bytes) -> None:
 
 def _not_kept(path: Path, error: OSError) -> FmuError:
     return FmuError(f"{path.parent}: cannot keep an FMU there: {error.strerror}; {_ADVICE}")
+
+
+def stored_fmu(sha256: str) -> Path | None:
+    """Return where the FMU of a digest is kept, if it is; `FmuError` as in `stored`."""
+    return stored(_name(sha256), sha256) if _SHA256.fullmatch(sha256) else None
+
+
+def keep_fmu(data: bytes, sha256: str) -> Path:
+    """Keep an FMU's bytes; `FmuError` where they have another digest, or cannot be kept."""
+    if (got := hashlib.sha256(data).hexdigest()) != sha256:
+        raise FmuError(f"an FMU was to have sha256 {sha256}, but its bytes have {got}")
+    return stored_fmu(sha256) or keep(_name(sha256), data, sha256)
+
+
+def _name(sha256: str) -> str:
+    return f"by-sha256/{sha256}.fmu"

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.bus.keys import agent_state_topic, measurement_topic, sample_topic, state_topic
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.errors import UnreadableError
@@ -179,11 +179,11 @@ def read_about(
         return None
     run = parse(path, RUN, RunRecord, metadata[RUN])
     n = run.robots
-    topics = {*topics} - {measurement_topic(robot) for robot in range(1, n + 1)}
-    keys = (sample_topic, state_topic, agent_state_topic)
-    of_each = [keys[:count] for count in (0, 2, 3) if len(topics) == count * n + 1]
-    expected = {sample_topic(0)} | {
-        key(robot) for keys in of_each for key in keys for robot in range(1, n + 1)
+    topics = {*topics} - {topic_of("measurement", robot) for robot in range(1, n + 1)}
+    kinds = ("sample", "state", "agent_state")
+    of_each = [kinds[:count] for count in (0, 2, 3) if len(topics) == count * n + 1]
+    expected = {topic_of("sample", 0)} | {
+        topic_of(kind, robot) for kinds in of_each for kind in kinds for robot in range(1, n + 1)
     }
     if expected != topics:
         raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")

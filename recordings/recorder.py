@@ -8,7 +8,7 @@ by its reason and passed over; what is said twice is kept once.
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, Protocol
@@ -18,19 +18,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.keys import (
-    EVERYONE,
-    RECORDS,
-    SAMPLES,
-    TARGET,
-    agent_state_topic,
-    checkpoint_topic,
-    kind_of,
-    link_event_topic,
-    measurement_topic,
-    sample_topic,
-    state_topic,
-)
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, kind_of, topic_of
 from nrs_cosim.bus.messages import CHECKPOINT, HEADER, BlobType, Codec, MessageType
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Records, RejectedError, Tick, Wire
@@ -63,18 +51,16 @@ def channels(
     def channel(topic: str, codec: Codec, node: int, counted: bool = True) -> Channel:
         return Channel(topic, codec.kind.name, counted, _joints(of.get(node), codec.kind))
 
-    found = [channel(sample_topic(node), codecs.samples, node) for node in range(n + 1)]
-    found += [channel(state_topic(robot), codecs.states, robot) for robot in robots]
-    of_agents = {
-        "agent_state": (agent_state_topic, robots),
-        "measurement": (measurement_topic, measuring),
-    }
+    found = [channel(topic_of("sample", node), codecs.samples, node) for node in range(n + 1)]
+    found += [channel(topic_of("state", robot), codecs.states, robot) for robot in robots]
+    of_agents = {"agent_state": robots, "measurement": measuring}
     for kind, codec in codecs.of_agents.items():
-        topic_of, those = of_agents[kind]
-        found += [channel(topic_of(robot), codec, robot) for robot in those]
-    found += [channel(link_event_topic(r), codecs.link_events, r, False) for r in faulty]
+        found += [channel(topic_of(kind, robot), codec, robot) for robot in of_agents[kind]]
+    found += [channel(topic_of("link_event", r), codecs.link_events, r, False) for r in faulty]
     if checkpoints:
-        found += [Channel(checkpoint_topic(r), CHECKPOINT.name, counted=False) for r in robots]
+        found += [
+            Channel(topic_of("checkpoint", r), CHECKPOINT.name, counted=False) for r in robots
+        ]
     return found
 
 
@@ -154,19 +140,16 @@ class Recorder:
         self._reader: Reader | None = None
         self._read_until = -1
         self._workers = frozenset(wire.assignment) - {TARGET}
-        self._sample_topics = [sample_topic(node) for node in range(n + 1)]
+        self._sample_topics = [topic_of("sample", node) for node in range(n + 1)]
 
-        def on(key: Callable[[int], str]) -> NDArray[np.uint16]:
-            """Return the channels of topics, by node."""
-            of_nodes = [writer.numbers.get(key(node), _NONE) for node in range(n + 1)]
+        def on(kind: str) -> NDArray[np.uint16]:
+            """Return the channels of a kind, by node."""
+            of_nodes = [writer.numbers.get(topic_of(kind, node), _NONE) for node in range(n + 1)]
             return np.array(of_nodes, np.uint16)
 
-        self._samples_on, self._states_on = on(sample_topic), on(state_topic)
-        self._of_agents_on = {
-            "agent_state": on(agent_state_topic),
-            "measurement": on(measurement_topic),
-        }
-        self._link_events_on, self._checkpoints_on = on(link_event_topic), on(checkpoint_topic)
+        self._samples_on, self._states_on = on("sample"), on("state")
+        self._of_agents_on = {kind: on(kind) for kind in ("agent_state", "measurement")}
+        self._link_events_on, self._checkpoints_on = on("link_event"), on("checkpoint")
 
     def take(self, message: Message) -> None:
         """Take what was put on a key; what is no batch of the run is refused and counted.
@@ -329,4 +312,4 @@ def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:
 
 def _checkpoint(message: bytes) -> Recorded:
     robot, k, time_ns = HEADER.unpack_from(message)
-    return time_ns, checkpoint_topic(robot), k, message
+    return time_ns, topic_of("checkpoint", robot), k, message

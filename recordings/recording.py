@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterator, Sequence
 from math import inf, isfinite
 from numbers import Integral, Real
 from os import PathLike
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -318,12 +317,7 @@ class Recording:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _array(

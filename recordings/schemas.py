@@ -16,13 +16,7 @@ from pydantic import Field as Limits
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import MOST_NUMBERS, Field, Sizes, wrong_fields
-from nrs_cosim.bus.keys import (
-    agent_state_topic,
-    link_event_topic,
-    measurement_topic,
-    sample_topic,
-    state_topic,
-)
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
 from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.bus.text import quoted
@@ -35,14 +29,8 @@ FIELDS = "nrs.fields"
 IN_DEGREE = "in_degree"
 """Its key for the largest number of in-neighbours; the others are `<message type>.<field>`."""
 
-TOPICS = {
-    "sample": sample_topic,
-    "state": state_topic,
-    "link_event": link_event_topic,
-    "agent_state": agent_state_topic,
-    "measurement": measurement_topic,
-}
-"""Of each kind of message that is a table the topic of a node's."""
+KINDS = ("sample", "state", "link_event", "agent_state", "measurement")
+"""Of messages that are tables."""
 STANDING: Mapping[str, MessageType] = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
 _Axis = Annotated[int, Limits(ge=1, le=MOST_NUMBERS)] | Literal["m", "n", "in_degree"]
 
@@ -78,7 +66,7 @@ def fields_record(codecs: Codecs) -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedTypes:
-    """What codes the messages of a recording, by their kinds: those of `TOPICS`."""
+    """What codes the messages of a recording, by their kinds: `KINDS`."""
 
     codecs: Mapping[str, Codec]
     """Without those of `Codecs.of_agents` that there are none of."""
@@ -105,8 +93,8 @@ def recorded_types(reader: Reader) -> RecordedTypes:
     names = {channel.topic: channel.schema_name for channel in reader.channels}
     data = {schema.name: schema.data for schema in reader.schemas}
     codecs, channels = {}, {}
-    for kind, topic_of in TOPICS.items():
-        topics = [t for node in range(run.robots + 1) if (t := topic_of(node)) in numbers]
+    for kind in KINDS:
+        topics = [t for node in range(run.robots + 1) if (t := topic_of(kind, node)) in numbers]
         channels[kind] = frozenset(numbers[topic] for topic in topics)
         used = sorted({names[topic] for topic in topics})
         if len(used) > 1:
@@ -184,7 +172,7 @@ def expect_joints(reader: Reader, types: RecordedTypes) -> None:
 
     It reads the first message, before anything is made of that many.
     """
-    first = next(reader.columns([state_topic(1)]), None)
+    first = next(reader.columns([topic_of("state", 1)]), None)
     expected = types.codecs["state"].size
     if first is not None and (size := int(first.stop[0] - first.start[0])) != expected:
         raise UnreadableError(

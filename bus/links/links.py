@@ -13,11 +13,11 @@ Only the links that have faults are kept here.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.lies import NOTHING_PRETENDED, Lie, Lies, Pretended
 from nrs_cosim.bus.links.draws import BLOCK, Draw, Draws
@@ -70,16 +70,6 @@ class LinkOutcome:
         return self.lost | self.outage | self.absent
 
 
-class Ticks(Protocol):
-    """When the sampling times are, ns; see `bus.clock.Clock`."""
-
-    def t(self, k: int) -> int:
-        """Return t_k."""
-
-    def since(self, time: int) -> int:
-        """Return the first k with t_k >= a time."""
-
-
 class Links:
     """The links into some robots that have faults, sorted by (robot, in-neighbour).
 
@@ -96,7 +86,7 @@ class Links:
         faults: Mapping[tuple[int, int], LinkFault],
         silences: Mapping[int, Spans],
         *,
-        ticks: Ticks,
+        ticks: Clock,
         seed: int,
         codecs: Codecs,
         every: bool = False,
@@ -195,3 +185,44 @@ class Links:
             name: self._quantisation.rounded(name, self._noise.added(k, name, values))
             for name, values in instead.items()
         }
+
+
+Sent = Mapping[str, Array]
+"""Fields of samples by name, (F, …) each."""
+
+
+def link_events(
+    links: Links,
+    robots: NDArray[np.integer],
+    k: int,
+    outcome: LinkOutcome,
+    sent: Sent,
+    received: Sent,
+    fresh: NDArray[np.bool_] | None = None,
+) -> NDArray[np.void]:
+    """Return records of the run's link events, by robot and source, on links into robots at t_k.
+
+    They follow from the samples of t_k alone, with no memory: whoever has them can tell. A sample
+    has one when it is gone, late, duplicated or altered. `fresh` says on which links there
+    is a sample of t_k, (F,): on all unless given.
+    """
+    altered = np.zeros(len(links.sink), bool)
+    for name, values in sent.items():
+        altered |= (received[name] != values).any(axis=tuple(range(1, values.ndim)))
+    there = ~outcome.absent if fresh is None else fresh & ~outcome.absent
+    changed = outcome.gone | (outcome.delay > 0) | (outcome.duplicates > 0) | altered
+    of = np.flatnonzero(changed & there)
+    silent = np.intersect1d(robots, links.silent(k))
+    records = links.codec.blank(np.concatenate([links.sink[of], silent]))
+    records["k"], records["time_ns"] = k, links.ticks.t(k)
+    records["source"] = np.concatenate([links.source[of], silent])
+    on_links, alone = records[: len(of)], records[len(of) :]
+    on_links["lost"], on_links["outage"] = outcome.lost[of], outcome.outage[of]
+    on_links["delay"] = outcome.delay[of]
+    if "duplicates" in links.codec.kind.counts:
+        on_links["duplicates"] = outcome.duplicates[of]
+    arrives = of[~outcome.gone[of]]
+    for name, values in received.items():
+        on_links[name][~outcome.gone[of]] = values[arrives]
+    alone["outage"] = 1
+    return records[np.lexsort((records["source"], records["robot"]))]

@@ -1,14 +1,54 @@
-"""A session opens, or says in our words why it does not."""
+"""A session opens, or says in our words why it does not.
+
+It is opened only where there is room for it: Zenoh panics or hangs where there is none. What it
+needs is taken for a moment and given back, since no limit says how much of it is left.
+"""
 
 import json
+import mmap
+import os
+import queue
 import re
+import socket
+from contextlib import ExitStack
+from threading import Event, Thread
 
 import zenoh
 
 from nrs_cosim.bus.errors import BusError, InputError
 from nrs_cosim.bus.network.endpoints import Address, Endpoints, zenoh_settings
 from nrs_cosim.bus.network.reachability import BRIEFLY, LONG, Obstacle, probe
-from nrs_cosim.bus.network.room import expect_room
+
+DESCRIPTORS, THREADS, ADDRESSES = 16, 16, 512 * 2**20
+"""How many a session on a network may take; threads reserve addresses for stacks and heaps."""
+
+
+def expect_room() -> None:
+    """Raise `BusError` where this process may not have what a session takes."""
+    done, threads = Event(), list[Thread]()
+    what, limit = f"{DESCRIPTORS} more file descriptors", "-n"
+    try:
+        with ExitStack() as stack:
+            for _ in range(DESCRIPTORS):
+                stack.callback(os.close, os.open(os.devnull, os.O_RDONLY))
+        what, limit = f"{ADDRESSES // 2**20} MiB more of addresses", "-v"
+        mmap.mmap(-1, ADDRESSES, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ).close()
+        what, limit = f"{THREADS} more threads", "-u"
+        # They wait for one another: only threads that are there together show that there is room.
+        for _ in range(THREADS):
+            thread = Thread(target=done.wait)
+            thread.start()
+            threads.append(thread)
+    except (OSError, RuntimeError, MemoryError) as error:
+        why = getattr(error, "strerror", None) or str(error) or "out of memory"
+        raise BusError(
+            f"no session could be opened: this process may not have {what} ({why}); raise the "
+            f"limit: `ulimit {limit}`, or the container's or the cluster's own"
+        ) from None
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
 
 
 def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Session:
@@ -65,3 +105,23 @@ def _cause(error: Exception) -> str:
     """Return the system's reason in an error of Zenoh's, or all but the places in its source."""
     found = re.search(r"([^:\[\]]+) \(os error \d+\)", str(error))
     return found[1].strip() if found else str(error).partition(" at /")[0].rstrip(".")
+
+
+_PATIENCE = 10.0
+_KEY = "nrs/doctor/samples/one"
+
+
+def try_loopback() -> None:
+    """Send a message from a client to a router over loopback; `BusError` says what fails."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    endpoint = (f"tcp/127.0.0.1:{port}",)
+    received: queue.Queue[bytes] = queue.Queue()
+    with open_session(Endpoints(listen=endpoint, insecure_tcp=True)) as hub:
+        hub.declare_subscriber(_KEY, lambda sample: received.put(sample.payload.to_bytes()))
+        with open_session(Endpoints(connect=endpoint, insecure_tcp=True)) as client:
+            client.put(_KEY, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
+            try:
+                received.get(timeout=_PATIENCE)
+            except queue.Empty:
+                raise BusError(f"nothing was received over loopback in {_PATIENCE:g} s") from None

@@ -18,7 +18,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.output_paths import Place, place_for, unfinished
 from nrs_cosim.orchestrator.cli.terminal_run import resumable
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.attachments import with_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.interrupts import interrupts

@@ -16,7 +16,7 @@ from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.network.certificate_check import CertificateStatus, vet
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Address
-from nrs_cosim.bus.network.loopback import try_loopback
+from nrs_cosim.bus.network.sessions import try_loopback
 from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.builder import try_compiler
 from nrs_cosim.plant_fmu.checking.findings import CheckTask

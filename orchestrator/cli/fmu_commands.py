@@ -124,8 +124,8 @@ def fmu_from_urdf(
     from nrs_cosim.plant_fmu.bundled.builder import copy_out
     from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
     from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
-    from nrs_cosim.plant_fmu.checking.built import check_built
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
+    from nrs_cosim.plant_fmu.checking.subprocess_check import check_built
 
     pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
     expect_replaceable(output, "FMU", b"PK")

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperArgument, TyperGroup
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.plurals import any_of
 from nrs_cosim.bus.text import bounded, quoted
 from nrs_cosim.orchestrator.cli.option_rules import given_on_command_line, rules_of
 from nrs_cosim.orchestrator.exit_status import INTERRUPTED
@@ -95,9 +96,7 @@ def _in_sentences() -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from None
     except UsageError as error:
         if choice := _CHOICE.match(error.message):
-            *most, last = re.findall(_WORD, choice["known"])
-            others = f"{', '.join(most)} or {last}" if most else last
-            option, given = error.param.opts[0], quoted(choice["given"])
-            raise InputError(f"{option}: expected {others}, got {given}") from None
+            known, given = any_of(re.findall(_WORD, choice["known"])), quoted(choice["given"])
+            raise InputError(f"{error.param.opts[0]}: expected {known}, got {given}") from None
         error.message = bounded(error.message)
         raise

@@ -149,8 +149,8 @@ def recover(
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.cli.tables import grid
     from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
+    from nrs_cosim.recordings.mcap.copy import recover as whole
     from nrs_cosim.recordings.mcap.reader import Reader
-    from nrs_cosim.recordings.mcap.recovery import recover as whole
 
     with (
         reading(err) as follow,
@@ -175,10 +175,11 @@ def scene(
     from nrs_cosim.orchestrator.cli.output_paths import make_folder
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.orchestrator.report.subject import shapes_of
     from nrs_cosim.recordings.mcap.reader import Reader
 
     try:
-        from nrs_cosim.orchestrator.report.shapes import shapes_of, write_scene
+        from nrs_cosim.recordings.export.scene import write_scene
     except ImportError:
         raise MissingExtraError("a scene needs foxglove-schemas-protobuf", "scene") from None
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:

@@ -10,6 +10,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.option_rules import required_by
 from nrs_cosim.orchestrator.cli.options import (
     WAIT,
@@ -78,10 +79,26 @@ class TlsOptions:
     tls_key: TlsKey = None
 
     def certificates(self, table: "TlsTable | None" = None, folder: Path = Path()) -> "Tls | None":
-        """Return the certificates that were given, here or in the scenario; see `tls_of`."""
-        from nrs_cosim.orchestrator.cli.tls import tls_of
+        """Return the certificates that were given; an option goes before the scenario's table.
 
-        return tls_of(self.tls_ca, self.tls_certificate, self.tls_key, table, folder)
+        Paths of the table are relative to `folder`. None without any; `InputError` when only some
+        of the three are given.
+        """
+        names = ("ca", "certificate", "key")
+        given = {name: getattr(self, f"tls_{name}") for name in names}
+        if table is not None:
+            own = {name: folder / getattr(table, name) for name in names}
+            given = {name: path or own[name] for name, path in given.items()}
+        missing = [f"--tls-{name}" for name, path in given.items() if path is None]
+        if len(missing) == len(names):
+            return None
+        if missing:
+            raise InputError(
+                f"{' and '.join(missing)}: missing; certificate, key and authority go together"
+            )
+        from nrs_cosim.bus.network.certificates import Tls
+
+        return Tls(**given)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.plurals import any_of
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _ATTRIBUTE = "option_rules"
@@ -31,9 +32,7 @@ class OptionRules:
         """Raise `InputError` for the first option of those given that breaks a rule."""
         for option, owners in self.requires.items():
             if option in given and not any(owner in given for owner in owners):
-                *most, last = owners
-                others = f"{', '.join(most)} or {last}" if most else last
-                raise InputError(f"{option} requires {others}")
+                raise InputError(f"{option} requires {any_of(owners)}")
         for one, other in self.excludes:
             if one in given and other in given:
                 raise InputError(f"{one} and {other} exclude one another; leave one of them out")

@@ -2,13 +2,17 @@
 
 A run goes by simulated time. What reads recordings goes by the part of the file that was read, pass
 by pass, and what builds an FMU by stages; neither shows anything unless it takes longer than two
-seconds. In a pipe all of them are lines; see `status_lines`.
+seconds. In a pipe all of them are lines: the first comes after two seconds, the next when something
+else begins, and every ten seconds. Where NRS_PROGRESS is `off` there is none, as for logs that two
+runs are compared by.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
+from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -27,10 +31,51 @@ from rich.progress import (
 from rich.text import Text
 
 from nrs_cosim.bus.clock import Clock, seconds
-from nrs_cosim.orchestrator.cli.status_lines import PATIENCE, status_lines
 
 if TYPE_CHECKING:
     from nrs_cosim.recordings.mcap.reader import Reader
+
+
+PATIENCE, EVERY = 2.0, 10.0
+"""s, of wall time"""
+
+
+@contextmanager
+def status_lines(
+    console: Console, status: Callable[[], str], over: Event | None = None
+) -> Iterator[Callable[[], None]]:
+    """Print what `status` returns, if anything; yield what is called when it becomes another.
+
+    `over` is what ends it, and whose waiting is its clock.
+    """
+    if os.environ.get("NRS_PROGRESS") == "off":
+        yield lambda: None
+        return
+    ended, speaking = over or Event(), False
+
+    def speak() -> None:
+        if text := status():
+            console.print(f"progress: {text}", markup=False)
+
+    def watch() -> None:
+        nonlocal speaking
+        delay = PATIENCE
+        while not ended.wait(delay):
+            speaking, delay = True, EVERY
+            speak()
+
+    def changed() -> None:
+        if speaking:
+            speak()
+
+    thread = Thread(target=watch, name="status lines", daemon=True)
+    thread.start()
+    try:
+        yield changed
+    finally:
+        ended.set()
+        thread.join()
+
 
 Watch = Callable[[float], None]
 """Is told how far the work is."""

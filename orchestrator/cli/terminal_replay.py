@@ -28,7 +28,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 
 def draw(found: Comparison, picture: Path) -> None:
     try:
-        from nrs_cosim.recordings.report.distance import write_distances  # noqa: PLC0415, needs an extra
+        from nrs_cosim.recordings.report.print import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
         raise MissingExtraError("--picture: needs matplotlib", "report") from None
     try:

@@ -13,11 +13,10 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.orchestrator.analysis.results import Result
 from nrs_cosim.orchestrator.cli import progress, summary_text
-from nrs_cosim.orchestrator.cli.locks import expect_unlocked
-from nrs_cosim.orchestrator.cli.output_paths import place_for
+from nrs_cosim.orchestrator.cli.output_paths import expect_unlocked, place_for
 from nrs_cosim.orchestrator.cli.tables import grid
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.interrupts import interrupts

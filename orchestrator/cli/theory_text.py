@@ -5,8 +5,7 @@ from math import inf, isnan
 from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of, numbered
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
-from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+from nrs_cosim.orchestrator.scenario.robot_ids import multiple, with_parameters
 
 if TYPE_CHECKING:
     import numpy as np

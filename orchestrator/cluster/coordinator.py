@@ -35,9 +35,8 @@ from nrs_cosim.orchestrator.cluster.admission import Admission, Fmu
 from nrs_cosim.orchestrator.cluster.answers import Answers
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, WorkerSlot
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.protocol import END, NotExpectedError, Refusal, Report
-from nrs_cosim.orchestrator.cluster.supervision import Supervision
+from nrs_cosim.orchestrator.cluster.supervision import Supervision, WorkerPolicy
 from nrs_cosim.orchestrator.cluster.worker_state import WELL, Event, State, WorkerState
 from nrs_cosim.orchestrator.engine.robots import wire_of
 from nrs_cosim.orchestrator.engine.worker import Spent

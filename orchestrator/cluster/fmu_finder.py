@@ -12,8 +12,8 @@ from nrs_cosim.bus.transport import Answer
 from nrs_cosim.orchestrator.cluster.missed_samples import SILENCE, AbandonedError
 from nrs_cosim.orchestrator.cluster.protocol import Welcome
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
-from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.cache import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 
 

@@ -9,16 +9,15 @@ from secrets import token_bytes
 from uuid import uuid4
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.keys import RECORDS, REPORT, SAMPLES, wire_key
+from nrs_cosim.bus.keys import FMU, JOIN, MISSED, ORDERS, RECORDS, REPORT, SAMPLES, START, wire_key
 from nrs_cosim.bus.network.endpoints import Address, Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.signature import Signer
-from nrs_cosim.bus.transport import Bus
+from nrs_cosim.bus.transport import Bus, Screen
 from nrs_cosim.orchestrator.cluster.admission import Fmu
 from nrs_cosim.orchestrator.cluster.coordinator import Coordinator
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
-from nrs_cosim.orchestrator.cluster.screen import screen_of
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.plants import group_by_archive
 from nrs_cosim.orchestrator.engine.worker import Watch
@@ -115,3 +114,25 @@ def _fmus(file: Experiment) -> Mapping[str, Fmu]:
         group.plant.fmu: Fmu(group.archive.sha256, group.archive.path.read_bytes)
         for group in group_by_archive(file)
     }
+
+
+_LONGEST_HELLO = 2**20
+"""Bytes of what a worker says to be let in, which is the one thing that is not signed."""
+_ASKED = (START, MISSED, FMU)
+_SEALED = (SAMPLES, RECORDS, REPORT, ORDERS, *_ASKED)
+
+
+def screen_of(signer: Signer) -> Screen:
+    """Return what keeps of all that comes only what is signed in the run, and short questions."""
+
+    def screen(key: str, payload: bytes) -> str | None:
+        kind = key.partition("/")[0]
+        if kind == JOIN:
+            return kind if len(payload) > _LONGEST_HELLO else None
+        if kind not in _SEALED:
+            return "key"
+        if signer.verify(key, payload) is not None:
+            return None
+        return kind if kind in _ASKED else "signature"
+
+    return screen

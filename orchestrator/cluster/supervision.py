@@ -13,7 +13,6 @@ from nrs_cosim.bus.keys import RECORDS, SAMPLES
 from nrs_cosim.orchestrator.cluster import worker_state
 from nrs_cosim.orchestrator.cluster.assignment import Assignment, WorkerSlot
 from nrs_cosim.orchestrator.cluster.local_worker import LocalWorker
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.worker_state import (
     MOST_DEATHS,
     WELL,
@@ -24,6 +23,21 @@ from nrs_cosim.orchestrator.engine.worker import RECEIVES
 from nrs_cosim.orchestrator.errors import WorkerError
 from nrs_cosim.orchestrator.scenario.robot_ids import named
 from nrs_cosim.recordings.recorder import Recorder
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerPolicy:
+    """What is done about workers that come and go."""
+
+    restart: bool
+    """Whether the run goes on without one that is gone."""
+    wait: float
+    """s: how long a robot may be without a worker."""
+    show: Callable[[str], None]
+    """Is told in words who comes and goes."""
+    expected: int = 1
+    """How many workers share the robots, where they do not name their robots."""
+
 
 _LOG = logging.getLogger(__name__)
 

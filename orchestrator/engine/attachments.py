@@ -12,8 +12,8 @@ from nrs_cosim.orchestrator.engine.plants import group_by_archive
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import FMU, Asset, Assets, sha256_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.plant_fmu.archives.store import keep_fmu
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.cache import keep_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.mcap.container import MOST_ATTACHED
 from nrs_cosim.recordings.metadata import SCENARIO, AssetRecord

@@ -8,10 +8,10 @@ from typing import Any
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import storable
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END

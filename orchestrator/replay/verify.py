@@ -18,14 +18,7 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.keys import (
-    EVERYONE,
-    RECORDS,
-    SAMPLES,
-    kind_of,
-    state_topic,
-    wire_key,
-)
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, topic_of, wire_key
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.bus.signature import Signer
@@ -46,7 +39,7 @@ from nrs_cosim.recordings.mcap.container import Message as Recorded
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.recorder import Recorder, channels
 from nrs_cosim.recordings.schemas import (
-    TOPICS,
+    KINDS,
     about,
     contents_of,
     declared_types,
@@ -54,7 +47,6 @@ from nrs_cosim.recordings.schemas import (
 )
 
 HERE = "here"
-_KINDS = frozenset(TOPICS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +202,7 @@ def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Differe
     there = {(time_ns, topic) for time_ns, topic, *_ in tick}
     for time_ns in clock.outputs(k):
         for robot in range(1, n + 1):
-            if (time_ns, topic := state_topic(robot)) not in there:
+            if (time_ns, topic := topic_of("state", robot)) not in there:
                 t = seconds(time_ns)
                 return Difference(k, t, topic, robot, "message", ABSENT, PRESENT)
     return None
@@ -218,7 +210,7 @@ def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Differe
 
 def expect_states(reader: Reader, clock: Clock, n: int) -> None:
     """Raise `UnreadableError` for a recording that lacks a state in a tick that it has."""
-    for states in reader.columns([state_topic(robot) for robot in range(1, n + 1)]):
+    for states in reader.columns([topic_of("state", robot) for robot in range(1, n + 1)]):
         ks = np.unique(states.sequence).tolist()
         times, counts = np.unique(states.time, return_counts=True)
         if times.tolist() == [t for k in ks for t in clock.outputs(k)] and (counts == n).all():
@@ -234,7 +226,7 @@ def expect_states(reader: Reader, clock: Clock, n: int) -> None:
 
 def _unseen(reader: Reader, k: int) -> int:
     """Return how many messages of the run are here of ticks after tick k."""
-    numbers = [number for number, topic in reader.topics.items() if kind_of(topic) in _KINDS]
+    numbers = [number for number, topic in reader.topics.items() if kind_of(topic) in KINDS]
     parts = (columns.on(numbers) for columns in reader.columns())
     return sum(int(np.count_nonzero(part.sequence.astype(np.int64) > k)) for part in parts)
 
@@ -282,7 +274,7 @@ def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
 
 def _said(tick: list[Recorded]) -> list[Recorded]:
     """Return what a tick says of the run; checkpoints are the plants' own affair."""
-    return [message for message in tick if _kind(message) in _KINDS]
+    return [message for message in tick if _kind(message) in KINDS]
 
 
 def _kind(message: Recorded) -> str:

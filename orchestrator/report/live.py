@@ -13,7 +13,6 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import Self
 
 import typer
@@ -68,12 +67,7 @@ class Live:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if self._server is None:
             return
         ended_by_itself = isinstance(error, typer.Exit) and error.exit_code != INTERRUPTED

@@ -10,15 +10,15 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.data import Story, read_story
-from nrs_cosim.recordings.report.subject import Arm, ConditionRow, Subject, unit_over
+from nrs_cosim.recordings.report.subject import Arm, Subject, unit_over
 from nrs_cosim.recordings.schemas import about
 
 
@@ -91,6 +91,12 @@ def arm_of(plant: Plant, m: int) -> Arm:
     return Arm(tuple(float(values[link]) for link in links) if values.keys() >= {*links} else ())
 
 
+def shapes_of(experiment: Experiment) -> dict[int, tuple[float, ...]]:
+    """Return the lengths of the links of those robots whose plants tell them, by number, from 1."""
+    arms = [arm_of(plant, experiment.m) for plant in experiment.plants]
+    return {robot: arm.lengths for robot, arm in enumerate(arms, 1) if arm.known}
+
+
 def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
     found = bounds(ultimate_bounds(experiment, checked.rho))
@@ -109,16 +115,16 @@ def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float
     }
 
 
-def _condition_rows(checked: Check) -> list[ConditionRow]:
+def _condition_rows(checked: Check) -> list[dict[str, Any]]:
     of = f", of {checked.premise}" if checked.premise else ""
     return [
-        ConditionRow(
-            c.name,
-            c.value,
-            c.bound,
-            c.at_least,
-            checked.status(c),
-            c.source + of * (not c.of_liars),
-        )
+        {
+            "name": c.name,
+            "value": c.value,
+            "bound": finite(c.bound),
+            "at_least": c.at_least,
+            "status": checked.status(c),
+            "source": c.source + of * (not c.of_liars),
+        }
         for c in checked.conditions
     ]

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.lies import Lie
-from nrs_cosim.bus.text import shortened
+from nrs_cosim.bus.text import nearest, shortened
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.scenario.faults import spans_of, wrong_spans
-from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable
 from nrs_cosim.orchestrator.scenario.tables.faults import ByzantineRobot
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario

@@ -29,7 +29,6 @@ from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.estimator_agents.values import Values
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.byzantine import (
     OwnLie,
@@ -42,6 +41,7 @@ from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
 from nrs_cosim.orchestrator.scenario.networks import topologies_of
 from nrs_cosim.orchestrator.scenario.own import Own, own_of
+from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis

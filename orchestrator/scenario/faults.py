@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import nanoseconds
 from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.bus.links.outages import Spans
-from nrs_cosim.bus.text import shortened
+from nrs_cosim.bus.text import nearest, shortened
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.faults import FaultyLink, Span, WholeUniform
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from nrs_cosim.bus.text import not_utf8, quoted, shortened, storable
+from nrs_cosim.bus.plurals import any_of
+from nrs_cosim.bus.text import close, nearest, not_utf8, quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.resolution import Resolution
-from nrs_cosim.orchestrator.scenario.spelling import close, nearest
 from nrs_cosim.orchestrator.scenario.tables.algorithms import RECORDED, AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
@@ -206,7 +206,7 @@ def _expected(fault: Any) -> str:
         case "tuple_type":
             said = "a list"
         case "union_tag_invalid":
-            said = _forms(fault)
+            said = any_of(tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
         case "too_short":
             least = fault["ctx"]["min_length"]
             said = f"at least {'one' if least == 1 else least}"
@@ -217,12 +217,6 @@ def _expected(fault: Any) -> str:
         case _:
             said = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return said
-
-
-def _forms(fault: Any) -> str:
-    """Name the forms that a value may have."""
-    *most, last = (tag.strip("'") for tag in fault["ctx"]["expected_tags"].split("', '"))
-    return f"{', '.join(most)} or {last}" if most else last
 
 
 def _dotted(path: Sequence[int | str]) -> str:

@@ -9,12 +9,13 @@ The standard: http://graphml.graphdrawing.org/specification.html
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from lxml import etree
 
+from nrs_cosim.bus.plurals import any_of
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.edges import Arrow, node_number, positive
@@ -143,18 +144,20 @@ def _keys(root: Any, where: str) -> dict[str, _Key]:
             raise ScenarioError(f"{here}: {quoted(ident)} has been declared before")
         for said, value, known in (("for", scope, _SCOPES), ("attr.type", kind, _TYPES)):
             if value not in known:
-                raise ScenarioError(f"{here}: {said}: expected {_any(known)}, got {quoted(value)}")
+                raise ScenarioError(
+                    f"{here}: {said}: expected {any_of(known)}, got {quoted(value)}"
+                )
         default = next((child for child in element if _name(child) == "default"), None)
         key = keys[ident] = _Key(
             name, scope, kind, None if default is None else _text(default, where)
         )
         if key.is_weight and kind not in _NUMBERS:
             raise ScenarioError(
-                f"{here}: weight: expected attr.type {_any(_NUMBERS)}, got {quoted(kind)}"
+                f"{here}: weight: expected attr.type {any_of(_NUMBERS)}, got {quoted(kind)}"
             )
     weights = [ident for ident, key in keys.items() if key.is_weight]
     if len(weights) > 1:
-        raise ScenarioError(f"{where}: keys {_any(weights)} are all an edge's weight; keep one")
+        raise ScenarioError(f"{where}: keys {any_of(weights)} are all an edge's weight; keep one")
     return keys
 
 
@@ -253,7 +256,9 @@ def _either(element: Any, attribute: str, known: Mapping[str, bool], where: str)
     here = f"{where}: line {element.sourceline}: {_name(element)}"
     given = _given(element, attribute, here).strip()
     if given not in known:
-        raise ScenarioError(f"{here}: {attribute}: expected {_any([*known])}, got {quoted(given)}")
+        raise ScenarioError(
+            f"{here}: {attribute}: expected {any_of([*known])}, got {quoted(given)}"
+        )
     return known[given]
 
 
@@ -271,9 +276,3 @@ def _text(element: Any, where: str) -> str:
             f"{where}: line {element.sourceline}: {_name(element)}: expected text, got an element"
         )
     return str(element.text or "").strip()
-
-
-def _any(values: Sequence[str]) -> str:
-    """Return `a, b or c`."""
-    *most, last = values
-    return f"{', '.join(most)} or {last}" if most else last

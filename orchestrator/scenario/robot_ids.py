@@ -1,7 +1,8 @@
-"""Numbers as people write and read them: robots like pages, `1-3,7`, and factors beside 1."""
+"""Numbers as people write and read them: robots like pages, `1-3,7`, factors beside 1."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import numbered
@@ -52,3 +53,19 @@ def multiple(factor: float) -> str:
 def decimals(number: float) -> str:
     """Return a number with six decimals, or in short where it has seven digits before them."""
     return f"{number:.6f}" if abs(number) < 1e6 else f"{number:.6g}"
+
+
+def with_parameters(name: str, parameters: Mapping[str, Any]) -> str:
+    """Return `dcea1 (alpha = 0.9, beta = 1.1)`."""
+    given = ", ".join(f"{key} = {_written(value)}" for key, value in parameters.items())
+    return f"{name} ({given})" if given else name
+
+
+def _written(value: Any) -> str:
+    """Return a value as TOML has it, a number in as few digits as say it whole."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case float():
+            return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return repr(value)

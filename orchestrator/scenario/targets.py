@@ -1,12 +1,12 @@
 """A target's samples are there for the whole run: their times increase, and cover 0 to its end."""
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from itertools import pairwise
 
 import numpy as np
 
 from nrs_cosim.bus.clock import seconds
+from nrs_cosim.bus.text import nearest
 from nrs_cosim.estimator_agents.target import Sampled
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, FmuTarget, SampledTarget
@@ -45,9 +45,7 @@ def wrong_variables(target: FmuTarget) -> Iterator[str]:
     """Yield which names of quantities are none of a target's."""
     for name in target.variables:
         if name not in MOTION:
-            near = get_close_matches(name, MOTION, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {' and '.join(MOTION)}"
-            yield f"target.variables.{name}: no quantity of a target's; {hint}"
+            yield f"target.variables.{name}: no quantity of a target's{nearest(name, MOTION)}"
 
 
 def unsampled_times(experiment: Experiment) -> Iterator[str]:

@@ -7,9 +7,8 @@ import numpy as np
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import ESTIMATE, Fields, Sizes
-from nrs_cosim.bus.text import shortened
+from nrs_cosim.bus.text import nearest, shortened
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.scenario import Initial, Kept
 from nrs_cosim.orchestrator.scenario.tables.values import Uniform
 

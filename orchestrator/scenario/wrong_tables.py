@@ -6,7 +6,7 @@ from typing import Any
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import Shape
 from nrs_cosim.bus.network.access import expect_worker_name
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import nearest, quoted
 from nrs_cosim.estimator_agents.algorithm import class_of
 from nrs_cosim.estimator_agents.installed import policies_of, takes_separate_graphs
 from nrs_cosim.orchestrator.scenario.byzantine import wrong_byzantine
@@ -14,7 +14,6 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
-from nrs_cosim.orchestrator.scenario.spelling import nearest
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant

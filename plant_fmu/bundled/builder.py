@@ -10,7 +10,6 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Mapping
-from difflib import get_close_matches
 from glob import escape
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +20,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import fmpy
 
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import nearest, quoted
 from nrs_cosim.plant_fmu import cache
 from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
@@ -45,7 +44,8 @@ def build(name: str, fmi: int = 3) -> Path:
     missing, or what it complained of.
     """
     if name not in bundled_models():
-        raise FmuError(_unknown(name))
+        known = bundled_models()
+        raise FmuError(f"no bundled model {quoted(name)}{nearest(name, known)}")
     return build_model(
         declaration(name, fmi), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
     )
@@ -108,13 +108,6 @@ def try_compiler() -> str:
     """Compile one function and say with what; `FmuError` as for `build`."""
     _compile("doctor", {"doctor.c": b"int one(void);\nint one(void) { return 1; }\n"})
     return f"{' '.join(_compiler())} compiles"
-
-
-def _unknown(name: str) -> str:
-    known = bundled_models()
-    close = get_close_matches(name, known, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    return f"no bundled model {quoted(name)}; {hint}there are {', '.join(known)}"
 
 
 def _files(

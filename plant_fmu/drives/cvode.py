@@ -67,7 +67,7 @@ _solve = bind(_cvode, "CVode", _any, c_double, _any, _any, c_int)
 
 
 class Cvode:
-    """See `plant_fmu.drives.solvers.Solver`; `close` frees what it holds in SUNDIALS."""
+    """See `plant_fmu.drives.model_exchange.Solver`; `close` frees what it holds in SUNDIALS."""
 
     def __init__(self, robot: Exchanged, rtol: float) -> None:
         """Solve within a relative tolerance, and `rtol` times the states' nominal values."""

@@ -5,6 +5,7 @@ reference is an event, and a new beginning for the solver.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -13,12 +14,25 @@ from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.pd_law import Law
-from nrs_cosim.plant_fmu.drives.solvers import Solver
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.model_calls import bind_model
 from nrs_cosim.plant_fmu.fmi.states import States
 from nrs_cosim.plant_fmu.plants import Array, Body
+
+
+class Solver(Protocol):
+    """A solver of one robot's dx/dt = f(t, x), see `drives.exchange_instance.Exchanged`."""
+
+    def restart(self) -> None:
+        """Forget the past: the robot's states, inputs or equations may have jumped."""
+
+    def advance(self, until: float) -> bool:
+        """Move the robot up to a time or just past its first event; return whether it has one.
+
+        `StepError` names the time where the solver fails.
+        """
+
 
 STATE = ("q", "qd")
 MAX_EVENTS = 10_000

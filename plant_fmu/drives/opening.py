@@ -12,11 +12,11 @@ from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives import stability
 from nrs_cosim.plant_fmu.drives.choice import RTOL, STEP, Driving, Undriven, choose
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
-from nrs_cosim.plant_fmu.drives.free import FreePlants
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
 from nrs_cosim.plant_fmu.drives.probe import expect_stable, measured_error
 from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
+from nrs_cosim.plant_fmu.drives.stepped import FreePlants
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of

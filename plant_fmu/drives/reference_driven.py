@@ -23,62 +23,38 @@ WAVES = ("amplitude", "frequency", "phase")
 DISTURBANCE = tuple(f"disturbance_{part}" for part in ("offset", "rate", *WAVES))
 
 
-class ReferenceDrivenPlants:
+class ReferenceDrivenPlants(Stepped):
     """Plants driven by `position_ref` and `velocity_ref`; see `plant_fmu.plants.DrivenPlants`.
 
     An FMU that does not tell its `tau_applied` is taken to apply `plant_fmu.drives.pd_law`.
     """
 
-    kind = "CoSimulation"
     drive = "reference-driven Co-Simulation"
 
     def __init__(
         self, library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], why: str
     ) -> None:
-        """Instantiate and initialise one plant for each body; `FmuError` says what is wrong.
-
-        `names` gives the FMU's name for a quantity of ours where it has another.
-        """
-        self.why, archive = why, library.archive
+        archive = library.archive
         self._tells_torque = has(archive, names, "tau_applied")
         outputs = ("q", "qd", "tau_applied") if self._tells_torque else ("q", "qd")
-        self._stepped = Stepped(
-            library, bodies, names, lambda body: _start_values(body, archive, names), outputs
+        super().__init__(
+            library, bodies, names, lambda body: _start_values(body, archive, names), outputs, why
         )
-        self.checkpointable = self._stepped.checkpointable
-        m, state = self._stepped.m, self._stepped.outputs
-        self._reference, self._write_reference = self._stepped.inputs(*REFERENCE)
-        self.q, self.qd = state[:, :m], state[:, m : 2 * m]
-        self.tau = state[:, 2 * m :] if self._tells_torque else np.empty((len(bodies), m))
-        self._tell_torque()
+        self._reference, self._write_reference = self._inputs(*REFERENCE)
+        if self._tells_torque:
+            self.tau = self.outputs[:, 2 * self.m :]
 
     def hold(self, position: Array, velocity: Array) -> None:
         """Take new references (rows, m) from now on."""
-        m, now = position.shape[1], self._stepped.time
         # The law has them too, for a checkpoint, and for the torque where the FMU tells none.
-        self._stepped.law.hold(now, position, velocity)
-        self._reference[:, :m] = position
-        self._reference[:, m:] = velocity
-        self._write_reference(now)
-
-    def advance(self, start: float, step: float) -> None:
-        """Advance from a time by a step, in s."""
-        self._stepped.step(start, step)
-        self._tell_torque()
-
-    def save(self) -> list[bytes]:
-        """Return each robot's checkpoint."""
-        return self._stepped.save()
-
-    def restore(self, data: Sequence[bytes]) -> None:
-        """Put back what `save` returned."""
-        self._stepped.restore(data)
-        self._tell_torque()
+        super().hold(position, velocity)
+        self._reference[:, : self.m] = position
+        self._reference[:, self.m :] = velocity
+        self._write_reference(self.time)
 
     def _tell_torque(self) -> None:
         if not self._tells_torque:
-            stepped = self._stepped
-            self.tau[:] = stepped.law.torque(stepped.time, stepped.state)
+            super()._tell_torque()
 
 
 def _start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:

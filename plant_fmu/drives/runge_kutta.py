@@ -18,7 +18,7 @@ WIDTH = 1e-12
 
 
 class RungeKutta:
-    """See `plant_fmu.drives.solvers.Solver`."""
+    """See `plant_fmu.drives.model_exchange.Solver`."""
 
     def __init__(self, robot: Exchanged, step: float) -> None:
         """Solve a robot's equations with steps no longer than `step` s."""

@@ -1,4 +1,4 @@
-"""Instances for Co-Simulation with their law: one time, stepped, read, saved and put back."""
+"""Plants in Co-Simulation: instances with their law at one time, stepped, read, saved, put back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.families import Spec
+from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
 from nrs_cosim.plant_fmu.drives.pd_law import Law
 from nrs_cosim.plant_fmu.fmi.instances import Instances
@@ -17,7 +18,10 @@ StartValues = Callable[[Body], Mapping[str, Any]]
 
 
 class Stepped:
-    """Some robots' instances at one time, and their states (rows, …) then."""
+    """Some robots' plants at one time, a row a robot; see `plant_fmu.plants.DrivenPlants`."""
+
+    kind = "CoSimulation"
+    drive = "Co-Simulation"
 
     def __init__(
         self,
@@ -26,18 +30,22 @@ class Stepped:
         names: Mapping[str, Spec],
         start_values: StartValues,
         outputs: Sequence[str],
+        why: str,
     ) -> None:
-        """Instantiate and initialise; `start_values` are those of a body, by our names.
+        """Instantiate and initialise one plant for each body; `FmuError` says what is wrong.
 
-        What is told nothing starts where it does.
+        `start_values` are those of a body, by our names: what is told nothing starts where it does.
+        `names` gives the FMU's name for a quantity of ours where it has another.
         """
-        self._start_values = start_values
-        self.m = len(bodies[0].q)
-        self.outputs = np.zeros((len(bodies), len(outputs) * self.m))
-        self.state = self.outputs[:, : 2 * self.m]
+        self.why, self._start_values = why, start_values
+        m = self.m = len(bodies[0].q)
+        self.outputs = np.zeros((len(bodies), len(outputs) * m))
+        self.state = self.outputs[:, : 2 * m]
         """q, then qd: the first two outputs."""
+        self.q, self.qd = self.state[:, :m], self.state[:, m:]
+        self.tau = np.zeros((len(bodies), m))
         self.instances = Instances(library, bodies, names)
-        told_by = [self.instances.vector(name, self.m) for name in outputs]
+        told_by = [self.instances.vector(name, m) for name in outputs]
         self._read = self.instances.reads(told_by, self.outputs)
         self._step = self.instances.steps(told_by, self.outputs)
         self.checkpointable = library.saves_states
@@ -45,26 +53,29 @@ class Stepped:
         self._start(bodies)
 
     def start_again(self, bodies: Sequence[Body]) -> None:
-        """Reset the FMUs, and initialise them with bodies at t_0."""
+        """Reset the FMUs, and initialise them with other bodies, as many, at t_0."""
         self.instances.reset()
         self._start(bodies)
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Take new references (rows, m) from now on."""
+        self.law.hold(self.time, position, velocity)
+
+    def advance(self, start: float, step: float) -> None:
+        """Advance from a time by a step, in s."""
+        self.step(start, step)
+        self._tell_torque()
+
+    def step(self, start: float, step: float) -> None:
+        """Step all instances, and read their outputs; `StepError` where one is not finite."""
+        self._step(start, step)
+        self.time = start + step
+        self.instances.expect_finite(self.outputs, self.time)
 
     def read(self) -> None:
         """Read the outputs; `StepError` where one is not finite."""
         self._read(self.time)
         self.instances.expect_finite(self.outputs, self.time)
-
-    def step(self, start: float, step: float) -> None:
-        """Step all instances, and read their outputs."""
-        self._step(start, step)
-        self.time = start + step
-        self.instances.expect_finite(self.outputs, self.time)
-
-    def inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
-        """Return rows (rows, numbers) for inputs of m numbers each, and the act that gives them."""
-        rows = np.zeros((len(self.outputs), len(quantities) * self.m))
-        found = [self.instances.vector(name, self.m) for name in quantities]
-        return rows, self.instances.writes(found, rows)
 
     def save(self) -> list[bytes]:
         """Return each robot's time, law and state; only where it is `checkpointable`."""
@@ -83,6 +94,7 @@ class Stepped:
         self.law.hold(float(numbers[0, 1]), numbers[:, 2 : 2 + m], numbers[:, 2 + m :])
         self._states.restore(states, self.time)
         self.read()
+        self._tell_torque()
 
     def _start(self, bodies: Sequence[Body]) -> None:
         self.law, self.time = Law(bodies), 0.0
@@ -91,3 +103,32 @@ class Stepped:
         self.read()
         if all(values):
             self.instances.expect_start(bodies, self.state)
+        self._tell_torque()
+
+    def _inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
+        """Return rows (rows, numbers) for inputs of m numbers each, and the act that gives them."""
+        rows = np.zeros((len(self.outputs), len(quantities) * self.m))
+        found = [self.instances.vector(name, self.m) for name in quantities]
+        return rows, self.instances.writes(found, rows)
+
+    def _tell_torque(self) -> None:
+        """Bring `tau` up to this time: by the law."""
+        self.tau[:] = self.law.torque(self.time, self.state)
+
+
+class FreePlants(Stepped):
+    """Not driven at all: an FMU that takes nothing moves by itself, as a target does.
+
+    Its `position` and `velocity` stand for q and qd, and there is no torque.
+    """
+
+    def __init__(
+        self, library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], why: str
+    ) -> None:
+        super().__init__(library, bodies, names, lambda _: {}, MOTION, why)
+
+    def hold(self, position: Array, velocity: Array) -> None:
+        """Take no reference, whatever (rows, m) is given."""
+
+    def _tell_torque(self) -> None:
+        """There is none."""

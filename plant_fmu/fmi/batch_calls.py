@@ -10,9 +10,8 @@ from ctypes import byref, c_void_p, sizeof
 from typing import Any, NamedTuple, Protocol
 
 from nrs_cosim.plant_fmu.archives.quantities import View
-from nrs_cosim.plant_fmu.fmi.calls import Calls, bind_step, c_references, is_fine
+from nrs_cosim.plant_fmu.fmi.calls import Calls, bind_states, bind_step, c_references, is_fine
 from nrs_cosim.plant_fmu.fmi.library import Library
-from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
 
 class EarlyEnd(NamedTuple):

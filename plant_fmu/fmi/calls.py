@@ -169,3 +169,38 @@ def bind(dll: Any, name: str, *arguments: Any, result: Any = c_int) -> Call:
 def _nothing(_handle: int) -> int:
     """Stand for the calls that FMI 2.0 does not have."""
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class StateCalls:
+    """The calls of a library that deal with the states of its instances."""
+
+    get: Call
+    """(handle, address of a state)"""
+    set: Call
+    """(handle, state)"""
+    free: Call
+    """(handle, address of a state)"""
+    size: Call
+    """(handle, state, address of a number)"""
+    serialize: Call
+    """(handle, state, bytes, their number)"""
+    deserialize: Call
+    """(handle, bytes, their number, address of a state)"""
+
+
+def bind_states(dll: Any, fmi: int) -> StateCalls:
+    """Bind them (FMI 2.0, section 2.1.8; FMI 3.0, section 2.2.11).
+
+    Only an FMU whose flags say so need have them.
+    """
+    state, read = ("FMUstate", "fmi2DeSerialize") if fmi == 2 else ("FMUState", "fmi3Deserialize")
+    pair, bytes_of = (c_void_p, c_void_p), (c_void_p, c_void_p, c_void_p, c_size_t)
+    return StateCalls(
+        get=bind(dll, f"fmi{fmi}Get{state}", *pair),
+        set=bind(dll, f"fmi{fmi}Set{state}", *pair),
+        free=bind(dll, f"fmi{fmi}Free{state}", *pair),
+        size=bind(dll, f"fmi{fmi}Serialized{state}Size", c_void_p, c_void_p, c_void_p),
+        serialize=bind(dll, f"fmi{fmi}Serialize{state}", *bytes_of),
+        deserialize=bind(dll, f"{read}{state}", c_void_p, c_void_p, c_size_t, c_void_p),
+    )

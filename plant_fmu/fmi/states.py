@@ -5,9 +5,8 @@ from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.batch_calls import place
-from nrs_cosim.plant_fmu.fmi.calls import is_fine, unless_fine
+from nrs_cosim.plant_fmu.fmi.calls import bind_states, is_fine, unless_fine
 from nrs_cosim.plant_fmu.fmi.instances import Instances
-from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 
 
 class States:

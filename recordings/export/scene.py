@@ -10,7 +10,6 @@ so the digest stays.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import sqrt
 from os import PathLike
 
@@ -42,20 +41,17 @@ _ALONG_X = Quaternion(y=sqrt(0.5), w=sqrt(0.5))
 _COLOURS = ((0.12, 0.47, 0.71), (1.0, 0.5, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16))
 
 
-@dataclass(frozen=True, slots=True)
-class Shape:
-    """The lengths (m) of an arm's links; none of a point that moves in the plane."""
-
-    links: tuple[float, ...] = ()
+Links = tuple[float, ...]
+"""The lengths (m) of an arm's links; none of a point that moves in the plane."""
 
 
-def write_scene(reader: Reader, path: str | PathLike[str], shapes: Mapping[int, Shape]) -> None:
-    """Write a new recording that also shows the robots that have a shape, by their numbers.
+def write_scene(reader: Reader, path: str | PathLike[str], shapes: Mapping[int, Links]) -> None:
+    """Write a new recording that also shows the robots whose links are known, by their numbers.
 
     Raises `UncreatableError` when there is a file already, or none can be made.
     """
     figures = {0: shapes[min(shapes)], **shapes}
-    apart = 0.5 * max(sum(shape.links) for shape in figures.values())
+    apart = 0.5 * max(sum(links) for links in figures.values())
     kinds = {SCENE: SceneUpdate.DESCRIPTOR, TF: FrameTransforms.DESCRIPTOR}
     channels = [Channel(topic, kind.full_name, counted=False) for topic, kind in kinds.items()]
     schemas = [Schema(kind.full_name, _described(kind.file)) for kind in kinds.values()]
@@ -94,19 +90,19 @@ def frame(robot: int, link: int) -> str:
     return f"robot/{robot}/link/{link}" if link else f"robot/{robot}"
 
 
-def _figures(figures: Mapping[int, Shape], time_ns: int) -> SceneUpdate:
+def _figures(figures: Mapping[int, Links], time_ns: int) -> SceneUpdate:
     """What all frames carry, for good."""
     scene = SceneUpdate()
-    for robot, shape in figures.items():
+    for robot, links in figures.items():
         red, green, blue = _COLOURS[robot % len(_COLOURS)] if robot else (0.6, 0.6, 0.6)
         colour = Color(r=red, g=green, b=blue, a=1.0 if robot else 0.4)
-        thick = 0.06 * max(shape.links, default=3.0)
+        thick = 0.06 * max(links, default=3.0)
         ball = SpherePrimitive(
             pose=Pose(position=Vector3(), orientation=Quaternion(w=1)),
             size=Vector3(x=1.5 * thick, y=1.5 * thick, z=1.5 * thick),
             color=colour,
         )
-        for link, length in enumerate(shape.links, 1) if shape.links else ((0, 0.0),):
+        for link, length in enumerate(links, 1) if links else ((0, 0.0),):
             rod = CylinderPrimitive(
                 pose=Pose(position=Vector3(x=length / 2), orientation=_ALONG_X),
                 size=Vector3(x=thick, y=thick, z=length),
@@ -128,7 +124,7 @@ def _figures(figures: Mapping[int, Shape], time_ns: int) -> SceneUpdate:
 
 
 def _moves(
-    reader: Reader, figures: Mapping[int, Shape], apart: float, start_ns: int, end_ns: int
+    reader: Reader, figures: Mapping[int, Links], apart: float, start_ns: int, end_ns: int
 ) -> list[Message]:
     """The messages on `/tf` with start_ns <= log_time < end_ns."""
     found: dict[int, tuple[int, list[tuple[int, NDArray[np.float64]]]]] = {}
@@ -148,12 +144,12 @@ def _moves(
 def _transforms(
     time_ns: int,
     robots: list[tuple[int, NDArray[np.float64]]],
-    figures: Mapping[int, Shape],
+    figures: Mapping[int, Links],
     apart: float,
 ) -> FrameTransforms:
     stamp, made = _stamp(time_ns), []
     for robot, q in robots:
-        links = figures[robot].links
+        links = figures[robot]
         if not links:
             x, y = (*q.tolist(), 0.0)[:2]
             made.append((WORLD, frame(robot, 0), Vector3(x=x, y=y), Quaternion(w=1)))

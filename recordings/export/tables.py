@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Shape, column_names
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import DamageError
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.schemas import TOPICS, RecordedTypes, about, recorded_types
+from nrs_cosim.recordings.schemas import RecordedTypes, about, recorded_types
 
 Put = Callable[[NDArray[np.void]], None]
 """Takes rows of a table."""
@@ -42,7 +43,7 @@ class MessageTable:
 
     def key(self, robot: int) -> str:
         """Return the topic of a robot's messages."""
-        return TOPICS[self.kind](robot)
+        return topic_of(self.kind, robot)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,14 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.keys import (
-    agent_state_topic,
-    checkpoint_topic,
-    link_event_topic,
-    measurement_topic,
-    sample_topic,
-    state_topic,
-)
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
 from nrs_cosim.recordings.mcap.container import DamageError
@@ -36,14 +29,7 @@ _SOURCE = HEADER.size + 1
 """Where a link event has its source, behind the field's tag."""
 
 
-_TOPICS = (
-    sample_topic,
-    state_topic,
-    agent_state_topic,
-    measurement_topic,
-    link_event_topic,
-    checkpoint_topic,
-)
+_KINDS = ("sample", "state", "agent_state", "measurement", "link_event", "checkpoint")
 
 
 class Contents:
@@ -55,11 +41,11 @@ class Contents:
         numbers = {topic: number for number, topic in topics.items()}
         self._node = np.full(MANY, -1, np.int64)
         self._is_event = np.zeros(MANY, bool)
-        for key in _TOPICS:
+        for kind in _KINDS:
             for node in range(n + 1):
-                if (number := numbers.get(key(node))) is not None:
+                if (number := numbers.get(topic_of(kind, node))) is not None:
                     self._node[number] = node
-                    self._is_event[number] = key is link_event_topic
+                    self._is_event[number] = kind == "link_event"
 
     def expect(self, messages: Columns) -> None:
         """Raise DamageError where messages, in total order, are not what their channels are for."""

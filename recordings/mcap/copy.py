@@ -1,5 +1,6 @@
 """A new recording from another one: its head, and what is added; the other is not touched."""
 
+import json
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -46,3 +47,26 @@ def ending(reader: Reader) -> tuple[Closing, str, dict[str, str]]:
     what = "; ".join(filter(None, (reader.status, reader.reason, *reader.damage)))
     whole = reader.end.get(PART) or reader.end.get("digest", "")
     return "failed", f"recovered from {reader.path}: {what}", {PART: whole}
+
+
+RECOVERED = "nrs.recovered"
+"""The metadata record of a recovered recording: file, status, reason, and damage, a JSON list."""
+
+
+def recover(reader: Reader, path: str | PathLike[str]) -> None:
+    """Write what a recording still holds as a new one, which ends as `ending` says.
+
+    Every chunk that is whole and in order is kept, and a chunk holds whole ticks. What is missing
+    is missing, also in the middle; `damage`, in the new metadata, says where. The messages are the
+    same bytes, so the digest is that of the reader.
+
+    Raises `UncreatableError` when there is a file already, or none can be made, `UnreadableError`
+    when no tick is left.
+    """
+    reader.expect_ticks("recover")
+    metadata = {"file": str(reader.path), "status": reader.status, "reason": reader.reason}
+    metadata["damage"] = json.dumps(reader.damage)
+    with copy_of(reader, path, {RECOVERED: metadata}) as writer:
+        for chunk in reader.batches():
+            writer.write(chunk)
+        writer.finish(*ending(reader))

@@ -19,7 +19,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
 from typing import Self, get_args
 
 import numpy as np
@@ -210,12 +209,7 @@ class Writer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if self._file.closed:
             return
         status: Closing = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"

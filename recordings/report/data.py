@@ -12,7 +12,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.validation import Times
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import (
     LINK_EVENTS,
@@ -177,7 +177,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     )
 
 
-def _times(times: Times, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _times(times: Clock, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the sampling times from t_1 on and the output times, ns, up to an end."""
     ticks = range(times.ticks + 1)
     sampled = takewhile(lambda time: time <= end, (times.t(k) for k in ticks[1:]))

@@ -2,7 +2,8 @@
 
 A curve belongs to a group, which is shown and hidden as one and has one colour: a robot where one
 recording is drawn, a recording where several lie over one another. A curve is a row of points that
-was decimated already; NaN breaks it.
+was decimated already: of each of some equal stretches, about one a pixel, the least and the largest
+are kept. They are points and never means, so no extreme is lost, and a gap (NaN) stays a gap.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.data import KINDS, LinkEvents, Story
-from nrs_cosim.recordings.report.decimation import kept
 
 Array = NDArray[np.float64]
 Group = tuple[str, int | None]
@@ -296,3 +296,28 @@ def _stretches(met: LinkEvents, kind: int) -> Iterator[tuple[int, int, int, int]
     ends = np.r_[starts[1:], len(k)] - 1
     for first, last in zip(starts, ends, strict=False):
         yield int(robot[first]), int(source[first]), int(k[first]), int(k[last])
+
+
+BUCKETS = 900
+
+
+def kept(y: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.intp]:
+    """Return which points of a curve (rows,) are drawn, ascending: all if they are few."""
+    rows = len(y)
+    if rows <= 2 * buckets:
+        return np.arange(rows)
+    width = -(-rows // buckets)
+    padded = np.full(buckets * width, np.nan)
+    padded[:rows] = y
+    table = padded.reshape(buckets, width)
+    gap = np.isnan(table)
+    starts = np.arange(buckets) * width
+    found = [
+        np.where(gap, np.inf, table).argmin(axis=1) + starts,
+        np.where(gap, -np.inf, table).argmax(axis=1) + starts,
+        gap.argmax(axis=1) + starts,
+        np.array([0, rows - 1]),
+    ]
+    found[2] = found[2][gap.any(axis=1)]
+    all_found = np.unique(np.concatenate(found))
+    return all_found[all_found < rows]

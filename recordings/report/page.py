@@ -13,17 +13,36 @@ import json
 import re
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.report import network, text
-from nrs_cosim.recordings.report.arrays import Arrays
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, run_names
-from nrs_cosim.recordings.report.motion import motion
+
+
+class Arrays:
+    """The arrays of a page by number; `encoded` is what the page decodes them from."""
+
+    def __init__(self) -> None:
+        self.encoded: list[dict[str, str]] = []
+        self._known: dict[tuple[str, bytes], int] = {}
+
+    def put(self, array: NDArray[Any]) -> int:
+        """Return the number of an array of floats, of any shape; doubles are kept bit by bit."""
+        kind = "f4" if array.dtype == np.float32 else "f8"
+        data = np.ascontiguousarray(array, f"<{kind}").tobytes()
+        if (kind, data) not in self._known:
+            self._known[kind, data] = len(self.encoded)
+            self.encoded.append({"kind": kind, "data": b64encode(data).decode("ascii")})
+        return self._known[kind, data]
 
 
 def page(stories: Sequence[Story]) -> str:
@@ -48,7 +67,7 @@ def page_data(stories: Sequence[Story]) -> dict[str, Any]:
                 "damage": list(story.damage),
                 "lead": text.lead(story),
                 "measured": list(text.measured(story)),
-                "conditions": text.condition_rows(story),
+                "conditions": list(story.subject.conditions),
                 "spectral_radius": story.subject.spectral_radius,
                 "counted": text.counted(story),
                 "particulars": text.particulars(story),
@@ -60,43 +79,21 @@ def page_data(stories: Sequence[Story]) -> dict[str, Any]:
             for story, name in zip(stories, run_names(stories), strict=True)
         ],
         "groups": [{"name": name, "ink": ink} for name, ink in groups(stories)],
-        "figures": [_figure(figure, arrays) for figure in figures(stories)],
+        "figures": [_plain(figure, arrays) for figure in figures(stories)],
         "arrays": arrays.encoded,
     }
 
 
-def _figure(figure: Figure, arrays: Arrays) -> dict[str, Any]:
-    return {
-        "name": figure.name,
-        "title": figure.title,
-        "about": figure.about,
-        "columns": figure.columns,
-        "panels": [_panel(panel, arrays) for panel in figure.panels],
-    }
-
-
-def _panel(panel: Panel, arrays: Arrays) -> dict[str, Any]:
-    return {
-        "label": panel.label,
-        "joint": panel.joint,
-        "logarithmic": panel.logarithmic,
-        "legend": panel.legend,
-        "rows": list(panel.rows),
-        "curves": [_curve(curve, arrays) for curve in panel.curves],
-    }
-
-
-def _curve(curve: Curve, arrays: Arrays) -> dict[str, Any]:
-    return {
-        "name": curve.name,
-        "group": curve.group,
-        "ink": curve.ink,
-        "dash": curve.dash,
-        "width": curve.width,
-        "marks": curve.marks,
-        "x": arrays.put(curve.x),
-        "y": arrays.put(curve.y),
-    }
+def _plain(drawn: Any, arrays: Arrays) -> Any:
+    """Return a figure, or a part of one, as JSON has it."""
+    match drawn:
+        case Figure() | Panel() | Curve():
+            return {of.name: _plain(getattr(drawn, of.name), arrays) for of in fields(drawn)}
+        case tuple():
+            return [_plain(part, arrays) for part in drawn]
+        case np.ndarray():
+            return arrays.put(drawn)
+    return drawn
 
 
 def _filled(data: str, connect: str) -> str:
@@ -126,3 +123,21 @@ def _plotly() -> str:
     from plotly.offline import get_plotlyjs  # noqa: PLC0415, an extra that may be missing
 
     return b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode("ascii")
+
+
+MOST_FRAMES = 900
+
+
+def motion(story: Story, arrays: Arrays) -> dict[str, Any]:
+    """Return the frames of a story for the page: arrays (frames, robots, m) in single precision."""
+    count = len(story.t)
+    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).astype(np.intp))
+    arms = [story.subject.arms[robot - 1] for robot in story.drawn]
+    return {
+        "t": arrays.put(story.t[rows]),
+        "q": arrays.put(story.vectors["position"][rows].astype(np.float32)),
+        "estimates": arrays.put(story.vectors["reference_position"][rows].astype(np.float32)),
+        "target": arrays.put(story.target["position"][rows].astype(np.float32)),
+        "lengths": [arm.lengths for arm in arms],
+        "known": all(arm.known for arm in arms),
+    }

@@ -14,9 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.data import Story
-from nrs_cosim.recordings.report.figures import Figure, Group, Panel, figures, groups
+from nrs_cosim.recordings.report.figures import Curve, Figure, Group, Panel, figures, groups, kept
 
 INKS = (
     "#2563c9", "#d9480f", "#2b8a3e", "#9c36b5", "#0b8a8f", "#c2255c", "#8f6a00", "#5c5f66",
@@ -166,3 +167,36 @@ def _colour(ink: int | None) -> str:
 
 def _mathematical(label: str) -> str:
     return _SYMBOL.sub(r"\1$_{\2}$", label)
+
+
+MOST = 24
+"""Robots that are drawn."""
+
+Array = NDArray[np.float64]
+
+
+def write_distances(
+    times: Mapping[int, Array], apart: Mapping[int, Array], names: Sequence[str], path: Path
+) -> None:
+    """Draw distances into a PNG: of each robot, times in s (t,) and |A − B| (t, quantities)."""
+    robots = sorted(times)[:MOST]
+    panels = [
+        Panel(
+            f"|A − B| of {name}",
+            tuple(
+                _curve(robot, ink, times[robot], apart[robot][:, i])
+                for ink, robot in enumerate(robots)
+            ),
+            logarithmic=True,
+        )
+        for i, name in enumerate(names)
+    ]
+    figure = Figure("apart", "How far apart they are", "", tuple(panels))
+    write_picture([figure], path, [(f"robot {robot}", ink) for ink, robot in enumerate(robots)])
+
+
+def _curve(robot: int, ink: int, times: Array, apart: Array) -> Curve:
+    """Return one robot's curve; where nothing is apart there is no logarithm, and no point."""
+    distances = np.where(apart > 0, apart, np.nan)
+    rows = kept(distances)
+    return Curve(f"robot {robot}", f"robot {robot}", times[rows], distances[rows], ink)

@@ -2,9 +2,10 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.bus.validation import Times
 from nrs_cosim.recordings.measurement import TargetAt
 
 MIXED, UNKNOWN = "mixed units", "unit not known"
@@ -21,19 +22,6 @@ class Arm:
     """Whether the plant tells them; a chain of unit lengths is drawn where it does not."""
 
 
-@dataclass(frozen=True, slots=True)
-class ConditionRow:
-    """A condition of the theory: value < bound, or value > bound where `at_least`."""
-
-    name: str
-    value: float
-    bound: float
-    at_least: bool
-    status: str
-    """Whether it holds: as `nrs check` has it."""
-    source: str
-
-
 def unit_over(units: Collection[str]) -> str:
     """Return the unit of all joints, or in words that there is no such one."""
     if len(set(units)) > 1:
@@ -47,7 +35,7 @@ class Subject:
 
     estimator: str
     """Its algorithm and gains, in words."""
-    times: Times
+    times: Clock
     pace: str
     """How often samples are exchanged, in words."""
     target_at: TargetAt
@@ -59,7 +47,9 @@ class Subject:
     """(n,) of the robots 1 … n."""
     unit: str
     """Of a joint's position, or in words that there is none; see `unit_over`."""
-    conditions: Sequence[ConditionRow]
+    conditions: Sequence[Mapping[str, Any]]
+    """Of the theory, each with `name`, `value`, `bound` (None that no number reaches), `at_least`
+    (whether it is value > bound, not <), `status` as `nrs check` has it, and `source`."""
     spectral_radius: float | None
     """ρ: what is left of the estimation error after one sampling period, in the long run.
 

@@ -64,21 +64,6 @@ def measured(story: Story) -> Iterator[dict[str, Any]]:
         }
 
 
-def condition_rows(story: Story) -> list[dict[str, Any]]:
-    """Return the theory's conditions; a bound that no number reaches is None."""
-    return [
-        {
-            "name": condition.name,
-            "value": condition.value,
-            "bound": condition.bound if np.isfinite(condition.bound) else None,
-            "at_least": condition.at_least,
-            "status": condition.status,
-            "source": condition.source,
-        }
-        for condition in story.subject.conditions
-    ]
-
-
 def counted(story: Story) -> dict[str, str]:
     """Return how many messages there are of each kind, and what the run said at its end."""
     counts = {

@@ -7,8 +7,7 @@ from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.links.draws import BLOCK
-from nrs_cosim.bus.links.events import link_events
-from nrs_cosim.bus.links.links import LinkFault, Links
+from nrs_cosim.bus.links.links import LinkFault, Links, link_events
 from nrs_cosim.bus.links.outages import Outages
 from nrs_cosim.bus.random_streams import random_stream
 from nrs_cosim.bus.topologies import TopologySchedule

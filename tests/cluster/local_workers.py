@@ -7,7 +7,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.guard import GUARD

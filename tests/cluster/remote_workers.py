@@ -22,7 +22,7 @@ from typing import ClassVar
 from nrs_cosim.bus.network.certificates import Tls
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.orchestrator.cluster.launcher import remote_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.cluster.worker_client import JoinOptions, serve
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import Interrupted

@@ -14,7 +14,7 @@ from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Message, Rejected
-from nrs_cosim.orchestrator.cluster.screen import screen_of
+from nrs_cosim.orchestrator.cluster.launcher import screen_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cluster.remote_workers import PROCESS, Worker, alone, paper_file

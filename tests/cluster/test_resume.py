@@ -37,7 +37,7 @@ DRIVER = """
 import os, signal, sys
 from pathlib import Path
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.engine.in_process import in_process

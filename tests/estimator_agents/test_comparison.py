@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from nrs_cosim.estimator_agents.installed import bundled_algorithms
-from nrs_cosim.orchestrator.scenario.algorithm_text import with_parameters
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scenarios").glob("compare_*.toml"))

@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows, states
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.report.text import condition_rows, lead
+from nrs_cosim.recordings.report.text import lead
 from tests.estimator_agents.test_robustness import by_definition
 from tests.scenarios import example, paper, write
 
@@ -278,7 +278,7 @@ def test_errors_are_of_the_honest_robots_and_what_is_said_says_so(tmp_path):
     by_tick = [off[0][then & honest & (kept["k"] == k)].max() for k in range(1, 41)]
     assert story.envelopes["position_estimate"].largest.tolist() == by_tick
     assert story.steady == measured
-    assert [row["status"] for row in condition_rows(story)] == ["void"] * 2 + ["holds"] * 4
+    assert [row["status"] for row in story.subject.conditions] == ["void"] * 2 + ["holds"] * 4
     assert "Robot 2 lies: errors and envelopes are of honest robots." in lead(story)
     assert result.as_json()["byzantine"] == [2]
     assert result.lines()["byzantine"].startswith("robot 2 lies")

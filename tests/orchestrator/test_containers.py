@@ -12,10 +12,10 @@ from types import SimpleNamespace
 import pytest
 
 from nrs_cosim.bus.errors import BusError, InputError, RunError
-from nrs_cosim.bus.network import room
+from nrs_cosim.bus.network import sessions
 from nrs_cosim.orchestrator.cluster import launcher, worker_state
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.plant_fmu.fmi import library
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -76,9 +76,9 @@ def test_too_few_threads_are_reported_and_started_processes_end(monkeypatch):
             started.append(self)
             super().start()
 
-    monkeypatch.setattr(room, "Thread", Few)
+    monkeypatch.setattr(sessions, "Thread", Few)
     with pytest.raises(BusError, match=r"may not have 16 more threads \(can't start new thread\)"):
-        room.expect_room()
+        sessions.expect_room()
     assert [thread.is_alive() for thread in started] == [False] * 3
 
 

@@ -11,7 +11,7 @@ import pytest
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import sample_topic
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.messages import HEADER, SAMPLE, STATE, Codec
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
@@ -88,7 +88,7 @@ def test_each_robot_receives_exactly_its_neighbours_samples(monkeypatch):
                 if topic.endswith("/sample"):
                     robot = HEADER.unpack_from(data)[0]
                     assert (topic, sequence, time_ns) == (
-                        sample_topic(robot),
+                        topic_of("sample", robot),
                         k,
                         k * 100_000_000,
                     )

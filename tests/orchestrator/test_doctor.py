@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.serialization import PrivateFormat
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.certificate_check import vet
 from nrs_cosim.orchestrator.cli.doctor import diagnose
-from nrs_cosim.orchestrator.cli.tls import tls_of
+from nrs_cosim.orchestrator.cli.option_groups import TlsOptions
 from nrs_cosim.orchestrator.scenario.tables.scenario import TlsTable
 from tests.command import nrs
 from tests.network.authority import LONG_AGO, Authority
@@ -130,14 +130,14 @@ class TestCertificates:
 class TestOptions:
     def test_an_option_overrides_the_scenarios_table(self):
         table = TlsTable(ca="ca.pem", certificate="c.pem", key="k.pem")
-        tls = tls_of(None, None, Path("own.pem"), table, Path("folder"))
+        tls = TlsOptions(tls_key=Path("own.pem")).certificates(table, Path("folder"))
         assert tls.ca == Path("folder/ca.pem")
         assert tls.key == Path("own.pem")
-        assert tls_of(None, None, None) is None
+        assert TlsOptions().certificates() is None
 
     def test_certificate_options_must_be_given_together(self):
         with pytest.raises(InputError, match="--tls-certificate and --tls-key: missing"):
-            tls_of(Path("ca.pem"), None, None)
+            TlsOptions(Path("ca.pem")).certificates()
 
 
 def test_each_part_is_told_as_it_is_tried():

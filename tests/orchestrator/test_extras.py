@@ -61,7 +61,7 @@ NEEDS = {
     ),
     "a picture": (
         "matplotlib",
-        "recordings.report.distance recordings.report.print",
+        "recordings.report.print recordings.report.print",
         lambda path: command("diff", path, path, "--picture", path.with_suffix(".png")),
     ),
     "a scene": (
@@ -83,7 +83,7 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, mo
     path.with_suffix(".parquet").touch()
     before = {entry.name for entry in tmp_path.iterdir()}
     if package == "foxglove_schemas_protobuf":
-        monkeypatch.delitem(sys.modules, "nrs_cosim.orchestrator.report.shapes", raising=False)
+        monkeypatch.delitem(sys.modules, "nrs_cosim.recordings.export.scene", raising=False)
     for name in modules.split():
         monkeypatch.delitem(sys.modules, f"nrs_cosim.{name}", raising=False)
     for name in [name for name in sys.modules if name.startswith(f"{package}.")]:

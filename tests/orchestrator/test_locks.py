@@ -9,9 +9,8 @@ from contextlib import closing, contextmanager
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.cli import locks
-from nrs_cosim.orchestrator.cli.locks import expect_unlocked, locked
-from nrs_cosim.orchestrator.cli.output_paths import place_for
+from nrs_cosim.orchestrator.cli import output_paths
+from nrs_cosim.orchestrator.cli.output_paths import expect_unlocked, locked, place_for
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
@@ -19,7 +18,7 @@ from tests.scenarios import SHORT, write
 
 HOLD = (
     "import sys; from pathlib import Path\n"
-    "from nrs_cosim.orchestrator.cli.locks import locked\n"
+    "from nrs_cosim.orchestrator.cli.output_paths import locked\n"
     "with locked(Path(sys.argv[1])):\n"
     "    print('held', flush=True); sys.stdin.read()\n"
 )
@@ -83,7 +82,7 @@ class TestLock:
             raise AssertionError
 
     def test_an_unknown_lock_holder_is_called_another_process(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(locks, "LOCKS", tmp_path / "none")
+        monkeypatch.setattr(output_paths, "LOCKS", tmp_path / "none")
         with locked(tmp_path / "a"), pytest.raises(InputError, match="by another process"):
             expect_unlocked(tmp_path / "a")
 
@@ -91,7 +90,7 @@ class TestLock:
         def refuse(*_: object) -> None:
             raise OSError(95, "Operation not supported")
 
-        monkeypatch.setattr(locks.fcntl, "flock", refuse)
+        monkeypatch.setattr(output_paths.fcntl, "flock", refuse)
         with locked(tmp_path / "a"):
             pass
         assert "Operation not supported: nothing keeps others" in capsys.readouterr().err

@@ -3,9 +3,13 @@
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.cli import locks, output_paths
-from nrs_cosim.orchestrator.cli.locks import locked
-from nrs_cosim.orchestrator.cli.output_paths import expect_another, expect_replaceable, place_for
+from nrs_cosim.orchestrator.cli import output_paths
+from nrs_cosim.orchestrator.cli.output_paths import (
+    expect_another,
+    expect_replaceable,
+    locked,
+    place_for,
+)
 from nrs_cosim.recordings.mcap.container import MAGIC
 
 
@@ -71,7 +75,7 @@ def test_a_recording_finished_just_before_the_lock_is_not_replaced(tmp_path, mon
 def test_the_lock_is_on_the_current_file(tmp_path, monkeypatch):
     path, other = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
     path.touch()
-    lock, renamed = locks._lock, []
+    lock, renamed = output_paths._lock, []
 
     def late(descriptor, at):
         lock(descriptor, at)
@@ -79,11 +83,11 @@ def test_the_lock_is_on_the_current_file(tmp_path, monkeypatch):
             renamed.append(other.write_bytes(b"x"))
             other.replace(path)
 
-    monkeypatch.setattr(locks, "_lock", late)
+    monkeypatch.setattr(output_paths, "_lock", late)
     with locked(path):
-        monkeypatch.setattr(locks, "_lock", lock)
+        monkeypatch.setattr(output_paths, "_lock", lock)
         with pytest.raises(InputError, match="is being written by"):
-            locks.expect_unlocked(path)
+            output_paths.expect_unlocked(path)
 
 
 def test_a_dangling_link_stays_when_nothing_was_written(tmp_path):

@@ -10,9 +10,9 @@ from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.units import mixed_units
 from nrs_cosim.orchestrator.scenario import initial
 from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive
-from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.archives.units import si_name
 from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.plant_fmu.cache import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 from tests.command import nrs
 from tests.scenarios import SHORT, paper, write

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.repeated import Holdings
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
-from nrs_cosim.orchestrator.cluster.policy import WorkerPolicy
+from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.scenarios import SHORT, paper

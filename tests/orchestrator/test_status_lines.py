@@ -8,9 +8,15 @@ import pytest
 from rich.console import Console
 
 from nrs_cosim.bus.clock import Clock
-from nrs_cosim.orchestrator.cli import status_lines as lines
-from nrs_cosim.orchestrator.cli.progress import reading, running, stages
-from nrs_cosim.orchestrator.cli.status_lines import EVERY, PATIENCE, status_lines
+from nrs_cosim.orchestrator.cli import progress as lines
+from nrs_cosim.orchestrator.cli.progress import (
+    EVERY,
+    PATIENCE,
+    reading,
+    running,
+    stages,
+    status_lines,
+)
 from tests.guard import GUARD
 
 

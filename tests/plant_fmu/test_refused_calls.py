@@ -11,9 +11,9 @@ from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.plant_fmu.fmi.calls import bind_states
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.model_calls import bind_model
-from nrs_cosim.plant_fmu.fmi.state_calls import bind_states
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 
 ERROR, FATAL, NO_STATUS = 3, 4, -1

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nrs_cosim.plant_fmu.archives.store import keep_fmu, stored_fmu
+from nrs_cosim.plant_fmu.cache import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 
 DATA = np.random.default_rng(3).bytes(100_000)

@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,7 +26,7 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
-from nrs_cosim.plant_fmu.checking import built
+from nrs_cosim.plant_fmu.checking import subprocess_check
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
@@ -37,7 +37,7 @@ from tests.plant_fmu.test_rigid_body import TURNING_SLIDER
 from tests.scenarios import paper
 
 Array = NDArray[np.float64]
-CHECK_BUILT = built.check_built
+CHECK_BUILT = subprocess_check.check_built
 ROBOTS = Path(__file__).with_name("robots")
 IIWA = ROBOTS / "lbr_iiwa_14.urdf"
 ARM = ROBOTS / "two_link_arm.urdf"
@@ -431,7 +431,8 @@ def test_a_urdf_that_fails_the_check_is_not_written(
 def test_an_fmu_that_takes_long_to_check_is_written_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(built, "check_built", lambda task: CHECK_BUILT(task, deadline=0.0))
+    patched = partial(CHECK_BUILT, deadline=0.0)
+    monkeypatch.setattr(subprocess_check, "check_built", patched)
     output = tmp_path / "arm.fmu"
     done = nrs("fmu", "from-urdf", ARM, "-o", output)
     assert (done.returncode, done.stdout) == (0, f"{output}\n")

@@ -9,17 +9,13 @@ import numpy as np
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import (
-    link_event_topic,
-    sample_topic,
-    state_topic,
-)
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.recordings.mcap.container import Channel, Message
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.recorder import channels, schemas
-from nrs_cosim.recordings.schemas import TOPICS, fields_record
+from nrs_cosim.recordings.schemas import fields_record
 from tests.scenarios import tables, toml
 
 H = 100_000_000  # ns
@@ -70,7 +66,7 @@ def tick(
     samples, states, faults = codecs.samples, codecs.states, codecs.link_events
     made: list[Message] = []
 
-    def put(codec: Codec, robots: Sequence[int], time_ns: int, key: Any) -> None:
+    def put(codec: Codec, robots: Sequence[int], time_ns: int, kind: str) -> None:
         records = codec.blank(np.array(robots, "u4"))
         records["k"], records["time_ns"] = k, time_ns
         for name in codec.kind.fields:
@@ -78,17 +74,17 @@ def tick(
         if codec is faults:
             records["source"], records["lost"] = 1, 1
         payloads = zip(robots, codec.encode(records), strict=True)
-        made.extend((time_ns, key(robot), k, data) for robot, data in payloads)
+        made.extend((time_ns, topic_of(kind, robot), k, data) for robot, data in payloads)
 
     for time_ns in (k * H - H // 2, k * H) if k else (0,):
-        put(states, range(1, n + 1), time_ns, state_topic)
+        put(states, range(1, n + 1), time_ns, "state")
     if k:
-        put(samples, range(n + 1), k * H, sample_topic)
+        put(samples, range(n + 1), k * H, "sample")
         for kind, codec in codecs.of_agents.items():
             step = 2 if kind == "measurement" else 1  # every other robot is pinned
-            put(codec, range(1, n + 1, step), k * H, TOPICS[kind])
+            put(codec, range(1, n + 1, step), k * H, kind)
         if faulty and k % 3 == 0:
-            put(faults, faulty, k * H, link_event_topic)
+            put(faults, faulty, k * H, "link_event")
     return made
 
 

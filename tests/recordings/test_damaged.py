@@ -27,8 +27,8 @@ from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.export.tables import SAMPLES, STATES
 from nrs_cosim.recordings.mcap.container import Message
+from nrs_cosim.recordings.mcap.copy import recover
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.mcap.recovery import recover
 from tests.recordings.made_up_runs import recorded
 
 CASES = 1200

@@ -15,7 +15,7 @@ from pathlib import Path
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.mcap.recovery import recover
+from nrs_cosim.recordings.mcap.copy import recover
 path = Path(sys.argv[1])
 with Reader(path, verify=True) as reader:
     describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
-from nrs_cosim.bus.keys import sample_topic
+from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.input_tables import csv_columns
@@ -155,7 +155,8 @@ def test_the_proportion_rule_begins_where_lz4_ends():
 def test_a_tick_that_compresses_too_well_is_stored_readably(tmp_path, compression):
     path = tmp_path / "rest.mcap"
     said = sorted(
-        (0, sample_topic(node), 0, HEADER.pack(node, 0, 0) + bytes(16 * MIB)) for node in range(2)
+        (0, topic_of("sample", node), 0, HEADER.pack(node, 0, 0) + bytes(16 * MIB))
+        for node in range(2)
     )
     with create(path, N, M, TICKS, (), compression=compression) as writer:
         writer.write(said)

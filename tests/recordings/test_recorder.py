@@ -6,7 +6,7 @@ import pytest
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import EVERYONE, TARGET, sample_topic, wire_key
+from nrs_cosim.bus.keys import EVERYONE, TARGET, topic_of, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
 from nrs_cosim.recordings.recorder import channels
@@ -154,7 +154,7 @@ def test_samples_of_open_ticks_are_by_worker(wire):
 def test_each_robot_has_its_channels_and_uncounted_ones_are_marked():
     found = channels(Codecs.of(Sizes(2)), 2, (2,), checkpoints=True)
     assert [channel.topic for channel in found if channel.counted] == [
-        *(sample_topic(node) for node in range(3)),
+        *(topic_of("sample", node) for node in range(3)),
         *("/robot_1/state", "/robot_2/state"),
     ]
     assert [channel.topic for channel in found if not channel.counted] == [
@@ -184,7 +184,7 @@ class Read:
                 for worker in ("left", "right", TARGET)
             ]
             yield [
-                (k * H, sample_topic(robot), k, data)
+                (k * H, topic_of("sample", robot), k, data)
                 for records in of_all
                 for robot, data in zip(
                     records["robot"], self.wire.samples.encode(records), strict=True
@@ -228,7 +228,7 @@ def test_a_tick_of_another_recording_is_copied_with_its_samples_and_checkpoints(
     first, _ = recorder_of(wire, checkpoints=True)
     closed(first, wire, 3, checkpoint=True)
     batch = [
-        (3 * H, sample_topic(robot), 3, data)
+        (3 * H, topic_of("sample", robot), 3, data)
         for _, records, _ in first.samples(3, 3)
         for robot, data in zip(records["robot"], wire.samples.encode(records), strict=True)
     ]

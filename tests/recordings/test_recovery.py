@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.mcap.copy import RECOVERED, recover
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.mcap.recovery import RECOVERED, recover
 from tests.recordings.made_up_runs import create, recorded, tick
 
 EACH_TICK = {"chunk_bytes": 1, "compression": "none"}

@@ -12,11 +12,11 @@ from mcap_protobuf.decoder import DecoderFactory
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of
-from nrs_cosim.orchestrator.report.shapes import shapes_of
+from nrs_cosim.orchestrator.report.subject import shapes_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UncreatableError
-from nrs_cosim.recordings.export.scene import Shape, write_scene
+from nrs_cosim.recordings.export.scene import write_scene
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.recordings.made_up_runs import recorded
 
@@ -89,7 +89,7 @@ def test_a_scene_shows_the_arms_at_their_positions(example: Path, tmp_path: Path
     path = tmp_path / "scene.mcap"
     with Reader(example) as reader:
         shapes = shapes_of(experiment_of(reader))
-        assert shapes == dict.fromkeys(range(1, 7), Shape((1.0, 0.8)))
+        assert shapes == dict.fromkeys(range(1, 7), (1.0, 0.8))
         write_scene(reader, path, shapes)
         with Reader(path, verify=True) as new:
             assert (new.digest, new.status, new.ticks) == (reader.digest, "completed", 300)
@@ -123,7 +123,7 @@ def test_points_move_in_the_plane(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     recorded(path, n=2, m=2, ticks=3)
     with Reader(path) as reader:
-        write_scene(reader, tmp_path / "b.mcap", {2: Shape()})
+        write_scene(reader, tmp_path / "b.mcap", {2: ()})
     with Recording(path) as recording:
         places = {(row["time_ns"], 2): row["position"] for row in recording.states([2])}
         places |= {(row["time_ns"], 0): row["position"] for row in recording.samples([0])}

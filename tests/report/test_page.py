@@ -17,8 +17,7 @@ from nrs_cosim.orchestrator.report.subject import arm_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.report.decimation import BUCKETS, kept
-from nrs_cosim.recordings.report.figures import figures
+from nrs_cosim.recordings.report.figures import BUCKETS, figures, kept
 from nrs_cosim.recordings.report.page import page
 from nrs_cosim.recordings.report.subject import unit_over
 from tests.report.conftest import story

@@ -2,10 +2,8 @@
 
 #include "fmi2Functions.h"
 
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "core.h"
+#define FMI(name) fmi2##name
+#include "fmi.h"
 
 typedef struct {
     Instance core; /* first, so that a pointer to it is one to the whole */
@@ -22,31 +20,9 @@ static void log_error(const Instance *self, const char *message)
                        message);
 }
 
-static fmi2Status status(bool done)
-{
-    return done ? fmi2OK : fmi2Error;
-}
-
-static fmi2Status unsupported(fmi2Component component, const char *what)
-{
-    return status(component && core_refuse(component, "this FMU has no %s", what));
-}
-
 const char *fmi2GetTypesPlatform(void)
 {
     return fmi2TypesPlatform;
-}
-
-const char *fmi2GetVersion(void)
-{
-    return fmi2Version;
-}
-
-fmi2Status fmi2SetDebugLogging(fmi2Component component, fmi2Boolean on, size_t n,
-                               const fmi2String categories[])
-{
-    (void)on, (void)n, (void)categories; /* only errors are logged, and always */
-    return status(core_expect(component, ANY_MODE, "setting the logging"));
 }
 
 /* Life */
@@ -55,7 +31,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
                               fmi2String resources, const fmi2CallbackFunctions *functions,
                               fmi2Boolean visible, fmi2Boolean logging)
 {
-    (void)resources, (void)visible, (void)logging;
     Component *component = calloc(1, sizeof *component);
     if (!component)
         return NULL;
@@ -72,78 +47,25 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
     return NULL;
 }
 
-void fmi2FreeInstance(fmi2Component component)
-{
-    free(component);
-}
-
-fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean tolerance_defined,
-                               fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined,
-                               fmi2Real stop)
-{
-    (void)stop_defined, (void)stop;
-    return status(core_start_at(component, tolerance_defined, tolerance, start));
-}
-
-fmi2Status fmi2EnterInitializationMode(fmi2Component component)
-{
-    return status(core_enter_initialization(component));
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component component)
-{
-    return status(core_exit_initialization(component));
-}
-
-fmi2Status fmi2EnterEventMode(fmi2Component component)
-{
-    return status(core_change_mode(component, EVENT | CONTINUOUS_TIME, EVENT,
-                                   "entering event mode"));
-}
-
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component component)
-{
-    return status(core_change_mode(component, EVENT, CONTINUOUS_TIME,
-                                   "entering continuous-time mode"));
-}
-
-fmi2Status fmi2Terminate(fmi2Component component)
-{
-    return status(core_change_mode(component, INITIALIZED, TERMINATED, "termination"));
-}
-
-fmi2Status fmi2Reset(fmi2Component component)
-{
-    return status(core_reset(component));
-}
+CALL(SetupExperiment,
+     (void *self, int tolerance_defined, double tolerance, double start, int stop_defined,
+      double stop),
+     core_start_at(self, tolerance_defined, tolerance, start))
+CALL(EnterInitializationMode, (void *self), core_enter_initialization(self))
+MODE(EnterEventMode, EVENT | CONTINUOUS_TIME, EVENT, "entering event mode")
 
 /* Variables */
 
-fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference references[], size_t n,
-                       fmi2Real values[])
-{
-    return status(core_get(component, references, n, values, n));
-}
-
-fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference references[], size_t n,
-                       const fmi2Real values[])
-{
-    return status(core_set(component, references, n, values, n));
-}
+CALL(GetReal, (void *self, References of, size_t n, double values[]),
+     core_get(self, of, n, values, n))
+CALL(SetReal, (void *self, References of, size_t n, const double values[]),
+     core_set(self, of, n, values, n))
 
 #define NO_VARIABLES_OF(type)                                                                      \
-    fmi2Status fmi2Get##type(fmi2Component component, const fmi2ValueReference references[],       \
-                             size_t n, fmi2##type values[])                                        \
-    {                                                                                              \
-        (void)references, (void)n, (void)values;                                                   \
-        return unsupported(component, "variables of type " #type);                                 \
-    }                                                                                              \
-    fmi2Status fmi2Set##type(fmi2Component component, const fmi2ValueReference references[],       \
-                             size_t n, const fmi2##type values[])                                  \
-    {                                                                                              \
-        (void)references, (void)n, (void)values;                                                   \
-        return unsupported(component, "variables of type " #type);                                 \
-    }
+    NO("variables of type " #type, Get##type,                                                      \
+       (void *self, References of, size_t n, fmi2##type values[]))                                 \
+    NO("variables of type " #type, Set##type,                                                      \
+       (void *self, References of, size_t n, const fmi2##type values[]))
 
 NO_VARIABLES_OF(Integer)
 NO_VARIABLES_OF(Boolean)
@@ -151,165 +73,58 @@ NO_VARIABLES_OF(String)
 
 /* State */
 
-fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state)
-{
-    return status(core_get_state(component, state));
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state)
-{
-    return status(core_set_state(component, state));
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state)
-{
-    (void)component;
-    return status(core_free_state(state));
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate state, size_t *size)
-{
-    (void)state;
-    *size = sizeof(State);
-    return status(core_expect(component, ANY_MODE, "asking for the size of a state"));
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
-                                 size_t size)
-{
-    return status(core_serialize(component, state, bytes, size));
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size,
-                                   fmi2FMUstate *state)
-{
-    return status(core_deserialize(component, bytes, size, state));
-}
+CALL(GetFMUstate, (void *self, void **state), core_get_state(self, state))
+CALL(SetFMUstate, (void *self, void *state), core_set_state(self, state))
+CALL(FreeFMUstate, (void *self, void **state), core_free_state(state))
+CALL(SerializedFMUstateSize, (void *self, void *state, size_t *size), size_of_state(self, size))
+CALL(SerializeFMUstate, (void *self, void *state, fmi2Byte bytes[], size_t size),
+     core_serialize(self, state, bytes, size))
+CALL(DeSerializeFMUstate, (void *self, const fmi2Byte bytes[], size_t size, void **state),
+     core_deserialize(self, bytes, size, state))
 
 /* Model exchange */
 
-fmi2Status fmi2NewDiscreteStates(fmi2Component component, fmi2EventInfo *info)
+fmi2Status fmi2NewDiscreteStates(fmi2Component self, fmi2EventInfo *info)
 {
     *info = (fmi2EventInfo){.newDiscreteStatesNeeded = fmi2False};
-    return status(core_expect(component, EVENT, "updating discrete states"));
+    return status(core_expect(self, EVENT, "updating discrete states"));
 }
 
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component component, fmi2Boolean no_set_prior,
-                                       fmi2Boolean *enter_event_mode, fmi2Boolean *terminate)
-{
-    (void)no_set_prior;
-    *enter_event_mode = *terminate = fmi2False;
-    return status(core_expect(component, CONTINUOUS_TIME, "completing an integrator step"));
-}
-
-fmi2Status fmi2SetTime(fmi2Component component, fmi2Real time)
-{
-    return status(core_set_time(component, time));
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component component, const fmi2Real x[], size_t n)
-{
-    return status(core_set_states(component, x, n));
-}
-
-fmi2Status fmi2GetContinuousStates(fmi2Component component, fmi2Real x[], size_t n)
-{
-    return status(core_get_states(component, x, n));
-}
-
-fmi2Status fmi2GetDerivatives(fmi2Component component, fmi2Real dx[], size_t n)
-{
-    return status(core_get_derivatives(component, dx, n));
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component component, fmi2Real nominals[],
-                                             size_t n)
-{
-    return status(core_get_nominals(component, nominals, n));
-}
-
-fmi2Status fmi2GetEventIndicators(fmi2Component component, fmi2Real indicators[], size_t n)
-{
-    (void)indicators;
-    return n == 0 ? fmi2OK : unsupported(component, "event indicators");
-}
+CALL(GetDerivatives, (void *self, double dx[], size_t n), core_get_derivatives(self, dx, n))
 
 /* Co-simulation */
 
-fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step,
-                      fmi2Boolean no_set_prior)
-{
-    (void)no_set_prior;
-    return status(core_step(component, time, step));
-}
+CALL(DoStep, (void *self, double time, double step, int no_set_prior),
+     core_step(self, time, step))
 
-fmi2Status fmi2CancelStep(fmi2Component component)
-{
-    return unsupported(component, "asynchronous steps");
-}
-
-fmi2Status fmi2GetStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Status *value)
-{
-    (void)kind, (void)value;
-    return unsupported(component, "asynchronous steps");
-}
-
-fmi2Status fmi2GetRealStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Real *value)
+fmi2Status fmi2GetRealStatus(fmi2Component self, const fmi2StatusKind kind, fmi2Real *value)
 {
     if (kind != fmi2LastSuccessfulTime)
-        return unsupported(component, "such status of type Real");
-    if (!core_expect(component, STEP, "asking for the last successful time"))
+        return unsupported(self, "such status of type Real");
+    if (!core_expect(self, STEP, "asking for the last successful time"))
         return fmi2Error;
-    *value = ((Instance *)component)->state.values.time;
+    *value = ((Instance *)self)->state.values.time;
     return fmi2OK;
 }
 
-fmi2Status fmi2GetIntegerStatus(fmi2Component component, const fmi2StatusKind kind,
-                                fmi2Integer *value)
-{
-    (void)kind, (void)value;
-    return unsupported(component, "status of type Integer");
-}
-
-fmi2Status fmi2GetBooleanStatus(fmi2Component component, const fmi2StatusKind kind,
-                                fmi2Boolean *value)
+fmi2Status fmi2GetBooleanStatus(fmi2Component self, const fmi2StatusKind kind, fmi2Boolean *value)
 {
     if (kind != fmi2Terminated)
-        return unsupported(component, "such status of type Boolean");
+        return unsupported(self, "such status of type Boolean");
     *value = fmi2False;
-    return status(core_expect(component, ANY_MODE, "asking for termination"));
-}
-
-fmi2Status fmi2GetStringStatus(fmi2Component component, const fmi2StatusKind kind,
-                               fmi2String *value)
-{
-    (void)kind, (void)value;
-    return unsupported(component, "status of type String");
+    return status(core_expect(self, ANY_MODE, "asking for termination"));
 }
 
 /* What these FMUs do not have */
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component component,
-                                       const fmi2ValueReference references[], size_t n,
-                                       const fmi2Integer orders[], const fmi2Real values[])
-{
-    (void)references, (void)n, (void)orders, (void)values;
-    return unsupported(component, "input derivatives");
-}
-
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component component,
-                                        const fmi2ValueReference references[], size_t n,
-                                        const fmi2Integer orders[], fmi2Real values[])
-{
-    (void)references, (void)n, (void)orders, (void)values;
-    return unsupported(component, "output derivatives");
-}
-
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component component,
-                                        const fmi2ValueReference unknowns[], size_t n_unknowns,
-                                        const fmi2ValueReference knowns[], size_t n_knowns,
-                                        const fmi2Real seed[], fmi2Real sensitivity[])
-{
-    (void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns, (void)seed, (void)sensitivity;
-    return unsupported(component, "directional derivatives");
-}
+NO("asynchronous steps", CancelStep, (void *self))
+NO("asynchronous steps", GetStatus, (void *self, fmi2StatusKind kind, fmi2Status *value))
+NO("status of type Integer", GetIntegerStatus, (void *self, fmi2StatusKind kind, int *value))
+NO("status of type String", GetStringStatus, (void *self, fmi2StatusKind kind, fmi2String *value))
+NO("input derivatives", SetRealInputDerivatives,
+   (void *self, References of, size_t n, const int orders[], const double values[]))
+NO("output derivatives", GetRealOutputDerivatives,
+   (void *self, References of, size_t n, const int orders[], double values[]))
+NO("directional derivatives", GetDirectionalDerivative,
+   (void *self, References unknowns, size_t n_unknowns, References knowns, size_t n_knowns,
+    const double seed[], double sensitivity[]))
