@@ -4,8 +4,8 @@
   Σ Im X e^{jωkh} with (e^{jωh} I − A) X = Δ̂; its largest value is at most Σ |X|, and comes as near
   to it as one likes when no ωh is a rational part of 2π or of another;
 - worst case: over all targets with |υ_0| ≤ γ1, |a_0| ≤ γ2 (A1). On (t_k, t_{k+1}] an acceleration
-  adds −∫ ((t_{k+1} − w) A^j 1⊗[1; 0] + A^j 1⊗[0; 1]) a_0(w) dw to x(t_{k+1+j}), and the sum of the
-  integrals' moduli is reached by some target as far as γ1 lets it;
+  adds −∫ ((t_{k+1} − w) A^j 1⊗[1; 0] + A^j 1⊗[0; 1]) a_0(w) dw to x(t_{k+1+j}). The sum of the
+  integrals' moduli is a bound for each robot, and `worst_case.py` makes it what a target attains;
 - paper: Theorems 1 and 3, h κ, of ‖Δ(k)‖∞ ≤ h max(2 γ1, γ2) (equation 0.7) and a small-value norm.
 """
 
@@ -24,6 +24,7 @@ from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.slow_modes import Moduli, slow_modes, slow_sums
 from nrs_cosim.estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.theory.worst_case import LEFT, attained
 
 Array = NDArray[np.float64]
 Reals = NDArray[np.floating[Any]]
@@ -92,8 +93,7 @@ def worst_case(
     in modes that are not near 1.
     """
     seen = identity_like(recursion.matrix)
-    most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
-    return None if most is None else largest(most)
+    return _attained(recursion, gamma_1, gamma_2, radius, seen, np.zeros(2))
 
 
 def worst_case_always(
@@ -112,10 +112,32 @@ def worst_case_always(
     before = before or worst_case(recursion, gamma_1, gamma_2, radius)
     if before is None:
         return None
-    most = worst(recursion, gamma_1, gamma_2, radius, recursion.jump, recursion.h)
+    held = (recursion.keep - np.eye(2))[:, 1]
+    after = _attained(recursion, gamma_1, gamma_2, radius, recursion.jump, held)
+    if after is None:
+        return None
+    return EstimateBounds(
+        max(before.position, after.position), max(before.velocity, after.velocity)
+    )
+
+
+def _attained(
+    recursion: Recursion, gamma_1: float, gamma_2: float, radius: float, seen: Matrix, held: Array
+) -> EstimateBounds | None:
+    most = worst(recursion, gamma_1, gamma_2, radius, seen, recursion.h)
     if most is None:
         return None
-    return always(before, largest(most), recursion, gamma_1)
+    most += np.repeat(np.abs(held) * gamma_1, recursion.n)
+    periods = 4 * _periods_of_work(recursion.matrix)
+    if radius > 0 and log(LEFT) / log(radius) > periods:
+        return largest(most)
+    found, _ = attained(recursion, seen, most, (gamma_1, gamma_2), held, periods)
+    return EstimateBounds(*found.tolist())
+
+
+def _periods_of_work(A: Matrix) -> int:
+    """Return over how many periods of the past a sum may go."""
+    return int(WORK / (1 + nonzeros(A) / 4000))
 
 
 def always(
@@ -156,7 +178,7 @@ def worst(
         found: Array = seen @ solve(identity_like(A) - A, unit @ sizes)
         return found
     of = Moduli(h, gamma_1, gamma_2, sizes, recursion.drag[:, 1])
-    most_steps = int(WORK / (1 + nonzeros(A) / 4000))
+    most_steps = _periods_of_work(A)
     if radius > 0 and log(REST) / log(radius) > most_steps:
         return _worst_of_slow(A, unit, seen, of, most_steps)
     most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])

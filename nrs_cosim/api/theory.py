@@ -7,15 +7,16 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
+from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes
 
 
 class Theory:
     """Conditions, convergence and bounds of a scenario; docs/theory.md derives each."""
 
-    __slots__ = ("_bounds_of_run", "_checked", "bounds")
+    __slots__ = ("_bounds_of_run", "_checked", "_scenario", "bounds")
 
     def __init__(self, scenario: Scenario) -> None:
-        experiment = experiment_of(scenario)
+        experiment, self._scenario = experiment_of(scenario), scenario
         find = Sampling(experiment)
         self._checked = check_experiment(experiment, find)
         self._bounds_of_run = ultimate_bounds(experiment, self._checked.rho, find)
@@ -36,6 +37,25 @@ class Theory:
     def warnings(self) -> list[str]:
         """A line for each condition that does not hold, and for estimates that do not converge."""
         return self._checked.warnings()
+
+    def worst_target(self) -> Scenario:
+        """Return the scenario with a target that does the worst that any within γ1 and γ2 can.
+
+        On the first axis it attains the worst case of the estimates' positions, on the second that
+        of their velocities, at a sampling time near the run's end.
+
+        Raises:
+            InputError: The worst case is not computed, or no target is known that attains it.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> worst = nrs.check(scenario).worst_target()
+            >>> [round(bound.worst_case, 3) for bound in nrs.check(worst).bounds[:2]]
+            [0.167, 0.516]
+        """
+        experiment = experiment_of(self._scenario)
+        return self._scenario.replace(worst_target_changes(experiment, self._bounds_of_run))
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it, as `nrs check --json` prints it."""

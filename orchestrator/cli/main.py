@@ -26,6 +26,7 @@ from nrs_cosim.orchestrator.cli.option_rules import OptionRules
 from nrs_cosim.orchestrator.cli.options import (
     Listen,
     NewRecording,
+    NewScenario,
     RecordingPath,
     ScenarioPath,
     Set,
@@ -198,7 +199,9 @@ def scene(
 
 
 @app.command()
-@OptionRules({"--share": ("--accuracy",)})
+@OptionRules(
+    {"--share": ("--accuracy",), "--worst-target": ("--output",), "--output": ("--worst-target",)}
+)
 def check(
     scenario: ScenarioPath,
     as_json: AsJson = False,
@@ -225,6 +228,15 @@ def check(
             help="Exit with status 1 when a condition or convergence is violated or unknown.",
         ),
     ] = False,
+    worst_target: Annotated[
+        bool,
+        typer.Option(
+            "--worst-target",
+            help="Write the scenario with the target, within gamma_1 and gamma_2, that attains the "
+            "worst case.",
+        ),
+    ] = False,
+    output: NewScenario = None,
 ) -> None:
     """Show what theory proves of a scenario, and whether its plants can be opened."""
     errors = tuple(map(number("--accuracy"), accuracy or ()))
@@ -260,6 +272,13 @@ def check(
         if wanted:
             begin("gains and a period for the accuracy")
         found = designed(experiment, wanted, share, find) if wanted else None
+        if worst_target and output:
+            from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes
+            from nrs_cosim.orchestrator.cli.scenario_files import write_changed
+
+            begin("the worst target")
+            changed = worst_target_changes(experiment, ultimate)
+            write_changed(output, experiment, changed, "--worst-target")
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
         print_json({**checked.as_json(), **ultimate.as_json(), **design})

@@ -76,6 +76,12 @@ def _expect_recording(output: Path | None) -> Path | None:
     return output
 
 
+def _expect_scenario(output: Path | None) -> Path | None:
+    if output is not None:
+        expect_ending("-o", output, ".toml")
+    return output
+
+
 Output = Annotated[
     Path | None,
     typer.Option(
@@ -94,6 +100,16 @@ NewRecording = Annotated[
         metavar="NEW.mcap",
         help="The new recording.",
         callback=_expect_recording,
+    ),
+]
+NewScenario = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="NEW.toml",
+        help="Where the changed scenario goes; in the folder of the files that it names.",
+        callback=_expect_scenario,
     ),
 ]
 Force = Annotated[

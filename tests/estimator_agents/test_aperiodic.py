@@ -1,5 +1,6 @@
 """Periods that are not alike, against dense products, brute force, and targets that try hard."""
 
+from dataclasses import astuple
 from itertools import pairwise, product
 
 import numpy as np
@@ -21,7 +22,13 @@ from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
     worst_case_of_list,
 )
-from nrs_cosim.estimator_agents.theory.estimates import worst_case, worst_case_always
+from nrs_cosim.estimator_agents.theory.estimates import (
+    EstimateBounds,
+    largest,
+    worst,
+    worst_case,
+    worst_case_always,
+)
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import largest_period, smallest_theta, spectrum_of
 from tests.bus.test_topology import PAPER
@@ -277,11 +284,15 @@ def test_the_worst_target_of_a_list_reaches_the_bound(algorithm):
 def test_a_list_of_one_has_the_bounds_of_a_period(algorithm):
     recursion, rho = recursion_of(algorithm, TOPOLOGY, 0.1), radius_of(algorithm, TOPOLOGY, 0.1)
     for gammas in ((1e9, 1.0), (0.02, 1.0)):
-        ours = worst_case_of_list(recursion, (0.1, 0.1), *gammas, rho)
-        theirs = (way(recursion, *gammas, rho) for way in (worst_case, worst_case_always))
-        for pair, other in zip(ours, theirs, strict=True):
-            assert pair.position == pytest.approx(other.position, rel=1e-9)
-            assert pair.velocity == pytest.approx(other.velocity, rel=1e-9)
+        pairs = worst_case_of_list(recursion, (0.1, 0.1), *gammas, rho)
+        for pair, seen in zip(pairs, (np.eye(12), recursion.jump), strict=True):
+            one = largest(worst(recursion, *gammas, rho, seen, 0.1))
+            more = EstimateBounds(*np.maximum(astuple(one), astuple(pairs[0])))
+            assert astuple(pair) == pytest.approx(astuple(more), rel=1e-9)
+    theirs = (way(recursion, 1e9, 1.0, rho) for way in (worst_case, worst_case_always))
+    pairs = worst_case_of_list(recursion, (0.1, 0.1), 1e9, 1.0, rho)
+    for pair, other in zip(pairs, theirs, strict=True):
+        assert astuple(pair) == pytest.approx(astuple(other), rel=1e-9)
 
 
 def worst_target(algorithm, D, gaps, seen):
@@ -299,8 +310,8 @@ def test_with_gains_up_to_1_the_bound_is_that_of_the_longest_period():
     for algorithm in (FirstOrder(0.9, 0.9), FirstOrder(1.0, 0.4)):
         for r in (0.0, 0.03, 0.09):
             rho = radius_of(algorithm, TOPOLOGY, 0.1)
-            ours, _ = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, 0.1), r, 3.0, 1.0, rho)
-            longest = worst_case(recursion_of(algorithm, TOPOLOGY, 0.1 + r), 3.0, 1.0, rho)
+            ours, _ = worst_case_aperiodic(recursion_of(algorithm, TOPOLOGY, 0.1), r, 1e3, 1.0, rho)
+            longest = worst_case(recursion_of(algorithm, TOPOLOGY, 0.1 + r), 1e3, 1.0, rho)
             assert ours.position == pytest.approx(longest.position, rel=1e-12)
             assert ours.velocity == pytest.approx(longest.velocity, rel=1e-12)
 

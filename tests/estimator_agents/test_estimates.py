@@ -17,6 +17,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     paper_bound,
     slip,
     steady_motion,
+    worst,
     worst_case,
 )
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
@@ -35,27 +36,22 @@ def radius_of(algorithm, topology, h):
 
 
 @pytest.mark.parametrize("beta", [0.4, 0.9, 1.3])
-def test_the_bound_of_a_drag_sums_its_size_over_the_past(beta):
-    """A target of constant velocity: x_∞ = Σ A^j (1 ⊗ d) υ_0 with d = −β [h; 1], dense."""
+def test_a_target_of_constant_velocity_alone_drags_by_its_steady_motion(beta):
+    """x = A x + (1 ⊗ d) υ_0 with d = −β [h; 1], dense, and |υ_0| = γ1: no other has γ2 = 0."""
     algorithm, h, gamma_1 = Impulsive(0.6, beta), 0.1, 3.0
     recursion = recursion_of(algorithm, TOPOLOGY, h)
     np.testing.assert_allclose(recursion.drag, [[0, -beta * h], [0, -beta]])
     rho = radius_of(algorithm, TOPOLOGY, h)
-    A, x = as_array(recursion.matrix), np.kron([-beta * h, -beta], np.ones(6))
-    total = np.zeros(12)
-    while np.abs(x).max() > 1e-16:
-        total, x = total + np.abs(x) * gamma_1, A @ x
+    A = as_array(recursion.matrix)
+    alone = np.linalg.solve(np.eye(12) - A, np.kron([beta * h, beta], np.ones(6))) * gamma_1
     bound = worst_case(recursion, gamma_1, 0.0, rho)
-    assert bound.position == pytest.approx(total[:6].max(), rel=1e-9)
-    assert bound.velocity == pytest.approx(total[6:].max(), rel=1e-9)
+    assert bound.position == pytest.approx(np.abs(alone[:6]).max(), rel=1e-9)
+    assert bound.velocity == pytest.approx(np.abs(alone[6:]).max(), abs=1e-9)
     none = np.zeros((1, 1))
     motion = steady_motion(
         recursion, Harmonic(np.zeros(1), np.array([-gamma_1]), none, none, none), rho
     )
-    alone = np.linalg.solve(np.eye(12) - A, np.kron([beta * h, beta], np.ones(6))) * gamma_1
     np.testing.assert_allclose(motion.constant[..., 0].ravel(), alone, atol=1e-9)
-    assert motion.bound.position <= bound.position * (1 + 1e-9)
-    assert motion.bound.velocity <= bound.velocity * (1 + 1e-9)
 
 
 def test_the_drag_adds_to_each_bound_of_the_paper():
@@ -98,8 +94,8 @@ def test_the_largest_of_bounds_is_that_of_positions_and_of_velocities():
     assert largest(np.array([1.0, 5.0, 2.0, 4.0, 9.0, 3.0])) == EstimateBounds(5.0, 9.0)
 
 
-@pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 3.0, 1.0), (1.0, 0.2, 5.0)])
-def test_without_cancellation_the_worst_case_is_the_sum_of_largest_steps(h, gamma_1, gamma_2):
+@pytest.mark.parametrize(("h", "gamma_1", "gamma_2"), [(0.1, 1e6, 1.0), (1.0, 0.2, 5.0)])
+def test_without_cancellation_a_bound_is_the_sum_of_largest_steps(h, gamma_1, gamma_2):
     """Δ_1 is at most what a target slips by, Δ_2 what its velocity may change by in h."""
     algorithm = FirstOrder(0.9, 0.8)
     recursion = recursion_of(algorithm, TOPOLOGY, h)
@@ -107,6 +103,13 @@ def test_without_cancellation_the_worst_case_is_the_sum_of_largest_steps(h, gamm
     assert A.min() >= 0
     step = np.kron([slip(h, gamma_1, gamma_2), min(2 * gamma_1, h * gamma_2)], np.ones(6))
     expected = np.linalg.solve(np.eye(12) - A, step)
-    found = worst_case(recursion, gamma_1, gamma_2, radius_of(algorithm, TOPOLOGY, h))
-    assert found.position == pytest.approx(expected[:6].max(), rel=1e-9)
-    assert found.velocity == pytest.approx(expected[6:].max(), rel=1e-9)
+    rho = radius_of(algorithm, TOPOLOGY, h)
+    most = worst(recursion, gamma_1, gamma_2, rho, np.eye(12), h)
+    np.testing.assert_allclose(most, expected, rtol=1e-9)
+    found = worst_case(recursion, gamma_1, gamma_2, rho)
+    if gamma_1 > 1e5:
+        assert found.position == pytest.approx(expected[:6].max(), rel=1e-9)
+        assert found.velocity == pytest.approx(expected[6:].max(), rel=1e-9)
+    else:
+        assert found.position < 0.9 * expected[:6].max()
+        assert found.velocity < 0.9 * expected[6:].max()

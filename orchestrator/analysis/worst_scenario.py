@@ -1,0 +1,44 @@
+"""A scenario whose target does the worst that `check` bounds: on the first axis to the positions of
+the estimates, on the second to their velocities, both at one sampling time near the run's end.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.estimator_agents.target import Sampled
+from nrs_cosim.estimator_agents.theory.worst_target import worst_targets
+from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds
+from nrs_cosim.orchestrator.analysis.convergence import lasting
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+
+def worst_target_changes(experiment: Experiment, ultimate: UltimateBounds) -> dict[str, Any]:
+    """Return the keys of a scenario that give it its worst target, with their values.
+
+    `InputError` where the worst case is not computed, or no target is known that attains it.
+    """
+    recursion = lasting(ultimate.recursions, experiment.topologies)
+    none = f"{experiment.name}: no target is known that attains the worst case"
+    if ultimate.why_not:
+        raise InputError(f"{none}: {ultimate.why_not}")
+    if recursion is None or ultimate.aperiodic or ultimate.added:
+        raise InputError(f"{none}: it is of constant periods, and samples that are all sent")
+    gammas = ultimate.gamma_1, ultimate.gamma_2
+    found = worst_targets(recursion, *gammas, ultimate.radius)
+    motions = [one for one in found if one is not None]
+    if not motions:
+        raise InputError(f"{none}: it is not computed for so many robots or so long a memory")
+    first, second = motions[0], motions[-1]
+    times = np.union1d(first.times, second.times)
+    each = [
+        Sampled.of(one.times, one.positions[:, None]).at(times).position
+        for one in [first, second, *[first] * experiment.m][: experiment.m]
+    ]
+    return {
+        "target.kind": "sampled",
+        "target.times": times.tolist(),
+        "target.positions": np.concatenate(each, axis=1).tolist(),
+        "run.duration": round((first.tick + 1) * recursion.h, 9),
+    }
