@@ -134,12 +134,7 @@ class Check:
         return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
 
     @property
-    def settling_time(self) -> float:
-        """s, in the long run, until an error is a millionth of itself; infinite if it grows."""
-        return log(1e6) / self.rate if self.rate > 0 else inf
-
-    @property
-    def millionth(self) -> float | None:
+    def settling_time(self) -> float | None:
         """s, from the beginning, until any error is a millionth of it; None where not known."""
         if self.recursion is None or not self.rho.upper < 1:
             return None
@@ -169,8 +164,7 @@ class Check:
             if self.late
             else None,
             "rate": finite(self.rate),
-            "settling_time": None if self.premise else finite(self.settling_time),
-            "millionth": None if self.premise else self.millionth,
+            "settling_time": None if self.premise else self.settling_time,
         }
         if self.periods.constant_period is None:
             result["aperiodic"] = {

@@ -152,7 +152,7 @@ def _rate(checked: "Check") -> str:
     """Say how fast errors fall in the long run, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
     rate += " in the long run" + _of(checked)
-    fallen = checked.millionth
+    fallen = checked.settling_time
     if checked.premise:
         return rate
     if fallen is None:

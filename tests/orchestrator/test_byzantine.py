@@ -302,7 +302,7 @@ def test_what_theory_has_of_robots_that_do_not_lie_is_void_and_not_known_to_conv
     assert ultimate_bounds(lying).worst_case is None
     as_json = json.loads(json.dumps(void.as_json()))
     assert (as_json["byzantine"], as_json["of"]) == ([2], "robots that do not lie")
-    assert as_json["settling_time"] is as_json["millionth"] is None
+    assert as_json["settling_time"] is None
     late = check(paper(WORST, {"faults.links": [{"delay": 1}]}))
     assert (late.late, late.convergence) == (None, "unknown")
     assert late.premise == "links without faults and robots that do not lie"

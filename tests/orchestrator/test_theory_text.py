@@ -26,7 +26,7 @@ def test_with_link_faults_the_spectral_radius_is_stated_for_links_without_them()
     assert (lossy["convergence"], plain["convergence"]) == ("unknown", "converges")
     assert lossy["spectral_radius"] == plain["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
     assert lossy["rate"] == plain["rate"]
-    assert (lossy["settling_time"], lossy["millionth"]) == (None, None)
+    assert lossy["settling_time"] is None
 
 
 def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursion():
@@ -39,8 +39,8 @@ def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursio
     result = checked.as_json()
     assert (result["convergence"], result["of"]) == ("diverges", "links without faults")
     assert result["late"] == {"periods": 1, "spectral_radius": pytest.approx(1.011777, abs=5e-7)}
-    assert (result["settling_time"], result["millionth"]) == (None, None)
-    assert {v.source[-23:] for v in subject_of(scenario, "rad").conditions} == {
+    assert result["settling_time"] is None
+    assert {v["source"][-23:] for v in subject_of(scenario, "rad").conditions} == {
         "of links without faults"
     }
 
@@ -54,19 +54,18 @@ def test_with_link_faults_warnings_are_stated_for_links_without_them():
 def test_on_a_path_the_settling_time_includes_the_hops():
     checked = check(along_a_path(0.9)).as_json()
     assert checked["rate"] == pytest.approx(23.03, abs=0.01)
-    assert checked["settling_time"] == pytest.approx(0.6)
-    assert checked["millionth"] > 3
+    assert checked["settling_time"] > 3  # with ln 10⁶/rate = 0.6 s it would not
 
 
 def test_gains_of_1_on_a_path_converge_in_finite_time():
     checked = check(along_a_path(1)).as_json()
-    assert (checked["rate"], checked["spectral_radius"], checked["millionth"]) == (None, 0, 3)
+    assert (checked["rate"], checked["spectral_radius"], checked["settling_time"]) == (None, 0, 3)
 
 
 def test_for_switching_networks_the_settling_time_is_not_computed():
     checked = check(read_scenario(SCENARIOS / "switching.toml")).as_json()
     assert checked["rate"] == pytest.approx(4.363, abs=1e-3)
-    assert checked["millionth"] is None
+    assert checked["settling_time"] is None
     any_order = checked["switching"]["any_order"]
     assert (any_order["status"], any_order["upper"]) == ("proven", 1)
     assert any_order["lower"] == pytest.approx(0.996294, abs=1e-6)
