@@ -12,6 +12,7 @@ CosimError
 └── RunError              a run that had started could not go on                    (exit 1)
     ├── BusError            a message that is missing, or that had to be refused
     ├── DivergedError       orchestrator: an estimate or a state beyond all bounds
+    ├── EngineGoneError     orchestrator: who runs a study's points is gone; no point is to blame
     ├── WorkerError         orchestrator: a worker that did not come, or is gone for good
     ├── StepError           plant_fmu: a plant that could not be stepped
     └── UnwritableError     recordings: the disk refused

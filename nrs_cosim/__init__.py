@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from nrs_cosim.api.replay import compare
     from nrs_cosim.api.run import resume, run
     from nrs_cosim.api.scenario import Scenario
+    from nrs_cosim.api.study import Study, sweep
     from nrs_cosim.api.theory import Theory, check
     from nrs_cosim.bus.fields import Field
     from nrs_cosim.estimator_agents.algorithm import Algorithm
@@ -33,6 +34,7 @@ _HOMES = {
     "Field": "nrs_cosim.bus.fields",
     "Recording": "nrs_cosim.api.recording",
     "Scenario": "nrs_cosim.api.scenario",
+    "Study": "nrs_cosim.api.study",
     "Theory": "nrs_cosim.api.theory",
     "Values": "nrs_cosim.estimator_agents.values",
     "check": "nrs_cosim.api.theory",
@@ -42,6 +44,7 @@ _HOMES = {
     "replay": "nrs_cosim.api",
     "resume": "nrs_cosim.api.run",
     "run": "nrs_cosim.api.run",
+    "sweep": "nrs_cosim.api.study",
 }
 
 __all__ = [
@@ -51,6 +54,7 @@ __all__ = [
     "Field",
     "Recording",
     "Scenario",
+    "Study",
     "Theory",
     "Values",
     "check",
@@ -60,6 +64,7 @@ __all__ = [
     "replay",
     "resume",
     "run",
+    "sweep",
 ]
 
 

@@ -19,5 +19,9 @@ class WorkerError(RunError):
     kind = "worker"
 
 
+class EngineGoneError(RunError):
+    """Whoever runs the points of a study is gone, and none of them is to blame."""
+
+
 class Interrupted(CosimError):  # noqa: N818, it is no error of the run's
     """The user asked a run to end."""

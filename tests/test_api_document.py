@@ -70,11 +70,16 @@ def test_ten_lines_draw_the_steady_state_error_that_the_theory_has(folder):
 
 CALLS = [
     *(nrs.run, nrs.resume, nrs.check, nrs.compare, nrs.replay.verify, nrs.replay.what_if),
-    *(nrs.Scenario, nrs.Scenario.replace, nrs.Recording),
+    *(nrs.Scenario, nrs.Scenario.replace, nrs.Recording, nrs.sweep, nrs.Study),
     *(
         getattr(nrs.Recording, name)
         for name in dir(nrs.Recording)
         if callable(getattr(nrs.Recording, name)) and not name.startswith("_") and name != "close"
+    ),
+    *(
+        getattr(nrs.Study, name)
+        for name in dir(nrs.Study)
+        if callable(getattr(nrs.Study, name)) and not name.startswith("_")
     ),
 ]
 
@@ -97,6 +102,7 @@ def test_every_call_has_its_arguments_errors_and_an_example_in_its_docstring(cal
         "api.theory",
         "api.replay",
         "api.recording",
+        "api.study",
         "recordings.recording",
     ],
 )

@@ -87,6 +87,8 @@ def script() -> None:
             print(comparison.is_same, comparison.fields, other.reason)
     with nrs.resume("run.mcap", "long.mcap", changes={"run.duration": 2.0}) as longer:
         print(longer.ticks, longer.damage)
+    study: nrs.Study = nrs.sweep(scenario, {"algorithm.alpha": [0.8, 0.9]}, seeds=[1], jobs=0)
+    print(len(study), study.keys, study.dataset().sizes, study.statistics().columns.size)
     try:
         nrs.run(scenario, "run.mcap")
     except nrs.errors.InputError as error:

@@ -11,6 +11,7 @@ CosimError
 └── RunError              a run that had started could not go on; `cause` says it in fields
     ├── BusError            a message that is missing, or that had to be rejected
     ├── DivergedError       an estimate or a state beyond all bounds
+    ├── EngineGoneError     who runs a study's points is gone, and no point is to blame
     ├── WorkerError           a worker that did not come, or is gone for good
     ├── StepError           a plant that could not be stepped
     └── UnwritableError     the disk refused
@@ -18,7 +19,12 @@ CosimError
 
 from nrs_cosim.bus.errors import BusError, CosimError, InputError, MissingExtraError, RunError
 from nrs_cosim.estimator_agents.errors import AlgorithmError
-from nrs_cosim.orchestrator.errors import DivergedError, ScenarioError, WorkerError
+from nrs_cosim.orchestrator.errors import (
+    DivergedError,
+    EngineGoneError,
+    ScenarioError,
+    WorkerError,
+)
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.recordings.errors import UncreatableError, UnreadableError, UnwritableError
 
@@ -27,6 +33,7 @@ __all__ = [
     "BusError",
     "CosimError",
     "DivergedError",
+    "EngineGoneError",
     "FmuError",
     "InputError",
     "MissingExtraError",

@@ -16,7 +16,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.orchestrator.scenario.assets import Assets
-from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
+from nrs_cosim.orchestrator.scenario.changes import Change, unchanged_assets, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import (
     parse_scenario,
@@ -24,7 +24,6 @@ from nrs_cosim.orchestrator.scenario.file import (
     resolve_scenario,
     tables_of,
 )
-from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
 _LOAD = "nrs.Scenario.load reads a file"
@@ -138,26 +137,11 @@ class Scenario:
             >>> stiff["robots"]
             [{'id': 2, 'controller': {'kp': 250.0}}, {'id': 3, 'controller': {'kp': 250.0}}]
         """
-        change, own = change_of(changes, robots), name or self.name
-        text, kept = with_changes(self.to_toml(), [change]), self._kept(change)
-        experiment = resolve_scenario(text, own, self._experiment.folder, own, kept)
+        change, own, one = change_of(changes, robots), name or self.name, self._experiment
+        text = with_changes(self.to_toml(), [change])
+        kept = unchanged_assets(one.assets, change, keep_motion=self._is_recorded)
+        experiment = resolve_scenario(text, own, one.folder, own, kept)
         return self._of(experiment, is_recorded=self._is_recorded)
-
-    def _kept(self, change: Change) -> Assets:
-        """Return the assets that a change leaves as they are.
-
-        When a target's FMU is sampled depends on the run; one that a recording names is not run.
-        """
-        keys = [".".join(key) for key in change.values] if change.robots is None else []
-        again = not self._is_recorded and any(
-            key.partition(".")[0] in {"run", "target"} for key in keys
-        )
-        return {
-            field: asset
-            for field, asset in self._experiment.assets.items()
-            if not any(field == key or field.startswith((f"{key}.", f"{key}[")) for key in keys)
-            and not (again and field == TARGET_FMU)
-        }
 
     def to_toml(self) -> str:
         """Return the scenario's text, to the byte; `parse` takes it back, with its files there."""

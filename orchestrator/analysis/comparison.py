@@ -136,11 +136,14 @@ class TheoryComparison:
 
 @np.errstate(all="ignore")  # what is not finite is told as such
 def compare_to_theory(
-    reader: Reader, experiment: Experiment, measured: SteadyState
+    reader: Reader,
+    experiment: Experiment,
+    measured: SteadyState,
+    ultimate: UltimateBounds | None = None,
 ) -> TheoryComparison:
-    """Return a recording's measurements beside the bounds of its experiment."""
+    """Return a recording's measurements beside the bounds of its experiment, if known already."""
     try:
-        ultimate = ultimate_bounds(experiment)
+        ultimate = ultimate or ultimate_bounds(experiment)
     except InputError as error:  # its algorithm is not installed here
         return TheoryComparison(str(error), (), None, None)
     transient, peak, spectral_radius = _beginning(reader, experiment, ultimate)

@@ -34,6 +34,7 @@ from nrs_cosim.orchestrator.cli.options import (
     number,
 )
 from nrs_cosim.orchestrator.cli.report_commands import report
+from nrs_cosim.orchestrator.cli.study_commands import study, sweep
 from nrs_cosim.orchestrator.exit_status import BAD_INPUT, DONE, FAILED
 from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
 from nrs_cosim.orchestrator.terminal import AsJson, Warnings, err, out, print_json, say
@@ -49,6 +50,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(fmu, name="fmu")
+app.add_typer(study, name="study")
 
 
 def _print_version(asked: bool) -> None:
@@ -89,6 +91,7 @@ app.command()(run_commands.worker)
 app.command()(replay_commands.replay)
 app.command()(replay_commands.diff)
 app.command()(report)
+app.command()(sweep)
 
 
 @app.command()

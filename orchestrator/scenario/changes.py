@@ -14,6 +14,7 @@ algorithm keeps the parameters that it has as well.
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from tomlkit.exceptions import TOMLKitError
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.estimator_agents.installed import algorithm_names, parameters_of
+from nrs_cosim.orchestrator.scenario.assets import Assets
+from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 
 _WORD = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
@@ -111,6 +114,29 @@ def with_changes(text: str, changes: Sequence[Change]) -> str:
         for robot in change.robots or ():
             _apply(_own(document, robot, change.option), change.values)
     return tomlkit.dumps(document)
+
+
+def tables_with(tables: Mapping[str, Any], values: Mapping[Key, Any]) -> dict[str, Any]:
+    """Return a scenario's tables with other values of all robots; those given stay as they are."""
+    changed = deepcopy(dict(tables))
+    _apply(changed, values)
+    return changed
+
+
+def unchanged_assets(assets: Assets, change: Change, *, keep_motion: bool = False) -> Assets:
+    """Return the assets that a change leaves as they are.
+
+    When a target's FMU is sampled depends on the run: its samples are of the same run and target,
+    unless they are to be kept whatever changes.
+    """
+    keys = [".".join(key) for key in change.values] if change.robots is None else []
+    again = not keep_motion and any(key.partition(".")[0] in {"run", "target"} for key in keys)
+    return {
+        field: asset
+        for field, asset in assets.items()
+        if not any(field == key or field.startswith((f"{key}.", f"{key}[")) for key in keys)
+        and not (again and field == TARGET_FMU)
+    }
 
 
 def _parts(text: str) -> Iterator[str]:

@@ -1,0 +1,381 @@
+"""Studies from Python: many runs of a scenario, in a folder that keeps every row."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from os import PathLike
+from pathlib import Path
+from shutil import rmtree
+from signal import SIGINT
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any
+from weakref import finalize
+
+import numpy as np
+
+from nrs_cosim.api.scenario import Scenario, experiment_of, plain
+from nrs_cosim.bus.errors import InputError, MissingExtraError
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cli.output_paths import locked
+from nrs_cosim.orchestrator.engine.interrupts import interrupts
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.study.axes import (
+    Draw,
+    DrawnRange,
+    StudyAxis,
+    axis_of,
+    seeds_of,
+    with_draw,
+    zipped,
+)
+from nrs_cosim.orchestrator.study.boundary import changes_along
+from nrs_cosim.orchestrator.study.engines import lent_engine, local_engine
+from nrs_cosim.orchestrator.study.points import SCENARIO_AXIS
+from nrs_cosim.orchestrator.study.rows import (
+    COLUMNS,
+    FAILURES,
+    StudyRow,
+    kept_recordings,
+    table_digest,
+)
+from nrs_cosim.orchestrator.study.statistics import statistics_of
+from nrs_cosim.orchestrator.study.store import StudyStore
+from nrs_cosim.orchestrator.study.study import (
+    Refinement,
+    StudyPlan,
+    StudyProgress,
+    experiment_at,
+    sweep_into,
+)
+from nrs_cosim.orchestrator.study.table import StudyTable
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Axes = Mapping[Any, Any]
+"""Values by key, or by a tuple of keys that go together."""
+
+
+class Study:
+    """A study in its folder: a row for each run, as far as they are done.
+
+    Args:
+        folder: Where `nrs.sweep` or `nrs sweep` has put it.
+
+    Raises:
+        InputError: There is no study.
+
+    Example:
+        >>> import nrs_cosim as nrs
+        >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+        >>> short = scenario.replace({"run.duration": 2.0})
+        >>> study = nrs.sweep(short, {"algorithm.alpha": [0.9, 1.4]}, jobs=0)
+        >>> study
+        Study(2 runs: 1 converged, 1 not_converged)
+    """
+
+    def __init__(self, folder: str | PathLike[str]) -> None:
+        self.folder = Path(folder)
+        """Where it is."""
+        self._store = StudyStore(self.folder)
+        self._store.definition()
+
+    @property
+    def rows(self) -> list[StudyRow]:
+        """The rows as they came, one for each run."""
+        return list(self._store.rows())
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the rows by key, without what is of the machine that ran them."""
+        return table_digest(self._store.rows())
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of the axes, without the seed."""
+        return self._table("status").keys
+
+    def __len__(self) -> int:
+        """Return how many runs have a row."""
+        return len(self._table("status"))
+
+    def __repr__(self) -> str:
+        """Return how many runs there are, by status."""
+        counts = self._table("status").counts
+        counted = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
+        return f"Study({sum(counts.values())} runs: {counted})"
+
+    def scenario(self, key: str) -> Scenario:
+        """Return the scenario of a row, to be run again with a recording.
+
+        Args:
+            key: The row's, or how it begins.
+
+        Raises:
+            InputError: No row, or more than one, has a key that begins so.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 1.0})
+            >>> study = nrs.sweep(short, {"algorithm.alpha": [0.9]}, jobs=0)
+            >>> row = study.rows[0]
+            >>> with nrs.run(study.scenario(row.key)) as recording:
+            ...     recording.digest == row.digest
+            True
+        """
+        experiment = experiment_at(self._store, key)
+        return Scenario._of(experiment)
+
+    def boundary(self, key: str) -> list[dict[str, Any]]:
+        """Return between which values of a key runs stop converging, for all other values.
+
+        Args:
+            key: An axis of numbers.
+
+        Returns:
+            Dicts of the other keys' values, `low` and `high`, and `converges_below`.
+
+        Raises:
+            InputError: It is no such axis.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 3.0})
+            >>> study = nrs.sweep(short, {"algorithm.alpha": [0.9, 1.1, 1.4]}, jobs=0)
+            >>> study.boundary("algorithm.alpha")
+            [{'low': 1.1, 'high': 1.4, 'converges_below': True}]
+        """
+        return [
+            {
+                **dict(one.others),
+                "low": one.low,
+                "high": one.high,
+                "converges_below": one.converges_below,
+            }
+            for one in changes_along(self._table("status"), key)
+        ]
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the rows in the order of the axes; needs the extra `analysis`.
+
+        Each key of the axes has a column, under its name.
+
+        Raises:
+            InputError: pandas is not installed.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 1.0})
+            >>> frame = nrs.sweep(short, {"algorithm.alpha": [0.8, 0.9]}, jobs=0).to_pandas()
+            >>> frame[["algorithm.alpha", "spectral_radius"]].round(3).values.tolist()
+            [[0.8, 0.878], [0.9, 0.878]]
+        """
+        pandas = _pandas()
+        table = self._table()
+        kept = {name: table.columns[name] for name in COLUMNS if name != "point"}
+        frame: pd.DataFrame = pandas.DataFrame({**table.values, **kept})
+        order = [place for places in table.cells.values() for place in places]
+        in_order: pd.DataFrame = frame.iloc[order].reset_index(drop=True)
+        return in_order
+
+    def statistics(self) -> "pd.DataFrame":
+        """Return, over the seeds, the share that converged and the errors, with their intervals.
+
+        The share has Wilson's interval of 95 %, the median of an error that of the bootstrap.
+
+        Raises:
+            InputError: pandas is not installed.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 2.0})
+            >>> study = nrs.sweep(short, {"algorithm.alpha": [0.9]}, seeds=3, jobs=0)
+            >>> study.statistics()[["runs", "converged", "converged_low"]].round(3).values.tolist()
+            [[3.0, 1.0, 0.439]]
+        """
+        pandas = _pandas()
+        table = self._table()
+        found = []
+        for one in statistics_of(table):
+            row = dict(zip(table.keys, one.cell, strict=True))
+            row |= {"runs": one.runs, "results": one.results}
+            for name, estimated in {"converged": one.converged, **one.errors}.items():
+                row[name] = estimated.value
+                row[f"{name}_low"], row[f"{name}_high"] = estimated.low, estimated.high
+            found.append(row)
+        frame: pd.DataFrame = pandas.DataFrame(found)
+        return frame
+
+    def dataset(self) -> "xr.Dataset":
+        """Return the rows over the axes and seeds; needs the extra `analysis`.
+
+        What was not run is NaN, or an empty text. Keys of axes are dimensions, `seed` the last.
+
+        Raises:
+            InputError: xarray is not installed.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 1.0})
+            >>> study = nrs.sweep(short, {"algorithm.alpha": [0.8, 0.9]}, seeds=2, jobs=0)
+            >>> data = study.dataset()
+            >>> dict(data.sizes), data.status.sel(seed=1).values.tolist()
+            ({'algorithm.alpha': 2, 'seed': 2}, ['converged', 'converged'])
+        """
+        try:
+            import xarray as xr  # noqa: PLC0415 (an extra)
+        except ImportError:
+            raise MissingExtraError("a Dataset needs xarray", "analysis") from None
+        table = self._table()
+        axes = {key: table.axis(key) for key in table.keys}
+        axes["seed"] = sorted({*table.columns["seed"]})
+        shape = tuple(map(len, axes.values()))
+        where = {key: {value: at for at, value in enumerate(found)} for key, found in axes.items()}
+        at = np.empty((len(shape), len(table)), np.intp)
+        for row, cell in ((row, cell) for cell, rows in table.cells.items() for row in rows):
+            for axis, (key, value) in enumerate(
+                zip(axes, (*cell, table.columns["seed"][row]), strict=True)
+            ):
+                at[axis, row] = where[key][value]
+        variables = {}
+        for name, kind in COLUMNS.items():
+            if name in {"point", "seed"}:
+                continue
+            number = kind != "str"
+            data = np.full(shape, np.nan) if number else np.full(shape, "", object)
+            empty = np.nan if number else ""
+            data[tuple(at)] = [empty if v is None else v for v in table.columns[name]]
+            variables[name] = (tuple(axes), data if number else data.astype(str))
+        return xr.Dataset(variables, axes)
+
+    def _table(self, *only: str) -> StudyTable:
+        return StudyTable.of(self._store, *only)
+
+
+def sweep(
+    scenario: Scenario | Sequence[Scenario],
+    axes: Axes,
+    *,
+    seeds: int | Iterable[int] | None = None,
+    out: str | PathLike[str] | None = None,
+    draw: str | None = None,
+    where: Callable[[Mapping[str, Any]], bool] | None = None,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    keep: str = "failed",
+    timeout: float | None = None,
+    retry: bool = False,
+    refine: str | None = None,
+    width: float | None = None,
+    progress: Callable[[StudyProgress], None] | None = None,
+) -> Study:
+    """Run a scenario over axes and seeds, and return the study.
+
+    What is in the folder already is not run again, so the same call goes on where a crash, or
+    Ctrl-C, has ended it, and one with more values runs what is new. A script needs a main guard,
+    `if __name__ == "__main__":`, as with all processes of Python, where it is not Linux.
+
+    Args:
+        scenario: What is run; several stand on an axis `scenario`, by their names.
+        axes: Values by key, such as `{"algorithm.alpha": [0.5, 0.9]}`; a text as `nrs sweep --over`
+            has it, such as `"0.1:1.3:25"`; a tuple of keys has tuples of values that go together.
+        seeds: How many, from 1 on, or which; by default the scenario's.
+        out: The study's folder; by default a temporary one, gone with the study.
+        draw: `lhs:N` or `sobol:N`: how many points are drawn from the ranges `"a:b"`.
+        where: Says of a point's values whether it is in the study.
+        jobs: How many processes run points; all processors by default, 0 is this one.
+        executor: Any of `concurrent.futures` in their place, such as a Dask client's.
+        keep: Which recordings: `none`, `failed`, `all`, or `every:N`, of N points one.
+        timeout: s of wall time that a point may take.
+        retry: Run points again that failed, crashed or took too long.
+        refine: The key of an axis on which values are run between two of which one converges.
+        width: How close these come; by default a hundredth of the axis.
+        progress: Is called with how far the study is, when a point is done.
+
+    Returns:
+        The study; its runs that failed are rows as all others.
+
+    Raises:
+        InputError: An axis or a point is wrong, or the folder has another study.
+        RunError: The executor is gone; the rows there are stay.
+        KeyboardInterrupt: The user stopped it, and the points under way have come to their end.
+
+    Example:
+        >>> import nrs_cosim as nrs
+        >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+        >>> short = scenario.replace({"run.duration": 3.0})
+        >>> nrs.sweep(short, {"algorithm.alpha": "0.9:1.4:3"}, seeds=2, jobs=0)
+        Study(6 runs: 4 converged, 2 diverged)
+    """
+    plan = StudyPlan(
+        *_resolved(scenario, axes, seeds, draw),
+        keep=kept_recordings("keep", keep),
+        limit=timeout,
+        where=where or (lambda _values: True),
+        sent=type(executor).__module__.startswith("distributed"),
+    )
+    folder = Path(mkdtemp(prefix="nrs-study-") if out is None else out)
+    folder.mkdir(parents=True, exist_ok=True)
+    store = StudyStore(folder)
+    engine = lent_engine(executor, jobs) if executor else local_engine(jobs)
+    refinement = Refinement(refine, width) if refine else None
+    with locked(store.journal), store, interrupts([SIGINT]) as stopped:
+        sweep_into(
+            store,
+            plan,
+            engine,
+            (lambda now, _row: progress(now)) if progress else (lambda _now, _row: None),
+            stopped,
+            FAILURES if retry else (),
+            refinement,
+        )
+        if stopped():
+            raise KeyboardInterrupt
+    study = Study(folder)
+    if out is None:
+        finalize(study, rmtree, folder, ignore_errors=True)
+    return study
+
+
+def _resolved(
+    scenario: Scenario | Sequence[Scenario],
+    axes: Axes,
+    seeds: int | Iterable[int] | None,
+    draw: str | None,
+) -> tuple[dict[str, Experiment], tuple[StudyAxis, ...]]:
+    several = [scenario] if isinstance(scenario, Scenario) else [*scenario]
+    bases = {one.name: experiment_of(one) for one in several}
+    if len(bases) < len(several):
+        raise InputError("scenario: several have one name; give them others with replace(name=…)")
+    found = [_axis(key, values) for key, values in axes.items()]
+    if len(bases) > 1:
+        found.insert(0, StudyAxis((SCENARIO_AXIS,), tuple((name,) for name in bases)))
+    if seeds is not None:
+        text = str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds)) + ","
+        found.append(seeds_of("seeds", text.removesuffix(",") if isinstance(seeds, int) else text))
+    return bases, with_draw(found, Draw.of("draw", draw) if draw else None)
+
+
+def _axis(key: Any, values: Any) -> StudyAxis | DrawnRange:
+    if isinstance(values, str):
+        return axis_of("axes", f"{key}={values}")
+    keys = key if isinstance(key, tuple) else (key,)
+    try:
+        rows = [plain(value) for value in values]
+    except TypeError:
+        raise InputError(f"axes: {quoted(key)}: expected values, got {quoted(values)}") from None
+    columns = [[row[at] for row in rows] for at in range(len(keys))] if len(keys) > 1 else [rows]
+    return zipped("axes", keys, columns)
+
+
+def _pandas() -> Any:
+    try:
+        import pandas  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise MissingExtraError("a DataFrame needs pandas", "analysis") from None
+    return pandas

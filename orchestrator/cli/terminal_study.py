@@ -1,0 +1,309 @@
+"""A study, with what a person sees of it: how far it is, what failed, and how to run that again."""
+
+import json
+import shlex
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.orchestrator.cli.option_groups import TlsOptions
+from nrs_cosim.orchestrator.cli.output_paths import locked, make_folder
+from nrs_cosim.orchestrator.cli.progress import status_lines
+from nrs_cosim.orchestrator.cli.tables import grid
+from nrs_cosim.orchestrator.engine.interrupts import interrupts
+from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
+from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.study.axes import Draw, StudyAxis, axis_of, seeds_of, with_draw
+from nrs_cosim.orchestrator.study.boundary import changes_along
+from nrs_cosim.orchestrator.study.dispatch import StudyEngine
+from nrs_cosim.orchestrator.study.engines import dask_engine, local_engine
+from nrs_cosim.orchestrator.study.point_run import run_point
+from nrs_cosim.orchestrator.study.points import FOLLOWED, PERIOD, SCENARIO_AXIS, StudyPoint
+from nrs_cosim.orchestrator.study.rows import FAILURES, RESULTS, StudyRow, kept_recordings
+from nrs_cosim.orchestrator.study.store import StudyStore
+from nrs_cosim.orchestrator.study.study import (
+    Refinement,
+    StudyPlan,
+    StudyProgress,
+    merge,
+    sweep_into,
+    task_of,
+)
+from nrs_cosim.orchestrator.study.table import StudyTable
+from nrs_cosim.orchestrator.terminal import err, out, say
+
+TIMED = 3
+"""Points that a dry run runs, to say how long the others take."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepOptions:
+    """What `nrs sweep` was given."""
+
+    scenarios: Sequence[Path]
+    over: Sequence[str]
+    seeds: str | None
+    output: Path
+    draw: str | None
+    changes: Sequence[Change]
+    jobs: int | None
+    dask: str | None
+    tls: TlsOptions
+    keep: str
+    timeout: float | None
+    retry: bool
+    refine: str | None
+    width: float | None
+    shard: tuple[int, int]
+    as_json: bool
+
+    def plan(self) -> StudyPlan:
+        """Return what is to be run; `InputError` says what is wrong."""
+        bases: dict[str, Experiment] = {}
+        for path in self.scenarios:
+            experiment = read_scenario(path, self.changes)
+            if experiment.name in bases:
+                raise InputError(f"{path}: another scenario is called {experiment.name} too")
+            bases[experiment.name] = experiment
+        axes = [axis_of("--over", text) for text in self.over]
+        if len(bases) > 1:
+            axes.insert(0, StudyAxis((SCENARIO_AXIS,), tuple((name,) for name in bases)))
+        if self.seeds is not None:
+            axes.append(seeds_of("--seeds", self.seeds))
+        drawn = Draw.of("--draw", self.draw) if self.draw else None
+        return StudyPlan(
+            bases,
+            with_draw(axes, drawn),
+            kept_recordings("--keep", self.keep),
+            self.timeout,
+            sent=self.dask is not None,
+            shard=self.shard,
+        )
+
+    def engine(self) -> StudyEngine:
+        """Return who runs the points."""
+        if self.dask is None:
+            return local_engine(self.jobs)
+        tls = self.tls.certificates()
+        files = (
+            {
+                "tls_ca_file": str(tls.ca),
+                "tls_client_cert": str(tls.certificate),
+                "tls_client_key": str(tls.key),
+            }
+            if tls
+            else None
+        )
+        return dask_engine(self.dask, files)
+
+
+def perform_sweep(options: SweepOptions, *, dry_run: bool) -> None:
+    """Run a study with what a person sees of it, and exit: 1 where a point failed."""
+    plan = options.plan()
+    _tell_followed(plan)
+    if dry_run:
+        _show_dry_run(plan, options)
+        return
+    make_folder(options.output / "study.json")
+    store = StudyStore(options.output)
+    refinement = Refinement(options.refine, options.width) if options.refine else None
+    with (
+        locked(store.journal),
+        store,
+        interrupts([signal.SIGINT, signal.SIGTERM]) as stopped,
+        _following(err, as_json=options.as_json) as follow,
+    ):
+        again = FAILURES if options.retry else ()
+        sweep_into(store, plan, options.engine(), follow, stopped, again, refinement)
+    found = study_summary(options.output)
+    if not options.as_json:
+        show_study(out, found)
+    if stopped():
+        say("yellow", "interrupted", "all rows are kept; the same command goes on")
+        raise typer.Exit(INTERRUPTED)
+    raise typer.Exit(FAILED if found["failures"] else DONE)
+
+
+def study_summary(folder: Path) -> dict[str, Any]:
+    """Return what there is to say of a study, for JSON."""
+    store = StudyStore(folder)
+    table = StudyTable.of(store, "cause_kind", "reason", "recording")
+    columns, statuses = table.columns, table.columns["status"]
+    failures = [place for place, status in enumerate(statuses) if status not in RESULTS]
+    boundaries = {}
+    for key in table.keys:
+        try:
+            found = list(changes_along(table, key))
+        except InputError:
+            continue
+        boundaries[key] = [
+            {"of": dict(one.others), "low": one.low, "high": one.high} for one in found
+        ]
+    return {
+        "folder": str(folder),
+        "rows": len(table),
+        "statuses": dict(sorted(table.counts.items())),
+        "axes": {key: table.axis(key) for key in table.keys},
+        "seeds": sorted({*columns["seed"]}),
+        "boundaries": boundaries,
+        "failures": [
+            {
+                "key": columns["key"][place],
+                "point": {key: table.values[key][place] for key in table.keys},
+                "seed": columns["seed"][place],
+                "status": statuses[place],
+                "cause": columns["cause_kind"][place],
+                "reason": columns["reason"][place],
+                "recording": columns["recording"][place],
+                "command": rerun_command(store, table, place),
+            }
+            for place in failures
+        ],
+    }
+
+
+def rerun_command(store: StudyStore, table: StudyTable, place: int) -> str:
+    """Return the line that runs a row's point again, with a recording."""
+    key = table.columns["key"][place]
+    return shlex.join(["nrs", "study", "run", str(store.folder), key[:12]])
+
+
+def show_study(console: Console, found: Mapping[str, Any]) -> None:
+    """Show a study's summary, with its first failures."""
+    counts = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
+    rows = {"study": found["folder"], "rows": f"{found['rows']}: {counts or 'none'}"}
+    for key, values in found["axes"].items():
+        ends = f"{values[0]} to {values[-1]}" if len(values) > 1 else f"{values[0]}"
+        rows[key] = f"{count_of(len(values), 'value')}, {ends}"
+    if len(found["seeds"]) > 1:
+        rows["seeds"] = str(len(found["seeds"]))
+    for key, changes in found["boundaries"].items():
+        if changes:
+            spans = ", ".join(f"{one['low']:g} to {one['high']:g}" for one in changes[:5])
+            more = f" and {len(changes) - 5} more" if len(changes) > 5 else ""
+            rows[key] += f"; convergence changes within {spans}{more}"
+    grid(console, rows, max(map(len, rows)))
+    for one in found["failures"][:10]:
+        say("red", one["status"], f"{one['reason'] or one['cause']}; again: {one['command']}")
+    if len(found["failures"]) > 10:
+        say("red", "failed", f"and {len(found['failures']) - 10} more: nrs study info --json")
+
+
+def merge_studies(output: Path, folders: Sequence[Path]) -> None:
+    """Put the rows of folders into one, and say what it has then."""
+    make_folder(output / "study.json")
+    store = StudyStore(output)
+    with locked(store.journal), store:
+        merge(store, folders)
+    show_study(out, study_summary(output))
+
+
+def _tell_followed(plan: StudyPlan) -> None:
+    keys = {key for axis in plan.axes for key in axis.keys}
+    if PERIOD in keys:
+        for line in FOLLOWED:
+            if line.partition(":")[0] not in keys:
+                say("blue", "follows", line)
+
+
+def _show_dry_run(plan: StudyPlan, options: SweepOptions) -> None:
+    points = list(plan.points())
+    store = StudyStore(options.output)
+    there = store.statuses() if store.exists else {}
+    new = [point for point in points if point.key not in there]
+    seconds, size = _estimate(new, plan, store)
+    grid(
+        out,
+        {
+            "points": f"{len(points)}, of which {len(points) - len(new)} have a row",
+            "ticks": str(sum(point.ticks for point in new)),
+            "time": f"about {seconds:.3g} s of one processor",
+            "size": f"about {size / 1e6:.3g} MB of recordings if all were kept",
+        },
+    )
+
+
+def _estimate(
+    points: Sequence[StudyPoint], plan: StudyPlan, store: StudyStore
+) -> tuple[float, float]:
+    """Return the time, s, and the size, bytes, of points, by a few of them that are run."""
+    tried = points[:: max(len(points) // TIMED, 1)][:TIMED]
+    spent, ticks, messages = 0.0, 0, 0
+    for point in tried:
+        row = run_point(task_of(point, plan, store))
+        if isinstance(row, dict):
+            spent, ticks = spent + row["cpu_seconds"], ticks + point.ticks
+            messages += row["messages"] or 0
+    every = sum(point.ticks for point in points)
+    share = every / ticks if ticks else 0.0
+    return spent * share, messages * share * BYTES
+
+
+BYTES = 40
+"""Of a recording, for each message: 11,106 of the paper's example are 0.45 MB."""
+
+
+@contextmanager
+def _following(
+    console: Console, *, as_json: bool
+) -> Iterator[Callable[[StudyProgress, StudyRow | None], None]]:
+    """Show how far a study is: a bar on a terminal, lines in a pipe, JSON where it is asked for."""
+    begun, latest = monotonic(), StudyProgress(0)
+
+    def left() -> str:
+        if not latest.ticks:
+            return ""
+        seconds = (monotonic() - begun) * latest.ticks_left / latest.ticks
+        return f", about {seconds:.0f} s left"
+
+    def status() -> str:
+        failed = sum(latest.counts.get(status, 0) for status in FAILURES)
+        lost = f", {failed} failed" if failed else ""
+        return f"{latest.done} of {count_of(latest.points, 'point')}{lost}{left()}"
+
+    if as_json:
+        yield _print_line
+        return
+    if not console.is_terminal:
+
+        def follow(now: StudyProgress, _row: StudyRow | None) -> None:
+            nonlocal latest
+            latest = now
+
+        with status_lines(console, status):
+            yield follow
+        return
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn(compact=True))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def draw(now: StudyProgress, _row: StudyRow | None) -> None:
+            nonlocal latest
+            latest = now
+            total = now.ticks + now.ticks_left
+            bar.update(task, completed=now.ticks, total=total or 1, description=status())
+
+        yield draw
+
+
+def _print_line(now: StudyProgress, row: StudyRow | None) -> None:
+    done = {
+        "points": now.points,
+        "done": now.done,
+        "failed": sum(now.counts.get(status, 0) for status in FAILURES),
+    }
+    found = {**done, "row": row.as_json()} if row else done
+    out.print(json.dumps(found), markup=False, soft_wrap=True)
+    out.file.flush()

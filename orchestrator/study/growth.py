@@ -1,0 +1,59 @@
+"""Whether the errors of a run's estimates grow, from what was recorded alone.
+
+It is asked where theory has no motion to hold them against: of links that lose samples, of
+algorithms that are not linear, of estimates that diverge. With s(a, b) the largest ‖ε̄_i(t_k)‖∞ and
+‖ῡ_i(t_k)‖∞ over honest robots and the ticks from part a to part b of the run, the rate is
+
+    (s(¾, 1) / s(½, ¾)) ^ (4 / ticks),
+
+by what errors are multiplied at a sampling time. They have grown when the last quarter's are more
+than `GROWN` times the quarter's before: noise and a target that turns make quarters unequal.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import errors_by_tick
+
+GROWN = 1.5
+_FEWEST = 8
+"""Ticks of a run whose quarters say anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """The largest errors of the third and of the fourth quarter of so many ticks."""
+
+    before: float
+    after: float
+    ticks: int
+
+    @property
+    def rate(self) -> float | None:
+        """By what errors are multiplied at a sampling time; None where a quarter has none."""
+        if not (0 < self.before < inf and 0 < self.after < inf):
+            return None
+        return float((self.after / self.before) ** (4 / self.ticks))
+
+    @property
+    def has_grown(self) -> bool:
+        """Whether they are larger than before by more than chance."""
+        return self.after > GROWN * self.before
+
+
+def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
+    """Return how the errors of a recording grow; None where too few ticks say anything."""
+    liars = np.array(experiment.byzantine, int) - 1
+    sizes = [
+        float(np.abs(np.delete(errors, liars, axis=1)).max())
+        for k, errors in errors_by_tick(reader, experiment.target_at)
+        if k > 0
+    ]
+    n = len(sizes)
+    if n < _FEWEST:
+        return None
+    return Growth(max(sizes[n // 2 : n - n // 4]), max(sizes[n - n // 4 :]), n)

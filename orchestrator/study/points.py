@@ -1,0 +1,162 @@
+"""A point of a study is a scenario's text with other values at the keys of the axes, and its key.
+
+The key of a point is the SHA-256 of its scenario, resolved, of its FMUs, and of the versions of
+what computes a row. The axes are not in it, so a finer grid, more axes or more seeds find again the
+rows that are there. Of bundled models, which each machine builds, the version of this package
+stands.
+
+Times must fit: where h is on an axis, and the duration is not, the run lasts the whole number of
+sampling periods that is nearest to the scenario's duration; where the output step is not, it is the
+longest part of h, in whole nanoseconds, that is no longer than the scenario's.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import lru_cache
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from nrs_cosim.bus.clock import nanoseconds
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import shortened
+from nrs_cosim.estimator_agents.algorithm import class_of
+from nrs_cosim.orchestrator.errors import ScenarioError
+from nrs_cosim.orchestrator.scenario.assets import Assets
+from nrs_cosim.orchestrator.scenario.changes import Change, tables_with, unchanged_assets
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import resolve_scenario, tables_of
+from nrs_cosim.orchestrator.study.axes import SEED
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+
+SCHEMA = 1
+"""Of rows: another one computes another thing of the same run."""
+SCENARIO_AXIS = "scenario"
+"""The axis of studies of several scenarios: their names."""
+PERIOD, DURATION, STEP = "run.sampling_period", "run.duration", "run.output_step"
+FOLLOWED = (
+    f"{DURATION}: the whole number of sampling periods that is nearest to the scenario's",
+    f"{STEP}: the longest part of the sampling period that is no longer than the scenario's",
+)
+"""What follows h, as it is said to the user."""
+_MOST_PARTS = 64
+_BY_VERSION = ("nrs-cosim", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPoint:
+    """One run of a study."""
+
+    key: str
+    values: Mapping[str, Any]
+    """By key of the axes, but for the seed."""
+    seed: int
+    text: str
+    name: str
+    folder: str
+    assets: Assets
+    fmus: Mapping[str, str]
+    """SHA-256 of those that are not bundled, by what the scenario calls them."""
+    ticks: int
+
+
+def study_point(bases: Mapping[str, Experiment], values: Mapping[str, Any]) -> StudyPoint:
+    """Return the point of values by key; `InputError` says at which values what is wrong."""
+    base = bases[values.get(SCENARIO_AXIS) or next(iter(bases))]
+    given = {key: value for key, value in values.items() if key != SCENARIO_AXIS}
+    tables = tables_of(base.text)
+    changes = {
+        tuple(key.split(".")): value for key, value in (given | followed(tables, given)).items()
+    }
+    text = tomlkit.dumps(tables_with(tables, changes))
+    kept = unchanged_assets(base.assets, Change("point", "", None, changes))
+    where = ", ".join(f"{key} = {shortened(str(value))}" for key, value in given.items())
+    try:
+        experiment = resolve_scenario(text, base.name, base.folder, where or base.name, kept)
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    fmus = third_party_fmus(experiment)
+    return StudyPoint(
+        row_key(experiment, fmus),
+        {key: value for key, value in values.items() if key != SEED},
+        experiment.seed,
+        text,
+        base.name,
+        str(base.folder.absolute()),
+        experiment.assets,
+        fmus,
+        experiment.clock.ticks,
+    )
+
+
+def followed(tables: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of the times follows a sampling period that is given, by key."""
+    run = tables.get("run")
+    period = given.get(PERIOD)
+    if not isinstance(run, Mapping) or not isinstance(period, int | float) or not period > 0:
+        return {}
+    h, found = Decimal(repr(period)), dict[str, Any]()
+    duration, step = given.get(DURATION, run.get("duration")), run.get("output_step")
+    if DURATION not in given and isinstance(duration, int | float):
+        found[DURATION] = float(h * max(round(Decimal(repr(duration)) / h), 1))
+    if STEP not in given and isinstance(step, int | float) and step > 0:
+        found[STEP] = _longest_part(nanoseconds(float(period)), nanoseconds(float(step)))
+    return found
+
+
+def _longest_part(period: int, most: int) -> float:
+    """Return the longest part of a period, s, that is whole ns and at most so many ns long."""
+    fewest = -(-period // most)
+    parts = next((n for n in range(fewest, fewest + _MOST_PARTS) if period % n == 0), 1)
+    return float(Decimal(period // parts) / 10**9)
+
+
+def third_party_fmus(experiment: Experiment) -> dict[str, str]:
+    """Return the SHA-256 of an experiment's FMUs that are not bundled; of those that are there."""
+    names = {plant.fmu for plant in experiment.plants} - {*bundled_models()}
+    found = {}
+    for name in sorted(names):
+        path = experiment.folder / name
+        try:
+            status = path.stat()
+        except (OSError, ValueError):
+            raise InputError(f"plant.fmu: {name}: no such FMU in {experiment.folder}") from None
+        found[name] = _sha256(path, status.st_mtime_ns, status.st_size)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _sha256(path: Path, _changed: int, _size: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def row_key(experiment: Experiment, fmus: Mapping[str, str]) -> str:
+    """Return the key of an experiment's row."""
+    decided = [
+        SCHEMA,
+        experiment.scenario.model_dump_json(exclude={"bus"}),
+        dict(fmus),
+        _versions(),
+        _plugin(class_of(experiment.algorithm).__module__.partition(".")[0]),
+    ]
+    return hashlib.sha256(json.dumps(decided, sort_keys=True).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in _BY_VERSION}
+
+
+@lru_cache(maxsize=16)
+def _plugin(package: str) -> Sequence[str]:
+    """Return the distributions, with versions, that an algorithm's package is of."""
+    found = () if package == "nrs_cosim" else packages_distributions().get(package, ())
+    return [f"{name} {version(name)}" for name in sorted({*found})]

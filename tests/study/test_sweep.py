@@ -1,0 +1,196 @@
+"""A study from the command line and from Python: its rows, what it finds again, what it says."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import nrs_cosim as nrs
+from nrs_cosim.orchestrator.study.rows import QUANTITIES, STATUSES
+from tests.command import nrs as command
+from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
+from tests.scenarios import PAPER_FILE, write
+
+SHORT = nrs.Scenario.load(PAPER_FILE).replace({"run.duration": 1.0})
+ALPHAS = {"algorithm.alpha": [0.9, 1.5]}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Return a study of two gains, of which one diverges, and two seeds, in this process."""
+    scenario = SHORT.replace({"run.duration": 3.0})
+    return nrs.sweep(scenario, ALPHAS, seeds=2, out=tmp_path_factory.mktemp("study"), jobs=0)
+
+
+def test_a_row_has_what_the_recording_of_its_run_says(study):
+    assert {(row.seed, row.status) for row in study.rows} == {
+        (1, "converged"), (2, "converged"), (1, "diverged"), (2, "diverged"),
+    }  # fmt: skip
+    for row in study.rows:
+        with nrs.run(study.scenario(row.key)) as recording:
+            result = recording.analysis()
+        assert row.digest == recording.digest
+        assert (row.ticks, row.messages) == (recording.ticks, result["messages"])
+        assert row.samples == result["samples"]["count"]
+        for name, quantity in zip(QUANTITIES, result["theory"]["quantities"], strict=True):
+            assert getattr(row, name) == quantity["measured"]
+            found = json.loads(row.bounds)[name]
+            assert found == quantity["bounds"] | {"status": quantity["status"]}
+        theory = nrs.check(study.scenario(row.key))
+        assert row.spectral_radius == theory.spectral_radius
+        assert row.convergence == theory.as_json()["convergence"]
+        cause = result["cause"] or {"kind": None, "tick": None, "robot": None, "quantity": None}
+        assert (row.cause_kind, row.cause_tick) == (cause["kind"], cause["tick"])
+        assert (row.cause_robot, row.cause_quantity) == (cause["robot"], cause["quantity"])
+
+
+def test_the_margin_is_of_the_condition_that_is_nearest_to_its_bound(study):
+    for row in study.rows:
+        conditions = nrs.check(study.scenario(row.key)).as_json()["conditions"]
+        margins = [c["margin"] / c["bound"] for c in conditions if c["bound"]]
+        assert row.margin == pytest.approx(min(margins), rel=1e-12)
+        assert row.violated == ", ".join(c["name"] for c in conditions if c["status"] == "violated")
+
+
+def test_the_same_again_runs_nothing_and_more_runs_what_is_new(tmp_path):
+    first = nrs.sweep(SHORT, ALPHAS, out=tmp_path, jobs=0)
+    started = {row.key: row.started for row in first.rows}
+    seen = []
+    axes = {"algorithm.alpha": [0.9, 1.5, 0.8], "algorithm.beta": [1.1]}
+    more = nrs.sweep(
+        SHORT, axes, seeds=2, out=tmp_path, jobs=0,
+        progress=lambda now: seen.append((now.done, now.points)),
+    )  # fmt: skip
+    assert seen == [(2, 6), (3, 6), (4, 6), (5, 6), (6, 6)]
+    rows = {row.key: row for row in more.rows}
+    assert {key: rows[key].started for key in started} == started
+    assert more.keys == ("algorithm.alpha", "algorithm.beta")
+    frame = more.to_pandas()
+    assert frame[["algorithm.alpha", "algorithm.beta", "seed"]].values.tolist() == [
+        [alpha, 1.1, seed] for alpha in (0.8, 0.9, 1.5) for seed in (1, 2)
+    ]
+
+
+def test_another_scenario_in_the_folder_is_refused(tmp_path):
+    nrs.sweep(SHORT, ALPHAS, out=tmp_path, jobs=0)
+    with pytest.raises(nrs.errors.InputError, match="is a study of another scenario"):
+        nrs.sweep(SHORT.replace({"algorithm.beta": 0.5}), ALPHAS, out=tmp_path, jobs=0)
+
+
+def test_the_dataset_has_the_axes_and_seeds_as_dimensions(study):
+    data = study.dataset()
+    assert dict(data.sizes) == {"algorithm.alpha": 2, "seed": 2}
+    assert (data.status.sel({"algorithm.alpha": 1.5}) == "diverged").all()
+    for row in study.rows:
+        alpha = json.loads(row.point)["algorithm.alpha"]
+        here = data.sel({"algorithm.alpha": alpha, "seed": row.seed})
+        assert float(here.position_estimate) == row.position_estimate
+        assert str(here.digest.values) == row.digest
+    assert np.isnan(data.cause_tick.sel({"algorithm.alpha": 0.9})).all()
+
+
+def test_several_scenarios_are_an_axis(tmp_path):
+    other = SHORT.replace({"algorithm.name": "dcea2"}, name="second")
+    study = nrs.sweep([SHORT, other], {}, out=tmp_path, jobs=0)
+    assert study.keys == ("scenario",)
+    names = {row.scenario: study.scenario(row.key)["algorithm.name"] for row in study.rows}
+    assert names == {"paper_first_order": "dcea1", "second": "dcea2"}
+
+
+def test_points_can_be_left_out_by_a_condition():
+    axes = {"algorithm.alpha": [0.8, 0.9], "algorithm.beta": [0.8, 0.9]}
+    study = nrs.sweep(
+        SHORT, axes, jobs=0, where=lambda point: point["algorithm.alpha"] <= point["algorithm.beta"]
+    )
+    assert len(study) == 3
+
+
+def test_a_plant_that_fails_is_a_row_with_its_cause_recording_and_line_to_run_it_again(tmp_path):
+    shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
+    write(tmp_path / "s.toml", base=three_robots(isolate=False))
+    over, folder = f"plant.parameters.fault={FAULTS.index('none')},{FAULTS.index('error')}", "study"
+    done = command(
+        "sweep", "s.toml", "--over", over, "-o", folder, "--jobs", "0", cwd=tmp_path
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    info = json.loads(command("study", "info", folder, "--json", cwd=tmp_path).stdout)
+    assert info["statuses"] == {"converged": 1, "failed": 1}
+    (failure,) = info["failures"]
+    assert (failure["status"], failure["cause"]) == ("failed", "plant")
+    assert failure["reason"] in " ".join(done.stderr.split())
+    again = command(*failure["command"].split()[1:], "-o", "again.mcap", cwd=tmp_path)
+    assert again.returncode == 1
+    digests = [
+        json.loads(command("info", path, "--json", cwd=tmp_path).stdout)["digest"]
+        for path in ("again.mcap", f"{folder}/{failure['recording']}")
+    ]
+    assert digests[0] == digests[1]
+
+
+def test_a_command_runs_a_study_and_tells_it_in_lines_of_json(tmp_path):
+    write(tmp_path / "s.toml", {"run.duration": 1.0})
+    arguments = (
+        "sweep", tmp_path / "s.toml", "--over", "run.sampling_period=0.05,0.1", "--seeds", "2",
+        "-o", tmp_path / "study", "--jobs", "0", "--keep", "all", "--json",
+    )  # fmt: skip
+    done = command(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert "follows: run.duration" in done.stderr
+    first, *lines = map(json.loads, done.stdout.splitlines())
+    assert (first["points"], [line["done"] for line in lines]) == (4, [1, 2, 3, 4])
+    for line in lines:
+        row = line["row"]
+        assert row["status"] in STATUSES
+        info = json.loads(command("info", tmp_path / "study" / row["recording"], "--json").stdout)
+        assert (info["digest"], info["ticks"]) == (row["digest"], row["ticks"])
+    again = command(*arguments)
+    assert [json.loads(line)["done"] for line in again.stdout.splitlines()] == [4]
+
+
+def test_a_dry_run_says_how_much_it_would_be_and_writes_nothing(tmp_path):
+    write(tmp_path / "s.toml", {"run.duration": 1.0})
+    done = command(
+        "sweep", tmp_path / "s.toml", "--over", "algorithm.alpha=0.1:1:10", "--dry-run",
+        "-o", tmp_path / "study",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "10, of which 0 have a row" in done.stdout
+    assert "100" in done.stdout
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--over", "algorithm.alpa=1,2"), "unknown key; did you mean 'alpha'"),
+        (("--seeds", "x"), "--seeds: expected a number of seeds"),
+        (("--keep", "some"), "--keep: expected none, failed, all or every:N"),
+        (("--shard", "3/2"), "--shard: expected i/N"),
+        (("--dask", "tcp://lab.example:8786"), "only tls:// is taken"),
+        (("--width", "0.1"), "--width requires --refine"),
+        (("--refine", "algorithm.alpha"), "expected a key with an axis of its own"),
+        (("--timeout", "0"), "--timeout: expected more than 0"),
+    ],
+)
+def test_a_wrong_option_is_one_message_and_makes_no_study(tmp_path, options, said):
+    write(tmp_path / "s.toml", {"run.duration": 1.0})
+    done = command("sweep", tmp_path / "s.toml", "-o", tmp_path / "study", *options)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not (tmp_path / "study" / "study.json").exists()
+
+
+def test_parts_of_a_study_are_merged_into_the_table_of_the_whole(tmp_path):
+    write(tmp_path / "s.toml", {"run.duration": 1.0})
+    arguments = ("sweep", tmp_path / "s.toml", "--over", "algorithm.alpha=0.5:1:6", "--jobs", "0")
+    for part in ("1/2", "2/2"):
+        done = command(*arguments, "-o", tmp_path / part[0], "--shard", part)
+        assert done.returncode == 0, done.stderr
+    assert command(*arguments, "-o", tmp_path / "whole").returncode == 0
+    done = command("study", "merge", tmp_path / "1", tmp_path / "2", "-o", tmp_path / "merged")
+    assert done.returncode == 0, done.stderr
+    merged, whole = nrs.Study(tmp_path / "merged"), nrs.Study(tmp_path / "whole")
+    assert len(merged) == 6
+    assert 0 < len(nrs.Study(tmp_path / "1")) < 6
+    assert merged.digest == whole.digest
