@@ -21,6 +21,7 @@ BUNDLED = {
     "dcea1": "dcea1:FirstOrder",
     "dcea2": "dcea2:SecondOrder",
     "dcea3": "dcea3:ThirdOrder",
+    "dynamic_average": "dynamic_average:DynamicAverage",
     "event_triggered": "event_triggered:EventTriggered",
     "impulsive": "impulsive:Impulsive",
     "kalman_consensus": "kalman_consensus:KalmanConsensus",

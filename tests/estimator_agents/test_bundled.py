@@ -14,6 +14,7 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea3 import ThirdOrder
 from nrs_cosim.estimator_agents.declarations import wrong_declarations
+from nrs_cosim.estimator_agents.dynamic_average import DynamicAverage
 from nrs_cosim.estimator_agents.edges import field_sizes
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.installed import algorithm_class, bundled_algorithms
@@ -285,6 +286,7 @@ def test_push_sum_comes_to_the_average_whatever_links_lose(fault):
         Wmsr(1),
         EventTriggered(0.7, 0.6, c0=0.3, d0=0.3, longest_silence=1.0),
         PushSum(),
+        DynamicAverage(0.3, 0.05, 0.02, follows_signal=True),
     ],
     ids=lambda algorithm: type(algorithm).__name__,
 )
