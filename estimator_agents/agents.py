@@ -32,7 +32,7 @@ from nrs_cosim.estimator_agents.algorithm import (
     overrides,
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
-from nrs_cosim.estimator_agents.flow import follows_lines
+from nrs_cosim.estimator_agents.flow import acceleration_of, follows_lines
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import EveryBuffer, ReceiveBuffer
 from nrs_cosim.estimator_agents.received import Received
@@ -101,8 +101,19 @@ class Agents:
         self.observes = self._observes = overrides(class_of(algorithm), "observe")
         """Whether they look at the target, whose sample they then need before they send."""
         self._measures = overrides(class_of(algorithm), "measure")
-        self.follows_lines = follows_lines(algorithm, self._sizes)
-        """Whether what plants are given between sampling times is a line."""
+        self._is_line = follows_lines(algorithm, self._sizes)
+        self._acceleration = acceleration_of(algorithm, self._sizes)
+
+    @property
+    def reference(self) -> tuple[Array, ...] | None:
+        """Position, velocity and perhaps acceleration, (rows, m), that plants follow from t_k⁺ on.
+
+        None where estimates move neither on lines nor under a constant acceleration.
+        """
+        line = self.state.position, self.state.velocity
+        if self._is_line:
+            return line
+        return (*line, self.state[self._acceleration]) if self._acceleration else None
 
     def left(self, dt: float) -> Values:
         """Return the state a time dt, s, after the last t_k⁺, before the next sampling time."""

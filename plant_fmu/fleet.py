@@ -23,10 +23,10 @@ class Fleet:
         self.q, self.qd, self.tau = (np.empty((rows, m)) for _ in range(3))
         self._gather()
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Take new references (rows, m) from now on."""
         for rows, plants in self._groups:
-            plants.hold(position[rows], velocity[rows])
+            plants.hold(*(part[rows] for part in reference))
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""

@@ -1,7 +1,7 @@
 """Plants of one archive advance together, a row a robot: a reference in, states out.
 
-Between two calls of `hold` each reference moves on as ε + (t − t_hold) υ, so nothing has to be
-said in between, however often the states are asked for.
+Between two calls of `hold` each reference moves on as ε + s υ + s²/2 a, s = t − t_hold, so nothing
+has to be said in between, however often the states are asked for.
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,8 +94,11 @@ class Plants(Protocol):
     qd: Array
     tau: Array
 
-    def hold(self, position: Array, velocity: Array) -> None:
-        """Take new references (rows, m) from now on: ε_i(t⁺), υ_i(t⁺), in the units of q and qd."""
+    def hold(self, *reference: Array) -> None:
+        """Take new references (rows, m) from now on: ε_i(t⁺), υ_i(t⁺), in the units of q and qd.
+
+        With a third, their acceleration, they are no lines.
+        """
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s; `StepError` names the robot, FMU, time and cause."""

@@ -7,10 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.bus.clock import seconds
 from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_of
 from nrs_cosim.estimator_agents.condition import Condition
-from nrs_cosim.estimator_agents.flow import chord_errors, follows_lines
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
@@ -18,6 +16,7 @@ from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
+from nrs_cosim.orchestrator.analysis.chords import Chords, chords_of
 from nrs_cosim.orchestrator.analysis.convergence import (
     late_of,
     merged,
@@ -48,18 +47,6 @@ _OF_ONE_ROBOT = (TRACKING, POSITIVE)
 ConditionStatus = Literal["holds", "void", "violated", "unknown"]
 OF_PERIOD = "sampling_period"
 """The conditions of this name are on a period that is always the same."""
-
-
-@dataclass(frozen=True, slots=True)
-class Chords:
-    """References that are given to plants as chords of what agents estimate, and so are off."""
-
-    step: float
-    """s: no output step is longer."""
-    position: float
-    """rad, at most, while an estimated acceleration is within γ2."""
-    velocity: float
-    """rad/s, likewise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,16 +266,8 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
         lying_by=experiment.lying_by,
-        chords=_chords(experiment),
+        chords=chords_of(experiment),
     )
-
-
-def _chords(experiment: Experiment) -> Chords | None:
-    if follows_lines(experiment.algorithm, experiment.sizes):
-        return None
-    step = seconds(experiment.clock.longest) / experiment.clock.parts
-    _, gamma_2 = experiment.target.bounds()
-    return Chords(step, *chord_errors(gamma_2, step))
 
 
 def finite(number: float | None) -> float | None:

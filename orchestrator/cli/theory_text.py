@@ -5,6 +5,7 @@ from math import inf, isnan
 from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of, numbered
+from nrs_cosim.bus.text import shortened
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple, with_parameters
 
 if TYPE_CHECKING:
@@ -53,9 +54,9 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         rows["byzantine"] = f"{_lie(liars)}{by}; what follows is of the others"
     if chords := checked.chords:
         rows["reference"] = (
-            f"no line between sampling times: chords of {chords.step:g} s are given to the plants, "
-            f"off by up to {chords.position:.3g} and, in velocity, {chords.velocity:.3g} while the "
-            "estimated acceleration is within gamma_2"
+            f"no line between sampling times: chords of {chords.step:g} s are given to "
+            f"{', '.join(map(shortened, chords.fmus))}, off by up to {chords.position:.3g} and, in "
+            f"velocity, {chords.velocity:.3g} while the estimated acceleration is within gamma_2"
         )
     return rows
 

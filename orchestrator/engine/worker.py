@@ -161,20 +161,21 @@ class Worker:
     def advance(self, k: int, watch: Watch) -> Records:
         """Advance the plants over (t_{k−1}, t_k]; return their states (outputs · robots,).
 
-        They are on the output grid, by time and then by robot. A reference that is no line between
-        sampling times is given to the plants as its chords there.
+        They are on the output grid, by time and then by robot. A reference that plants do not
+        follow between sampling times is given to them as its chords there.
         """
         before = self.agents.state
         reached = held = self._clock.t(k - 1)
-        if self.agents.follows_lines:
-            self.plants.hold(before.position, before.velocity)
+        reference = self.agents.reference
+        if reference:
+            self.plants.hold(*reference)
         batches = []
         for t in self._clock.outputs(k):
             began = perf_counter()
             self.place = t, 0, int(self.agents.robots[0])
             start, step = seconds(reached), seconds(t - reached)
             left = self.agents.left(seconds(t - held))
-            if not self.agents.follows_lines:
+            if not reference:
                 self.plants.hold(before.position, (left.position - before.position) / step)
             self.plants.advance(start, step)
             self.spent.plants += perf_counter() - began

@@ -89,7 +89,7 @@ class RecordedPlants:
         self._coming: Iterator[Records] = iter(())
         self.advance(0.0, 0.0)
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Pass over a reference."""
 
     def advance(self, start: float, step: float) -> None:  # noqa: ARG002

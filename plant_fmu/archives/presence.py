@@ -8,7 +8,7 @@ from nrs_cosim.plant_fmu.archives.quantities import TYPES, NumberLayout
 from nrs_cosim.plant_fmu.archives.variables import NO_SIZES, find_quantity, table_of
 from nrs_cosim.plant_fmu.errors import FmuError
 
-VECTORS = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
+VECTORS = ("q", "qd", "tau", "position_ref", "velocity_ref", "acceleration_ref", "tau_applied")
 """Of m numbers each, of a robot."""
 
 

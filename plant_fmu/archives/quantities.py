@@ -18,6 +18,7 @@ TYPES = frozenset({"Real", "Float64"})
 UNITS = {
     **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
     **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),
+    "acceleration_ref": ("rad/s2", "m/s2"),
     **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
     **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
     "disturbance_rate": ("N.m/s", "N/s"),

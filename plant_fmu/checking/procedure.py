@@ -8,6 +8,7 @@ from contextlib import ExitStack
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
+from nrs_cosim.plant_fmu.archives.presence import VECTORS
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
@@ -19,12 +20,10 @@ from nrs_cosim.plant_fmu.checking.resetting import resetting
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.validity import validity
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
-from nrs_cosim.plant_fmu.drives.reference_driven import REFERENCE
+from nrs_cosim.plant_fmu.drives.reference_driven import ACCELERATION, REFERENCE
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
-
-QUANTITIES = ("q", "qd", "tau", "position_ref", "velocity_ref", "tau_applied")
 
 
 def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
@@ -93,7 +92,7 @@ def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
     """
     m = len(task.body.q) if task.body else None
     quantities: dict[str, Quantity | str] = {}
-    for ours in QUANTITIES:
+    for ours in VECTORS:
         try:
             found = find_quantity(task.archive, ours, task.names, size=m, sizes=sizes)
         except FmuError as error:
@@ -103,9 +102,10 @@ def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
             m = found.size if ours == "q" else m
     torque = isinstance(quantities["tau"], Quantity)
     referred = all(isinstance(quantities[ours], Quantity) for ours in REFERENCE)
-    needless = {"tau_applied": "it is computed"}
+    chords = "a reference that is no line is given in chords"
+    needless = {"tau_applied": "it is computed", ACCELERATION: chords}
     if torque:
-        needless |= dict.fromkeys(REFERENCE, "it takes tau")
+        needless |= dict.fromkeys((*REFERENCE, ACCELERATION), "it takes tau")
     elif referred:
         needless["tau"] = "it takes references"
     else:

@@ -79,10 +79,10 @@ class ModelExchangePlants:
         self._instances.reset()
         self._start(bodies)
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Take new references (rows, m) from now on."""
         for row, (robot, law) in enumerate(zip(self._robots, self._laws, strict=True)):
-            law.hold(robot.time, position[row : row + 1], velocity[row : row + 1])
+            law.hold(robot.time, *(part[row : row + 1] for part in reference))
             robot.event()
             self._solvers[row].restart()
 
@@ -101,8 +101,7 @@ class ModelExchangePlants:
                     robot.time,
                     robot.next_event,
                     law.since,
-                    *law.position,
-                    *law.velocity,
+                    *law.reference[0],
                     robot.states,
                 ]
             )
@@ -115,16 +114,14 @@ class ModelExchangePlants:
         """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.q.shape[1], self._instances
-        count = 3 + 2 * m + self._robots[0].states.size
+        count = 3 + 3 * m + self._robots[0].states.size
         rows, own = decode(instances.library.archive, instances.robots, data, count)
         self._states.restore(own, float(rows[0, 0]))
         for numbers, robot, law, solver in zip(
             rows, self._robots, self._laws, self._solvers, strict=True
         ):
-            (time, next_event, since), position, velocity, states = np.split(
-                numbers, [3, 3 + m, 3 + 2 * m]
-            )
-            law.hold(float(since), position[None], velocity[None])
+            (time, next_event, since), reference, states = np.split(numbers, [3, 3 + 3 * m])
+            law.take_up(float(since), reference[None])
             robot.next_event = float(next_event)
             robot.states[:] = states
             robot.arrive(float(time))

@@ -1,4 +1,7 @@
-"""tau = kp (ε(t) − q) + kd (υ − qd), with ε(t) = ε + (t − t_hold) υ; tau_d(t) acts beside it."""
+"""tau = kp (ε(t) − q) + kd (υ(t) − qd); tau_d(t) acts beside it.
+
+With s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a; of a line, without the terms in a.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +21,8 @@ class _Terms:
     held_disturbed: Array
     drift_disturbed: Array
     """With tau_d, without its waves."""
+    curve: Array | None
+    """Per second squared; None of lines."""
 
 
 class Law:
@@ -40,15 +45,34 @@ class Law:
             np.array([body.velocity for body in bodies]),
         )
 
-    def hold(self, since: float, position: Array, velocity: Array) -> None:
-        """Take references (rows, m), rad and rad/s, that move on from a time in s."""
-        self.since, self.position, self.velocity = since, position.copy(), velocity.copy()
+    def hold(
+        self, since: float, position: Array, velocity: Array, acceleration: Array | None = None
+    ) -> None:
+        """Take references (rows, m), rad, rad/s and rad/s², that move on from a time in s."""
+        self.since, self._position, self._velocity = since, position.copy(), velocity.copy()
+        self._acceleration = None if acceleration is None else acceleration.copy()
         self._terms = None
+
+    @property
+    def reference(self) -> Array:
+        """(rows, 3 m) position, velocity and acceleration, as `take_up` takes them."""
+        acceleration = self._acceleration
+        if acceleration is None:
+            acceleration = np.zeros_like(self._position)
+        return np.hstack([self._position, self._velocity, acceleration])
+
+    def take_up(self, since: float, reference: Array) -> None:
+        """Hold what `reference` was, (rows, 3 m)."""
+        position, velocity, acceleration = np.split(reference, 3, axis=1)
+        self.hold(since, position, velocity, acceleration if acceleration.any() else None)
 
     def torque(self, seconds: float, state: Array) -> Array:
         """Return tau (rows, m), N m, at a time in s and the states (rows, 2 m) of q and then qd."""
         terms, since = self._terms or self._find_terms(), seconds - self.since
-        return terms.held + since * terms.drift - _times(self._feedback, state)
+        reference = terms.held + since * terms.drift
+        if terms.curve is not None:
+            reference += since * since * terms.curve
+        return reference - _times(self._feedback, state)
 
     def effort(self, seconds: float, state: Array) -> Array:
         """Return tau + tau_d, (rows, m), N m: all that acts on the robots; see `torque`.
@@ -57,6 +81,8 @@ class Law:
         """
         terms, since = self._terms or self._find_terms(), seconds - self.since
         effort = terms.held_disturbed + since * terms.drift_disturbed
+        if terms.curve is not None:
+            effort += since * since * terms.curve
         effort -= _times(self._feedback, state)
         for amplitude, frequency, phase in self._waves:
             effort += amplitude * np.sin(frequency * seconds + phase)
@@ -64,10 +90,14 @@ class Law:
 
     def _find_terms(self) -> _Terms:
         """Find what is asked of these references for the first time."""
-        held = _times(self._kp, self.position) + _times(self._kd, self.velocity)
-        drift = _times(self._kp, self.velocity)
+        held = _times(self._kp, self._position) + _times(self._kd, self._velocity)
+        drift, curve = _times(self._kp, self._velocity), None
+        if self._acceleration is not None:
+            drift += _times(self._kd, self._acceleration)
+            curve = _times(self._kp, self._acceleration) / 2
         d = self._disturbance
-        self._terms = _Terms(held, drift, held + d.offset + self.since * d.rate, drift + d.rate)
+        disturbed = held + d.offset + self.since * d.rate, drift + d.rate
+        self._terms = _Terms(held, drift, *disturbed, curve)
         return self._terms
 
 

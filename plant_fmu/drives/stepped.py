@@ -57,9 +57,9 @@ class Stepped:
         self.instances.reset()
         self._start(bodies)
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Take new references (rows, m) from now on."""
-        self.law.hold(self.time, position, velocity)
+        self.law.hold(self.time, *reference)
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""
@@ -80,18 +80,18 @@ class Stepped:
     def save(self) -> list[bytes]:
         """Return each robot's time, law and state; only where it is `checkpointable`."""
         assert self._states is not None
-        law, since = self.law, np.empty((len(self.state), 2))
+        since = np.empty((len(self.state), 2))
         since[:] = self.time, self.law.since
-        numbers = np.hstack([since, law.position, law.velocity])
+        numbers = np.hstack([since, self.law.reference])
         return encode(self.instances.library.archive, numbers, self._states.save(self.time))
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.m, self.instances
-        numbers, states = decode(instances.library.archive, instances.robots, data, 2 + 2 * m)
+        numbers, states = decode(instances.library.archive, instances.robots, data, 2 + 3 * m)
         self.time = float(numbers[0, 0])
-        self.law.hold(float(numbers[0, 1]), numbers[:, 2 : 2 + m], numbers[:, 2 + m :])
+        self.law.take_up(float(numbers[0, 1]), numbers[:, 2:])
         self._states.restore(states, self.time)
         self.read()
         self._tell_torque()
@@ -127,7 +127,7 @@ class FreePlants(Stepped):
     ) -> None:
         super().__init__(library, bodies, names, lambda _: {}, MOTION, why)
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Take no reference, whatever (rows, m) is given."""
 
     def _tell_torque(self) -> None:

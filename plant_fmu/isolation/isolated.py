@@ -59,7 +59,7 @@ class IsolatedPlants:
         path.touch()
         self._memory = Memory(path, len(firsts), n, m)
         self.q, self.qd, self.tau = self._memory.q, self._memory.qd, self._memory.tau
-        self._new, self._time = False, 0.0
+        self._new, self._time = 0, 0.0
         self._workers = []
         for number, first in enumerate(firsts):
             own = bodies[self._shares[number]]
@@ -81,10 +81,10 @@ class IsolatedPlants:
         self.kind, self.drive, self.why = opened["kind"], opened["drive"], opened["why"]
         self.checkpointable: bool = opened["checkpointable"]
 
-    def hold(self, position: Array, velocity: Array) -> None:
+    def hold(self, *reference: Array) -> None:
         """Take new references (rows, m) from now on."""
-        self._memory.position[:], self._memory.velocity[:] = position, velocity
-        self._new = True
+        self._new = len(reference)
+        self._memory.reference[: self._new] = reference
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""
@@ -93,7 +93,7 @@ class IsolatedPlants:
             worker.ask(request)
         for worker in self._workers:
             worker.answer(start)
-        self._new, self._time = False, start + step
+        self._new, self._time = 0, start + step
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""
@@ -104,7 +104,7 @@ class IsolatedPlants:
         """Put each robot back to a checkpoint."""
         time = time_of(data, len(self.q))
         self._all([envelope(RESTORE, joined(data[share])) for share in self._shares])
-        self._new, self._time = False, time
+        self._new, self._time = 0, time
 
     def _all(self, requests: Sequence[bytes], seconds: float | None = None) -> list[bytes]:
         """Ask each its own, all at once; return their answers, as `FmuProcess.answer` has it."""

@@ -19,8 +19,8 @@ from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
 from nrs_cosim.plant_fmu.plants import Array, Body
 
 HEAD = Struct("=cI")
-ADVANCE, ADVANCED_BY = b"a", Struct("=?dd")
-"""Whether the references are new; start and step in s."""
+ADVANCE, ADVANCED_BY = b"a", Struct("=Bdd")
+"""How many parts of new references there are, none where they stay; start and step in s."""
 SAVE, RESTORE = b"c", b"r"
 """The robots' checkpoints are asked for, or given, framed as `bus.framing` has it."""
 DONE, BAD_FMU, BAD_STEP = b"d", b"f", b"s"
@@ -64,14 +64,12 @@ class Memory:
     def __init__(self, path: Path, workers: int, n: int, m: int) -> None:
         """Map a file, which grows to its size, with zeros, when it is new."""
         head = workers * SIZE // 8
-        numbers = np.asarray(np.memmap(path, np.float64, "r+", shape=(head + 5 * n * m,)))
+        numbers = np.asarray(np.memmap(path, np.float64, "r+", shape=(head + 6 * n * m,)))
         progress = numbers[:head].data.cast("B")
         self.progress = [Progress(progress[i * SIZE : (i + 1) * SIZE]) for i in range(workers)]
-        rows = numbers[head:].reshape(5, n, m)
-        self.position: Array = rows[0]
-        """(n, m) ε_i(t⁺)"""
-        self.velocity: Array = rows[1]
-        """(n, m) υ_i(t⁺)"""
-        self.q: Array = rows[2]
-        self.qd: Array = rows[3]
-        self.tau: Array = rows[4]
+        rows = numbers[head:].reshape(6, n, m)
+        self.reference: Array = rows[:3]
+        """(3, n, m) ε_i(t⁺), υ_i(t⁺), and the acceleration"""
+        self.q: Array = rows[3]
+        self.qd: Array = rows[4]
+        self.tau: Array = rows[5]

@@ -70,7 +70,7 @@ class Share:
         first, n, workers = task.place
         memory = Memory(task.memory, workers, n, len(task.bodies[0].q))
         rows = slice(first, first + len(task.bodies))
-        self._reference = memory.position[rows], memory.velocity[rows]
+        self._reference = memory.reference[:, rows]
         self._state = memory.q[rows], memory.qd[rows], memory.tau[rows]
         self._progress = memory.progress[task.worker]
         library = partial(AnnouncedLibrary, self._progress)
@@ -95,7 +95,7 @@ class Share:
         """Take the references if they are new, and advance; the answer is in the memory."""
         new, start, step = ADVANCED_BY.unpack(request)
         if new:
-            self._plants.hold(*self._reference)
+            self._plants.hold(*self._reference[:new])
         self._plants.advance(start, step)
         self._mirror()
         return b""

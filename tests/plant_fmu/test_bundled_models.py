@@ -248,6 +248,22 @@ def test_a_reference_moves_with_its_velocity(robot: Open, fmi: int) -> None:
         assert r.get("reference_time") == 5.5
 
 
+@each_version
+def test_a_reference_moves_with_its_acceleration(robot: Open, fmi: int) -> None:
+    with robot("planar_robot", fmi) as r:
+        r.initialize(position_ref=[1.0, 2.0], velocity_ref=[0.5, 0.0], acceleration_ref=[4.0, -8.0])
+        r.fmu.doStep(0.0, 0.5)
+        assert r.get("position_ref").tolist() == [1.75, 1.0]
+        assert r.get("velocity_ref").tolist() == [2.5, -4.0]
+        r.set("acceleration_ref", [0.0, 2.0])
+        r.fmu.doStep(0.5, 0.5)
+        assert r.get("position_ref").tolist() == [3.0, -0.75]
+        assert r.get("velocity_ref").tolist() == [2.5, -3.0]
+        r.set("position_ref", [0.0, 0.0])
+        r.fmu.doStep(1.0, 0.5)
+        assert r.get("position_ref").tolist() == [1.25, -1.25]
+
+
 @pytest.mark.parametrize(
     "order", [("position_ref", "velocity_ref"), ("velocity_ref", "position_ref")]
 )

@@ -291,7 +291,7 @@ def test_a_once_per_process_fmu_gets_a_process_for_each_robot(faulty, life):
 
 def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
     archive, driving = open_archive(faulty), Driving()
-    references = np.random.default_rng(5).uniform(-1, 1, (2, 4, 3, 2))
+    references = np.random.default_rng(5).uniform(-1, 1, (3, 4, 3, 2))
     of = bodies(3)
 
     def isolated(rows):
@@ -308,7 +308,7 @@ def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
     def play(plants, rows, ticks):
         states = []
         for k in ticks:
-            plants.hold(references[0, k, rows], references[1, k, rows])
+            plants.hold(*references[:, k, rows])
             plants.advance(k * 0.1, 0.1)
             states.append(np.stack([plants.q, plants.qd, plants.tau]))
         return np.array(states)
@@ -324,7 +324,7 @@ def test_a_checkpoint_moves_between_processes_and_partitions(faulty):
                 (here, slice(1)), (isolated, slice(1, 3)), (isolated, every), (one_each, every),
             ):  # fmt: skip
                 other = opened(rows)
-                other.hold(references[0, 0, rows], references[1, 0, rows])
+                other.hold(*references[:, 0, rows])
                 other.restore(saved[rows])
                 assert np.array_equal(other.q, plants.q[rows])
                 assert np.array_equal(play(other, rows, range(2, 4)), onwards[:, :, rows])

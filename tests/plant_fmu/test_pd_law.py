@@ -8,6 +8,7 @@ from nrs_cosim.plant_fmu.plants import Body, Disturbance
 
 RNG = np.random.default_rng(45)
 ROWS, M = 3, 2
+NO_ACCELERATION = np.zeros((ROWS, M))
 
 
 def random_body(robot, waves=2):
@@ -21,13 +22,14 @@ def random_body(robot, waves=2):
 BODIES = [random_body(1), random_body(2, waves=0), random_body(3, waves=1)]
 
 
-def expected(bodies, t, since, position, velocity, state):
+def expected(bodies, t, since, position, velocity, state, acceleration=NO_ACCELERATION):
     """Return tau and tau_d of each robot, as the equation has them."""
     tau, waves = np.zeros((2, ROWS, M))
     for row, body in enumerate(bodies):
         q, qd = state[row, :M], state[row, M:]
-        moved = position[row] + (t - since) * velocity[row]
-        tau[row] = body.kp @ (moved - q) + body.kd @ (velocity[row] - qd)
+        s, a = t - since, acceleration[row]
+        moved, rate = position[row] + s * velocity[row] + s**2 / 2 * a, velocity[row] + s * a
+        tau[row] = body.kp @ (moved - q) + body.kd @ (rate - qd)
         d = body.disturbance
         waves[row] = d.offset + d.rate * t
         waves[row] += (d.amplitude * np.sin(d.frequency * t + d.phase)).sum(axis=1)
@@ -39,22 +41,23 @@ def test_torque_and_effort_are_those_of_the_equation():
     position, velocity = (
         np.array([getattr(b, x) for b in BODIES]) for x in ("position", "velocity")
     )
-    for since in (0.0, 0.4, 1.7):
+    curves = {0.0: (), 0.4: (), 0.9: (RNG.normal(size=(ROWS, M)),), 1.7: ()}
+    for since, acceleration in curves.items():
         if since:
             position, velocity = RNG.normal(size=(2, ROWS, M))
-            law.hold(since, position, velocity)
+            law.hold(since, position, velocity, *acceleration)
         for t in (since, since + 0.25):
-            tau, disturbance = expected(BODIES, t, since, position, velocity, state)
+            reference = position, velocity, state, *acceleration
+            tau, disturbance = expected(BODIES, t, since, *reference)
             assert law.torque(t, state) == pytest.approx(tau, rel=1e-12, abs=1e-12)
             assert law.effort(t, state) == pytest.approx(tau + disturbance, rel=1e-12, abs=1e-12)
 
 
 def test_references_are_copied():
     law, state = Law(BODIES), np.zeros((ROWS, 2 * M))
-    position, velocity = RNG.normal(size=(2, ROWS, M))
-    law.hold(0.5, position, velocity)
-    kept = expected(BODIES, 0.75, 0.5, position, velocity, state)[0]
-    position[:], velocity[:] = 9e9, 9e9
+    position, velocity, acceleration = RNG.normal(size=(3, ROWS, M))
+    law.hold(0.5, position, velocity, acceleration)
+    kept = expected(BODIES, 0.75, 0.5, position, velocity, state, acceleration.copy())[0]
+    position[:], velocity[:], acceleration[:] = 9e9, 9e9, 9e9
     assert law.torque(0.75, state) == pytest.approx(kept, rel=1e-12)
-    assert np.abs(law.position).max() < 1e3
-    assert np.abs(law.velocity).max() < 1e3
+    assert np.abs(law.reference).max() < 1e3
