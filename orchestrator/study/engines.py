@@ -54,12 +54,13 @@ def dask_engine(address: str, tls: Mapping[str, str] | None = None) -> StudyEngi
         client = library.Client(address, timeout=PATIENCE, security=security, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(f"--dask {quoted(address)}: no scheduler answers: {error}") from None
-    workers = client.run(_versions)
-    if not workers:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
         client.close()
-        raise InputError(f"--dask {quoted(address)}: the scheduler has no workers")
+        raise InputError(f"--dask {quoted(address)}: the scheduler has no workers") from None
     mine = _versions()
-    for worker, found in workers.items():
+    for worker, found in client.run(_versions).items():
         if found != mine:
             client.close()
             raise InputError(f"--dask: worker {worker} has {found}, not {mine}")

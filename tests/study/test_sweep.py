@@ -1,16 +1,21 @@
 """A study from the command line and from Python: its rows, what it finds again, what it says."""
 
+import hashlib
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import nrs_cosim as nrs
+from nrs_cosim.orchestrator.study.point_run import NeedsFmus, run_point
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, STATUSES
+from nrs_cosim.orchestrator.study.store import StudyStore
+from nrs_cosim.orchestrator.study.study import StudyPlan, task_of
 from tests.command import nrs as command
 from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
-from tests.scenarios import PAPER_FILE, write
+from tests.scenarios import PAPER_FILE, example, write
 
 SHORT = nrs.Scenario.load(PAPER_FILE).replace({"run.duration": 1.0})
 ALPHAS = {"algorithm.alpha": [0.9, 1.5]}
@@ -194,3 +199,26 @@ def test_parts_of_a_study_are_merged_into_the_table_of_the_whole(tmp_path):
     assert len(merged) == 6
     assert 0 < len(nrs.Study(tmp_path / "1")) < 6
     assert merged.digest == whole.digest
+
+
+def test_an_fmu_that_is_sent_runs_only_where_that_is_allowed(tmp_path, monkeypatch):
+    fmu = built(tmp_path)
+    monkeypatch.setenv("NRS_CACHE", str(tmp_path / "cache"))
+    base = example(three_robots(fmu=str(fmu)), folder=tmp_path, name="faulty")
+    plan = StudyPlan({"faulty": base}, [], sent=True)
+    task = task_of(next(plan.points()), plan, StudyStore(tmp_path))
+    row = run_point(task)
+    assert (row["status"], row["cause_kind"]) == ("failed", "input")
+    assert (
+        "this worker runs no FMU that is sent to it; start it with NRS_ALLOW_FMUS=1"
+        in row["reason"]
+    )
+    monkeypatch.setenv("NRS_ALLOW_FMUS", "1")
+    sha256 = hashlib.sha256(fmu.read_bytes()).hexdigest()
+    assert run_point(task) == NeedsFmus((sha256,))
+    content = fmu.read_bytes()
+    fmu.unlink()
+    assert run_point(replace(task, content={sha256: content}))["status"] == "converged"
+    assert run_point(task)["status"] == "converged", "it is kept, by content"
+    wrong = replace(task, content={"0" * 64: content})
+    assert "to have sha256 000" in run_point(wrong)["reason"]
