@@ -38,9 +38,7 @@ from nrs_cosim.estimator_agents.algorithm import (
 )
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.target import Harmonic, Target
-from nrs_cosim.estimator_agents.theory.estimates import SteadyMotion
-from nrs_cosim.estimator_agents.theory.solving import solve
+from nrs_cosim.estimator_agents.target import Target
 from nrs_cosim.estimator_agents.values import Values
 
 Array = NDArray[np.float64]
@@ -51,8 +49,6 @@ TRIED = ((1, 1.0), (1000, 1e-6), (4097, 1e6))
 """Sampling times, and sizes of the numbers, at which it is tried whether a law is linear."""
 CASES = 8
 """Of random numbers at each; one more is all zeros."""
-MOST_STATES = 300
-"""Of a recursion with late samples, for each eigenvalue of D."""
 WEIGHTS = np.array([[0.5], [0.2], [0.3]])
 """Of three in-neighbours, one of them the target, whom others are tried with."""
 
@@ -79,6 +75,11 @@ class LinearStep:
     """(s, 3) E"""
     agrees: bool
     """Whether G S E z is what the target's own sample comes to."""
+    ageless: bool
+    """Whether a sample is taken as it is, however old it is."""
+    alone: Array | None
+    """(s, s) F K of a period in which no sample is delivered; None where the law takes other sums
+    of those that are than the weighted mean."""
 
     def modes(self, spectrum: Spectrum) -> Spectrum:
         """Return the eigenvalues of the recursion, of those of D."""
@@ -88,22 +89,6 @@ class LinearStep:
         """Return F (K + s_i G S) for each eigenvalue of D."""
         blocks: Spectrum = self.own + spectrum[:, None, None] * self.received
         return blocks
-
-    def late_radius(self, spectrum: Spectrum, periods: int) -> float:
-        """Return ρ where every sample, of the target too, is d sampling periods late.
-
-        x(t_{k+1}) = F K x(t_k) + F G S D x(t_{k−d}) is a recursion of d + 1 states. It is not a
-        number of more states than can be looked at.
-        """
-        s = len(self.fields)
-        order = s * (periods + 1)
-        if order > MOST_STATES:
-            return nan
-        companion = np.zeros((len(spectrum), order, order), np.complex128)
-        companion[:, :s, :s] += self.own
-        companion[:, :s, -s:] += spectrum[:, None, None] * self.received
-        companion[:, s:, :-s] += np.eye(order - s)
-        return float(np.abs(np.linalg.eigvals(companion)).max())
 
     def matrix(self, D: Matrix) -> Matrix:
         """Return A, (s n, s n), on a digraph."""
@@ -115,33 +100,6 @@ class LinearStep:
         z = np.array([motion.position, motion.velocity, target.acceleration(seconds)])
         errors: Array = np.array([state[name] for name in self.fields]) - (self.truth @ z)[:, None]
         return errors
-
-    def steady_motion(self, D: Matrix, target: Harmonic) -> SteadyMotion | None:
-        """Return what the errors settle to on a digraph, where ρ < 1; None where it is not known.
-
-        They are of all s fields.
-
-        It is not where the target sends what no agent does, and where agents that are right do not
-        stay so at a target that rests.
-        """
-        n, s, h = D.shape[0], len(self.fields), self.h
-        E, agreed = self.truth, self.own + self.received
-        rest, ramp = agreed @ E[:, 0] - E[:, 0], agreed @ E[:, 1] - E[:, 1] - h * E[:, 0]
-        if not self.agrees or not np.allclose(rest, 0, atol=NEAR):
-            return None
-        A, unit = self.matrix(D), kron(np.eye(s), identity_like(D))
-        frequency, waves = target.phasors()
-        phasor = np.zeros((len(frequency), s, n, waves.shape[1]), complex)
-        for w, omega in enumerate(frequency):
-            phase = np.exp(1j * omega * h)
-            given = (agreed - phase * np.eye(s)) @ E @ [1, 1j * omega, -(omega**2)]
-            X = solve(phase * unit - A, np.kron(given, np.ones(n)))
-            phasor[w] = X.reshape(s, n, 1) * waves[w]
-        constant = np.zeros((s, n, waves.shape[1]))
-        if not np.allclose(ramp, 0, atol=NEAR):
-            X = solve(unit - A, np.kron(ramp, np.ones(n)))
-            constant = X.reshape(s, n, 1) * target.rate
-        return SteadyMotion(h, 1, constant, frequency, phasor)
 
 
 def linear_step(algorithm: Algorithm, h: float) -> LinearStep | None:
@@ -213,13 +171,54 @@ def _found(algorithm: Algorithm, h: float) -> LinearStep | None:
         ):
             if not np.allclose(found / size, expected / size, rtol=NEAR, atol=NEAR):
                 return None
+    ageless, alone = _incomplete(algorithm, h, K, G, R)
     own, received = F @ K, F @ G @ S
     seen = _seen(list(algorithm.STATE), (own != 0) | (received != 0))
     agrees = np.allclose((received @ E)[seen], (F @ G @ T)[seen], rtol=NEAR, atol=NEAR)
     at = np.ix_(seen, seen)
     names = tuple(np.array(list(algorithm.STATE))[seen].tolist())
     sent, samples = tuple(algorithm.SENT), (F @ G)[seen]
-    return LinearStep(h, names, F[at], own[at], received[at], sent, samples, E[seen], bool(agrees))
+    return LinearStep(
+        h,
+        names,
+        F[at],
+        own[at],
+        received[at],
+        sent,
+        samples,
+        E[seen],
+        bool(agrees),
+        ageless,
+        None if alone is None else (F @ alone)[at],
+    )
+
+
+def _incomplete(
+    algorithm: Algorithm, h: float, K: Array, G: Array, R: Array
+) -> tuple[bool, Array | None]:
+    """Return whether the age of samples is nothing to a law, and its K where none is delivered.
+
+    The latter is None where it is not the mean of those that are that it takes.
+    """
+    s, q = len(R), G.shape[1]
+    rng = np.random.Generator(np.random.Philox(7))
+    x, samples = rng.normal(size=(s, CASES)), rng.normal(size=(len(WEIGHTS), q, CASES))
+    some, none, ages = (np.array(of, np.int64) for of in ((1, 0, 1), (0, 0, 0), (3, 1, 2)))
+
+    def after(x: Array, samples: Array, there: NDArray[np.int64], ages: NDArray[np.int64]) -> Array:
+        return _receive(algorithm, x, samples, WEIGHTS, 9, h, there > 0, ages)
+
+    mean = (WEIGHTS[:, :, None] * samples).sum(axis=0)
+    whole, left = K @ x + G @ mean, R @ x
+    ageless = np.allclose(after(left, samples, none == 0, ages), whole, rtol=NEAR, atol=NEAR)
+    units = np.zeros((len(WEIGHTS), q, s))
+    alone = after(R, units, none, 0 * ages)
+    weights = WEIGHTS * some[:, None] / (WEIGHTS[:, 0] @ some)
+    mean = (weights[:, :, None] * samples).sum(axis=0)
+    tried = after(left, samples, some, 0 * ages), after(left, samples, none, 0 * ages)
+    expected = K @ x + G @ mean, alone @ x
+    means = np.allclose(tried, expected, rtol=NEAR, atol=NEAR)
+    return bool(ageless), alone if means else None
 
 
 def _seen(names: list[str], depends: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -244,7 +243,14 @@ def _send(algorithm: Algorithm, x: Array, k: int, h: float) -> tuple[Array, Arra
 
 
 def _receive(
-    algorithm: Algorithm, x: Array, samples: Array, weights: Array, k: int, h: float
+    algorithm: Algorithm,
+    x: Array,
+    samples: Array,
+    weights: Array,
+    k: int,
+    h: float,
+    delivered: NDArray[np.bool_] | None = None,
+    ages: NDArray[np.int64] | None = None,
 ) -> Array:
     """Return the state right after t_k, (s, c), of c cases; samples are (d, q, c) of d nodes."""
     d = len(samples)
@@ -255,6 +261,8 @@ def _receive(
         weights,
         _values(algorithm.SENT, samples.swapaxes(0, 1)),
         Values(),
+        delivered,
+        ages,
     )
     after = algorithm.receive(_now(k, h, d), _values(algorithm.STATE, x[:, None]), received)
     assert isinstance(after, Values)

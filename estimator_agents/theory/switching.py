@@ -163,7 +163,12 @@ def any_order(recursions: Sequence[Recursion]) -> JointRadius | None:
 
 def contracts_in_any_order(recursion: Recursion) -> bool:
     """Return whether it is proven that every order converges, by the gains alone, given A2."""
-    gains = np.diag(recursion.gain)
-    diagonal = np.array_equal(recursion.gain, np.diag(gains))
-    kept = np.array_equal(recursion.keep, np.eye(2))
-    return kept and diagonal and bool(np.all((gains > 0) & (gains < 1)))
+    most = float(np.diag(recursion.gain).max())
+    return most < 1 and gains_up_to_one(recursion.keep, recursion.gain)
+
+
+def gains_up_to_one(keep: Array, gain: Array) -> bool:
+    """Return whether K = I and G = diag(α, β) with 0 < α, β ≤ 1."""
+    gains = np.diag(gain)
+    diagonal = np.array_equal(gain, np.diag(gains)) and np.array_equal(keep, np.eye(2))
+    return diagonal and bool(np.all((gains > 0) & (gains <= 1)))

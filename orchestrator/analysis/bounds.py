@@ -1,5 +1,6 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
     worst_case_of_list,
 )
+from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     PaperBound,
@@ -22,7 +24,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case,
     worst_case_always,
 )
-from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
@@ -35,6 +37,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_of,
     spectra_of,
 )
+from nrs_cosim.orchestrator.analysis.links import late_step_of, link_faults_of
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -82,8 +85,9 @@ class UltimateBounds:
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
     """What the errors settle to; None of a target that goes on neither in sines nor straight."""
-    step: LinearStep | None
-    """A period of an algorithm whose agents keep more; None of others, which have recursions."""
+    step: LateStep | None
+    """A period of agents that keep more, or over links that are late; None of others, which have
+    recursions."""
     added: EstimateBounds | None
     """What is added to these by errors of what is received; None of an algorithm without such."""
     gaps: NDArray[np.float64] | None
@@ -205,20 +209,23 @@ def ultimate_bounds(
         rho = rho_of(algorithm, topologies, spectra_of(topologies), periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
-    step = None
-    if not recursions and periods.constant_period is not None and len(topologies.digraphs) == 1:
-        step = linear_step(algorithm, periods.constant_period)
+    step, since = _step_of(experiment, periods, recursions)
+    if experiment.impaired and step:
+        recursions, recursion = [], None
+        radius = step.radius(spectra_of(topologies)[-1][0])
+        rho = RadiusBounds(radius, radius)
     why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
     gaps = None
     if nominal and not why_not:
         if len(topologies.digraphs) == 1 and periods.constant_period is not None:
-            period, D = recursion or step, topologies.digraphs[0].D
+            D, late = topologies.digraphs[0].D, step is not None and step.longest > 0
+            period = recursion or (step.step if step and not late else None)
             added = received_errors(period, D, nominal[1], rho.radius) if period else None
             gaps = periods_between(experiment.algorithm, recursion, *whole, rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
     motion, worst, always, paper = None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
-        motion = step.steady_motion(topologies.digraphs[0].D, target)
+        motion = step.steady_motion(target)
     if recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
@@ -255,7 +262,7 @@ def ultimate_bounds(
         periods.constant_period is None,
         topologies.switching,
         recursions,
-        1 if topologies.repeat else topologies.since[-1],
+        since,
         rho.radius,
         motion,
         step,
@@ -266,6 +273,22 @@ def ultimate_bounds(
         robots,
         tracking,
     )
+
+
+def _step_of(
+    experiment: Experiment, periods: Periods, recursions: Sequence[Recursion]
+) -> tuple[LateStep | None, int]:
+    """Return a period over late links, or of agents that keep more, and the tick it is so from."""
+    topologies, h = experiment.topologies, periods.constant_period
+    if experiment.impaired:
+        late = late_step_of(experiment, periods)
+        return late, link_faults_of(experiment).since if late else 1
+    since = 1 if topologies.repeat else topologies.since[-1]
+    if recursions or h is None or len(topologies.digraphs) > 1:
+        return None, since
+    step = linear_step(nominal_of(experiment.algorithm), h)
+    sound = np.zeros(len(topologies.links.source), np.int64)
+    return None if step is None else LateStep(step, topologies.links, sound), since
 
 
 @np.errstate(all="ignore")

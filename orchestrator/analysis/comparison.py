@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import finite
@@ -197,27 +198,31 @@ def _beginning(
 
     Of tracking, there is no telling: it is as if nothing was left, where it was time to settle.
     """
-    motion = ultimate.motion
-    fields = ultimate.step.fields if ultimate.step else ()
+    motion, step, past = ultimate.motion, ultimate.step, 0
+    fields = step.step.fields if step else ()
     unknown = not {*fields} <= {*experiment.algorithm.STATE}
+    if step and experiment.impaired:  # what was under way is known of what is recorded alone
+        past, unknown = step.longest, len(fields) > len(ESTIMATE)
     if unknown or (motion is None and ultimate.worst_case is None):
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None
     since = ultimate.since
-    story = (one for one in errors_by_tick(reader, experiment.target_at) if one[0] >= since)
-    first = next(story, None)
-    if first is None or first[0] != since:
+    story = (one for one in errors_by_tick(reader, experiment.target_at) if one[0] >= since - past)
+    first = [*islice(story, past + 1)]
+    if [k for k, _ in first] != [*range(since - past, since + 1)]:
         return (None,) * 4, 0.0, None
-    x = first[1] if ultimate.step is None else _at_first(ultimate.step, experiment)
-    z = x if motion is None else x - motion.at(since)
-    left = _left(ultimate, experiment, z, reader.ticks)
+    seen = first
+    if step and len(fields) > len(ESTIMATE):
+        seen = [(since, _at_first(step.step, experiment))]
+    recent = [x if motion is None else x - motion.at(k) for k, x in seen]
+    left = _left(ultimate, experiment, recent, reader.ticks)
     if left is None:
         return (None,) * 4, 0.0, None
     *transient, peak = left
     if motion is None:
         return (*transient, 0.0, 0.0), peak, None
-    aside = ((k, x - motion.at(k)[:2]) for k, x in chain([first], story))
+    aside = ((k, x - motion.at(k)[:2]) for k, x in chain(first[-1:], story))
     period = sum(ticks for _, ticks in experiment.topologies.phases()) or 1
     # What is received may be off for ever, so that errors do not fall to the motion itself.
     factor = None if ultimate.added else _factor(aside, period)
@@ -225,9 +230,11 @@ def _beginning(
 
 
 def _left(
-    ultimate: UltimateBounds, experiment: Experiment, z: Array, end: int
+    ultimate: UltimateBounds, experiment: Experiment, recent: list[Array], end: int
 ) -> tuple[float, float, float] | None:
-    """Return what is left of a z in the last fifth, at most: positions and velocities, ‖·‖∞.
+    """Return what is left of z in the last fifth, at most: positions and velocities, ‖·‖∞.
+
+    `recent` are the z, (s, n, m) each, of the ticks up to the first, as many as are under way then.
 
     Beside them stands the largest that it came to, whose rounding is in all that follows. It is
     known where the last fifth begins when all is as in the long run, and z is of that tick.
@@ -236,21 +243,23 @@ def _left(
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)
     if end > LONGEST or fifth < ultimate.since:
         return None
-    shape, most = z.shape, np.zeros(2)
-    x, jumps = z.reshape(-1, shape[2]), [one.jump for one in ultimate.recursions]
-    step = ultimate.step.matrix(topologies.digraphs[0].D) if ultimate.step else None
-    n, least, peak = shape[1], LOST**2 * np.abs(x).max(), 0.0
+    shape, most, step = recent[-1].shape, np.zeros(2), ultimate.step
+    x, jumps = recent[-1].reshape(-1, shape[2]), [one.jump for one in ultimate.recursions]
+    parts = step.parts() if step else []
+    n, least, peak = shape[1], LOST**2 * np.abs(recent).max(), 0.0
     for k in range(ultimate.since, end + 1):
         if k >= fifth:
             most = np.maximum(most, np.abs(x.reshape(shape)[:2]).max(axis=(1, 2)))
         peak = max(peak, float(np.abs(x).max()))
-        if np.abs(x).max() <= least:
+        if np.abs(recent).max() <= least:
             break
         if step is None:
             x = jumps[topologies.at(k)] @ x
             x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
+            recent = [x]
         else:
-            x = step @ x
+            recent = [*recent, step.advance(recent, parts)][-1 - step.longest :]
+            x = recent[-1].reshape(-1, shape[2])
     return float(most[0]), float(most[1]), peak
 
 

@@ -18,7 +18,6 @@ from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.orchestrator.analysis.chords import Chords, chords_of
 from nrs_cosim.orchestrator.analysis.convergence import (
-    late_of,
     merged,
     periods_of,
     recursions_of,
@@ -26,6 +25,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     spectra_of,
     why_unknown,
 )
+from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LinkStatus, link_analysis
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
 from nrs_cosim.orchestrator.analysis.robot_conditions import (
     POSITIVE,
@@ -75,8 +75,8 @@ class Check:
     periods: Periods
     recursion: Recursion | None
     """Of all ticks; None where it is not one, or the jump is not linear."""
-    late: tuple[int, float] | None
-    """By how many sampling periods all samples are late, and ρ then; None where it is not that."""
+    links: LinkAnalysis
+    """What follows from what links do to samples."""
     impaired: bool
     """Whether links have faults, which ρ knows nothing of."""
     byzantine: tuple[int, ...]
@@ -147,9 +147,7 @@ class Check:
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
-            "late": {"periods": self.late[0], "spectral_radius": self.late[1]}
-            if self.late
-            else None,
+            "links": self.links.as_json(),
             "rate": finite(self.rate),
             "settling_time": None if self.premise else self.settling_time,
         }
@@ -173,17 +171,16 @@ class Check:
     def convergence(self) -> Literal["converges", "diverges", "unknown"]:
         """Whether the estimates converge over the links that the scenario has.
 
-        Of links with faults, or among robots that lie, it is not known: ρ and the conditions are
-        of links without, and of robots none of which lies. Where all samples are late by the same,
-        and nothing else, it is that of the recursion with late samples.
+        What converges in mean square does, and it is `links.status` that says so; of what does so
+        almost surely alone it is unknown how far it goes before. Among robots that lie it is not
+        known: ρ and the conditions are of robots none of which lies.
         """
-        if self.late:
-            return "converges" if self.late[1] < 1 else "diverges"
-        if self.premise or isnan(self.rho.upper):
-            return "unknown"
-        if self.rho.upper < 1:
-            return "converges"
-        return "diverges" if self.spectral_radius >= 1 else "unknown"
+        known: dict[LinkStatus, Literal["converges", "diverges"]] = {
+            "converges": "converges",
+            "converges in mean square": "converges",
+            "diverges": "diverges",
+        }
+        return known.get(self.links.status, "unknown")
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows.
@@ -240,11 +237,12 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
     bounds = [c.right for c in own if c.name == OF_PERIOD]
     spectrum = np.concatenate(everywhere)
     recursions = recursions_of(algorithm, topologies, periods.mean)
+    rho = rho_of(nominal_of(algorithm), topologies, spectra, periods)
     return Check(
         algorithm=experiment.scenario.algorithm.name,
         parameters=experiment.scenario.algorithm.parameters,
         spectrum=_pairs(spectrum),
-        rho=rho_of(nominal_of(algorithm), topologies, spectra, periods),
+        rho=rho,
         why=why_unknown(nominal_of(algorithm), topologies, periods),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(bounds, default=None),
@@ -262,7 +260,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         recursion=recursions[0]
         if len(recursions) == 1 and periods.constant_period is not None
         else None,
-        late=late_of(experiment, spectrum, periods),
+        links=link_analysis(experiment, spectra, periods, rho),
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
         lying_by=experiment.lying_by,

@@ -6,13 +6,12 @@ the turns come again, and else that of the last turn, which stays.
 """
 
 from collections.abc import Sequence
-from math import isnan, nan
 
 import numpy as np
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, jumps, nominal_of
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, jumps
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds, radius_bounds
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step, modes_of, radius_of_list
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
@@ -105,15 +104,3 @@ def merged(spectra: Sequence[Spectra]) -> Spectra:
     if all(len(one) == 1 for one in spectra):
         return (positions,)
     return positions, np.concatenate([one[-1] for one in spectra])
-
-
-def late_of(
-    experiment: Experiment, spectrum: Spectrum, periods: Periods
-) -> tuple[int, float] | None:
-    """Return by how much all samples are late, and ρ then; None where that is not known."""
-    d, h = experiment.common_delay, periods.constant_period
-    if not d or h is None or len(experiment.topologies.digraphs) > 1 or experiment.byzantine:
-        return None
-    step = linear_step(nominal_of(experiment.algorithm), h)
-    radius = nan if step is None else step.late_radius(spectrum, d)
-    return None if isnan(radius) else (d, radius)

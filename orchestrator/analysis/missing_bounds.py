@@ -5,7 +5,7 @@ from math import isnan
 from nrs_cosim.estimator_agents.algorithm import Algorithm
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
-from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
+from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.orchestrator.analysis.convergence import periods_of, why_unknown
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -18,7 +18,7 @@ def why_no_bounds(
     algorithm: Algorithm,
     recursions: list[Recursion],
     lasting: Recursion | None,
-    step: LinearStep | None,
+    step: LateStep | None,
     rho: RadiusBounds,
 ) -> str:
     """Return why there are no bounds on the errors of estimates; empty where there are.
@@ -28,8 +28,10 @@ def why_no_bounds(
     topologies, periods = experiment.topologies, periods_of(experiment)
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
-        "links have faults, and the theory is of links without": experiment.impaired,
         "robots lie, and the theory is of robots that do not": bool(experiment.byzantine),
+        "links lose or alter samples, or draw their delays, and bounds are of links that do not": (
+            experiment.impaired and step is None
+        ),
         why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _not_converging(rho): rho.status != "proven",
@@ -37,11 +39,10 @@ def why_no_bounds(
             not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
         ),
         "the algorithm is not known to be linear": not recursions and step is None,
-        _FEWER + "for a target of sines": (
-            not recursions and not isinstance(experiment.target, Harmonic)
-        ),
+        ("over late links there are bounds " if experiment.impaired else _FEWER)
+        + "for a target of sines": (not recursions and not isinstance(experiment.target, Harmonic)),
         "the target's sample is not that of an agent which is right": (
-            step is not None and not step.agrees
+            step is not None and not step.step.agrees
         ),
         "a period of turns is too long for bounds on so many robots": (
             bool(recursions) and lasting is None

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import shortened
+from nrs_cosim.orchestrator.cli.links_text import CONVERGE, link_rows, links_sentence
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple, with_parameters
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ ROUNDING = 1e-12
 """Of an eigenvalue, that is not shown."""
 MAX_SHOWN = 12
 """Of digraphs, that are shown."""
-CONVERGE = "the estimates converge to a neighbourhood of the target"
 ALL_HONEST = "robots that do not lie"
 """What a void condition is of."""
 UNKNOWN = "whether the estimates converge with these links is not known"
@@ -39,6 +39,7 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         "algorithm": with_parameters(checked.algorithm, checked.parameters),
         **_networks(checked),
         "rho": _convergence(checked),
+        **link_rows(checked.links),
     }
     if checked.any_order:
         rows["any order"] = _any_order(checked.any_order, _of(checked))
@@ -118,8 +119,8 @@ def _convergence(checked: "Check") -> str:
     rho = checked.rho
     if isnan(rho.upper):
         return f"none: {checked.why}"
-    if checked.late:
-        return _late(*checked.late)
+    if checked.links.source:
+        return links_sentence(checked.links)
     if checked.premise:
         lower, upper = multiple(rho.lower), multiple(rho.upper)
         radius = lower if rho.lower == rho.upper else f"{lower} to {upper}"
@@ -137,16 +138,6 @@ def _convergence(checked: "Check") -> str:
     }[rho.status]
     bounds = f"{multiple(rho.lower)} to {multiple(rho.upper)}"
     return f"joint spectral radius {bounds}: {status}"
-
-
-def _late(periods: int, radius: float) -> str:
-    """Say what follows where all samples are late by so many sampling periods."""
-    plural = "s" * (periods > 1)
-    below = radius < 1
-    return (
-        f"spectral radius {multiple(radius)} {'<' if below else '>='} 1 with all samples {periods} "
-        f"sampling period{plural} late: {CONVERGE if below else 'the estimates diverge'}"
-    )
 
 
 def _rate(checked: "Check") -> str:

@@ -129,7 +129,7 @@ class Experiment:
     def codecs(self) -> Codecs:
         """What codes the run's messages: of what the algorithm sends and keeps."""
         kind = class_of(self.algorithm)
-        duplicates = any(fault.duplicate for fault in self._link_faults.values())
+        duplicates = any(fault.duplicate for fault in self.link_faults.values())
         return Codecs.of(
             self.sizes,
             kind.__name__,
@@ -140,7 +140,7 @@ class Experiment:
         )
 
     @cached_property
-    def _link_faults(self) -> Mapping[tuple[int, int], LinkFault]:
+    def link_faults(self) -> Mapping[tuple[int, int], LinkFault]:
         """What is wrong with each link that the scenario names."""
         return link_faults(self.scenario, self.topologies.links, self.algorithm.SENT)
 
@@ -175,7 +175,7 @@ class Experiment:
     def impaired(self) -> bool:
         """Whether links have faults; what robots say is none of these."""
         sound = LinkFault()
-        faults = self._link_faults.values()
+        faults = self.link_faults.values()
         return bool(silences(self.scenario)) or any(fault != sound for fault in faults)
 
     @cached_property
@@ -197,16 +197,6 @@ class Experiment:
     def faulty(self) -> list[int]:
         """The robots that may meet faults on the links into them, ascending."""
         return np.unique(self.links.sink).tolist() if self.links else []
-
-    @property
-    def common_delay(self) -> int | None:
-        """By how many sampling periods every sample is late; None where links do anything else."""
-        faults = self._link_faults
-        delays = {fault.delay for fault in faults.values()}
-        low, high = next(iter(delays), (0, 0))
-        alike = len(delays) == 1 and low == high and len(faults) == len(self.topologies.links.sink)
-        others = any(fault != LinkFault(delay=fault.delay) for fault in faults.values())
-        return low if alike and not others and not silences(self.scenario) else None
 
     @cached_property
     def outages(self) -> Outages:
@@ -292,7 +282,7 @@ class Experiment:
 
     def _links_into(self, robots: Sequence[int], *, every: bool = False) -> Links | None:
         topologies = self.topologies
-        faults, quiet = {**self._link_faults}, silences(self.scenario)
+        faults, quiet = {**self.link_faults}, silences(self.scenario)
         for own in self._lies:
             for link in ((own.robot, receiver) for receiver in own.to):
                 fault = faults.get(link, LinkFault())

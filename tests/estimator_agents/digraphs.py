@@ -47,3 +47,18 @@ def ring(n: int, both: bool) -> Topology:
     sink = np.concatenate([[1], *(robot for _ in sides)])
     order = np.lexsort((source, sink))
     return Topology(n, source[order], sink[order], np.ones(len(order)))
+
+
+def drawn(rng: np.random.Generator, n: int) -> Topology:
+    """Return a random tree from the target over n robots, with some more edges."""
+    adjacency = np.where(rng.random((n, n)) < 0.3, rng.uniform(0.1, 5, (n, n)), 0)
+    np.fill_diagonal(adjacency, 0)
+    pinning = np.where(rng.random(n) < 0.2, rng.uniform(0.1, 5, n), 0)
+    order = rng.permutation(n)
+    for place, i in enumerate(order):
+        parent = rng.integers(0, place + 1)
+        if parent:
+            adjacency[i, order[parent - 1]] = rng.uniform(0.1, 5)
+        else:
+            pinning[i] = rng.uniform(0.1, 5)
+    return Topology.of(adjacency, pinning)

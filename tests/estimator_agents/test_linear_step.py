@@ -19,6 +19,7 @@ from nrs_cosim.estimator_agents.pi_consensus import PIConsensus
 from nrs_cosim.estimator_agents.sliding import Sliding
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, radius_bounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
+from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.estimates import steady_motion
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step, radius_of_list
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump, recursion_of
@@ -166,9 +167,14 @@ def test_what_it_is_given_are_values_of_one_robot():
 TOPOLOGY = Topology.of(*PAPER)
 
 
+def still(step):
+    """Return the recursion over links that are not late."""
+    return LateStep(step, TOPOLOGY, np.zeros(len(TOPOLOGY.source), np.int64))
+
+
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_of_those_that_only_jump_the_steady_state_is_that_of_their_recursion(law):
-    found = linear_step(law, 0.1).steady_motion(TOPOLOGY.D, HARMONIC)
+    found = still(linear_step(law, 0.1)).steady_motion(HARMONIC)
     expected = steady_motion(recursion_of(law, TOPOLOGY, 0.1), HARMONIC, 0.9)
     np.testing.assert_allclose(found.at(7), expected.at(7), rtol=1e-9)
     assert found.bound.position == pytest.approx(expected.bound.position, rel=1e-9)
@@ -192,7 +198,7 @@ def test_the_steady_state_of_those_that_keep_more_is_where_agents_go(law):
         sent = {"position": position, "velocity": velocity, "acceleration": acceleration}
         meet([agents], k, h, {name: sent[name] for name in law.SENT})
     errors = np.array([left.position - position, left.velocity - velocity])
-    motion = linear_step(law, h).steady_motion(TOPOLOGY.D, HARMONIC)
+    motion = still(linear_step(law, h)).steady_motion(HARMONIC)
     np.testing.assert_allclose(motion.at(ticks)[:2], errors, atol=1e-9)
 
 
@@ -204,7 +210,7 @@ def test_a_target_that_sends_what_no_agent_does_has_no_steady_state_here():
 
     step = linear_step(Odd(0.7, 0.6, 0.5), H)
     assert not step.agrees
-    assert step.steady_motion(TOPOLOGY.D, HARMONIC) is None
+    assert still(step).steady_motion(HARMONIC) is None
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
@@ -238,28 +244,21 @@ def test_modes_that_its_code_has_not_are_the_algorithm_s_error():
         expect_modes(Sunny(0.7, 0.6, 0.5), H)
 
 
-@pytest.mark.parametrize(
-    ("h", "periods", "radius"),
-    [
-        (0.4, 0, 0.890128), (0.4, 1, 1.011777), (0.4, 2, 1.018898),
-        (0.1, 0, 0.883173), (0.1, 1, 0.895397), (0.1, 2, 0.914885),
-    ],
-)  # fmt: skip
-def test_of_late_samples_the_factor_of_the_paper_s_example_is_known(h, periods, radius):
-    step = linear_step(SecondOrder(1.1, 0.9), h)
-    assert step.late_radius(SPECTRUM, periods) == pytest.approx(radius, abs=5e-7)
+def test_a_law_that_takes_the_age_of_samples_or_counts_them_is_known_to_do_so():
+    class Ahead(FirstOrder):
+        def receive(self, now, x, received):
+            ahead = (received.age * now.h)[:, None] * received.samples.velocity
+            return x.replace(
+                position=x.position
+                + self.alpha * received.mean(ahead + received.difference("position", x.position))
+            )
 
+    class Summing(FirstOrder):
+        def receive(self, now, x, received):  # noqa: ARG002
+            pull = received.sum(received.weight * received.difference("position", x.position))
+            return x.replace(position=x.position + self.alpha * pull)
 
-@pytest.mark.parametrize("periods", [1, 3])
-def test_of_late_samples_of_whatever_is_kept_it_is_that_of_the_whole_recursion(periods):
-    step, n = linear_step(ThirdOrder(0.7, 0.6, 0.5), H), 6
-    own, received = np.kron(step.own, np.eye(n)), np.kron(step.received, D)
-    now, before = [np.ones(18)], [np.ones(18)] * periods
-    x = before + now
-    for _ in range(600):
-        x.append(own @ x[-1] + received @ x[-1 - periods])
-    size = [np.linalg.norm(x[k]) for k in (400, 600)]
-    assert step.late_radius(SPECTRUM, periods) == pytest.approx(
-        (size[1] / size[0]) ** (1 / 200), rel=0.02
-    )
-    assert np.isnan(step.late_radius(SPECTRUM, 1000))
+    found = [linear_step(law(0.7, 0.6), H) for law in (FirstOrder, Ahead, Summing)]
+    assert [step.ageless for step in found] == [True, False, True]
+    assert [step.alone is None for step in found] == [False, False, True]
+    np.testing.assert_allclose(found[0].alone, [[1, H], [0, 1]], atol=1e-12)

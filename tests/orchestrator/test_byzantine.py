@@ -304,7 +304,11 @@ def test_what_theory_has_of_robots_that_do_not_lie_is_void_and_not_known_to_conv
     assert (as_json["byzantine"], as_json["of"]) == ([2], "robots that do not lie")
     assert as_json["settling_time"] is None
     late = check(paper(WORST, {"faults.links": [{"delay": 1}]}))
-    assert (late.late, late.convergence) == (None, "unknown")
+    assert (late.links.why, late.links.status, late.convergence) == (
+        "robots lie",
+        "unknown",
+        "unknown",
+    )
     assert late.premise == "links without faults and robots that do not lie"
     beyond = check(paper(WORST, {"algorithm.alpha": 3.0}))
     assert beyond.status(beyond.conditions[0]) == "violated"

@@ -23,7 +23,10 @@ def test_with_link_faults_the_spectral_radius_is_stated_for_links_without_them()
         for name in ("paper_lossy_links", "paper_first_order")
     )
     assert (lossy["of"], plain["of"]) == ("links without faults", "the links as they are")
-    assert (lossy["convergence"], plain["convergence"]) == ("unknown", "converges")
+    assert [of["links"]["status"] for of in (lossy, plain)] == [
+        "converges in mean square",
+        "converges",
+    ]
     assert lossy["spectral_radius"] == plain["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
     assert lossy["rate"] == plain["rate"]
     assert lossy["settling_time"] is None
@@ -38,7 +41,9 @@ def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursio
     checked = check(scenario)
     result = checked.as_json()
     assert (result["convergence"], result["of"]) == ("diverges", "links without faults")
-    assert result["late"] == {"periods": 1, "spectral_radius": pytest.approx(1.011777, abs=5e-7)}
+    assert result["links"]["radius"]["upper"] == pytest.approx(1.011777, abs=5e-7)
+    assert (result["links"]["source"], result["links"]["delays"]) == ("statement D1", [1, 1])
+    assert result["links"]["margin"] == {"periods": 0, "kind": "exact"}
     assert result["settling_time"] is None
     assert {v["source"][-23:] for v in subject_of(scenario, "rad").conditions} == {
         "of links without faults"

@@ -1,0 +1,250 @@
+"""Whether the estimates converge over the links that a scenario has, and by which statement.
+
+Of links that are late by fixed times it is ρ of the recursion with what is under way; of delays
+that are drawn, a proof for all that may be; of losses, the mean square. Statements are those of
+docs/theory.md. Outages that end within the run say nothing of the long run (statement L5), and
+noise, rounding and duplicates do not decide convergence.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from math import isfinite, isnan, nan
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.links.links import LinkFault
+from nrs_cosim.bus.links.outages import Outages
+from nrs_cosim.estimator_agents.algorithm import Spectra, Spectrum, nominal_of
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
+from nrs_cosim.estimator_agents.theory.delays import (
+    DelayMargin,
+    LateStep,
+    contraction,
+    delay_margin,
+    switching_radius,
+)
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.loss import (
+    AlmostSure,
+    LossyStep,
+    almost_sure,
+    critical_loss,
+    lossy_step,
+    mean_square_radius,
+)
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.estimator_agents.theory.switching import gains_up_to_one
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+LinkStatus = Literal[
+    "converges", "converges in mean square", "converges almost surely", "diverges", "unknown"
+]
+_STATUS: dict[str, LinkStatus] = {"proven": "converges", "refuted": "diverges"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkFaults:
+    """What links do to samples in the long run, by edge."""
+
+    least: NDArray[np.int64]
+    """(E,) the shortest delay, sampling periods."""
+    most: NDArray[np.int64]
+    """(E,) the longest."""
+    loss: NDArray[np.float64]
+    """(E,) the probability that a sample is lost."""
+    altered: bool
+    """Whether noise or rounding changes samples."""
+    since: int
+    """The tick from which on all is as in the long run: no sample is missing that an outage took,
+    or that is late from before t_1."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether each link is late by the same time at all ticks."""
+        return bool((self.least == self.most).all())
+
+
+@dataclass(frozen=True, slots=True)
+class LossAnalysis:
+    """What follows from the probabilities of losses."""
+
+    mean_square: RadiusBounds
+    """ρ(E[A ⊗ A])^½"""
+    almost_sure: AlmostSure
+    critical: float | None
+    """The least loss of the links that have some, all alike, at which it does not converge in mean
+    square; 1 for none; None where it does not even without."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkAnalysis:
+    """What follows from what links do to samples."""
+
+    status: LinkStatus
+    source: str = ""
+    """The statement from which it follows; empty where links do nothing."""
+    why: str = ""
+    """Why it is not known, where it is not."""
+    radius: RadiusBounds | None = None
+    """Of the recursion over these links, or jointly of all that delays may make of it."""
+    delays: tuple[int, int] = (0, 0)
+    """The shortest and the longest, sampling periods."""
+    margin: DelayMargin | None = None
+    """Of all links alike, without other faults; None where it is not computed."""
+    loss: LossAnalysis | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the analysis for JSON."""
+        numbers = asdict(self)
+        return {**numbers, "delays": list(self.delays)}
+
+
+def link_faults_of(experiment: Experiment) -> LinkFaults:
+    """Return what links do to samples, over the edges of `experiment.topologies.links`."""
+    links, given, sound = experiment.topologies.links, experiment.link_faults, LinkFault()
+    edges = zip(links.source.tolist(), links.sink.tolist(), strict=True)
+    faults = [given.get(edge, sound) for edge in edges]
+    delays = np.array([fault.delay for fault in faults], np.int64).reshape(-1, 2)
+    cuts = Outages.of({e: f.outages for e, f in enumerate(faults)}, experiment.clock.since)
+    over = max(int(of.end.max(initial=1)) for of in (cuts, experiment.outages))
+    return LinkFaults(
+        delays[:, 0],
+        delays[:, 1],
+        np.array([fault.loss for fault in faults]),
+        any(fault.noise or fault.quantisation for fault in faults),
+        over + int(delays.max(initial=0)),
+    )
+
+
+def late_step_of(experiment: Experiment, periods: Periods) -> LateStep | None:
+    """Return the recursion where links do no more, in the long run, than to be late by fixed times.
+
+    None where that is not so, or not known.
+    """
+    faults = link_faults_of(experiment)
+    if _why_unknown(experiment, faults) or faults.altered or not faults.fixed or faults.loss.any():
+        return None
+    step = _step_of(experiment, periods.constant_period)
+    return None if step is None else LateStep(step, experiment.topologies.links, faults.most)
+
+
+def link_analysis(
+    experiment: Experiment, spectra: Sequence[Spectra], periods: Periods, rho: RadiusBounds
+) -> LinkAnalysis:
+    """Return what follows from links; ρ is that over links without faults."""
+    step, spectrum = _step_of(experiment, periods.constant_period), spectra[-1][0]
+    one = len(experiment.topologies.digraphs) == 1
+    margin = delay_margin(step, spectrum) if step and one else None
+    if not experiment.impaired and not experiment.byzantine:
+        return LinkAnalysis(_STATUS.get(rho.status, "unknown"), margin=margin)
+    faults = link_faults_of(experiment)
+    delays = int(faults.least.min()), int(faults.most.max())
+    found = LinkAnalysis("unknown", delays=delays, margin=margin)
+    if why := _why_unknown(experiment, faults):
+        return replace(found, why=why)
+    proof = _proven(experiment, spectrum, periods)
+    if faults.loss.any():
+        return _of_losses(experiment, faults, step, found, proof)
+    return _of_delays(experiment, faults, step, found, proof, spectrum)
+
+
+def _of_delays(
+    experiment: Experiment,
+    faults: LinkFaults,
+    step: LinearStep | None,
+    found: LinkAnalysis,
+    proof: str,
+    spectrum: Spectrum,
+) -> LinkAnalysis:
+    """Return what follows where links lose nothing, from delays that are fixed or drawn."""
+    links = experiment.topologies.links
+    radius = LateStep(step, links, faults.most).radius(spectrum) if step and faults.fixed else nan
+    if not isnan(radius):
+        exact = RadiusBounds(radius, radius)
+        return replace(found, status=_STATUS[exact.status], source="statement D1", radius=exact)
+    if proof:
+        status: LinkStatus = "converges" if proof == _ALWAYS else "converges in mean square"
+        return replace(found, status=status, source=proof)
+    joint = None
+    if step and experiment.missing == "hold":
+        joint = switching_radius(step, links, faults.least, faults.most)
+    if joint is None:
+        return replace(found, why="of such delays, so long or drawn, nothing is proven")
+    bounds = RadiusBounds(joint.lower, joint.upper)
+    if bounds.status == "proven":
+        return replace(found, status="converges", source="statement D4", radius=bounds)
+    why = "there are delays among those that may be drawn with which they may diverge"
+    return replace(found, why=why, radius=bounds)
+
+
+_ALWAYS, _SOMETIMES = "statement D3", "statement L3"
+
+
+def _proven(experiment: Experiment, spectrum: Spectrum, periods: Periods) -> str:
+    """Return the statement by which it converges whatever links delay and lose; empty for none.
+
+    By D3 it does with certainty where nothing is lost, and in mean square where something is.
+    """
+    algorithm = nominal_of(experiment.algorithm)
+    jump = linear_jump(algorithm)
+    if experiment.missing == "hold":
+        # What a flow along lines does in a period of any length is between two that are known.
+        ends = {periods.shortest, periods.longest} if jump else {periods.constant_period}
+        steps = [_step_of(experiment, h) for h in ends]
+        known = [step for step in steps if step]
+        if len(known) == len(steps) and contraction(known, spectrum) < 1:
+            return _ALWAYS
+    return _SOMETIMES if jump and gains_up_to_one(*jump) else ""
+
+
+def _of_losses(
+    experiment: Experiment,
+    faults: LinkFaults,
+    step: LinearStep | None,
+    found: LinkAnalysis,
+    proof: str,
+) -> LinkAnalysis:
+    """Return what follows where links lose samples."""
+    links, missing = experiment.topologies.links, experiment.missing
+
+    def at(loss: NDArray[np.float64]) -> LossyStep | None:
+        fixed = step is not None and faults.fixed
+        return lossy_step(step, links, faults.most, loss, missing) if step and fixed else None
+
+    lossy = at(faults.loss)
+    radius = mean_square_radius(lossy) if lossy else None
+    if lossy and radius and isfinite(radius.upper):
+        critical = critical_loss(lambda loss: at(np.where(faults.loss > 0, loss, 0.0)))
+        found = replace(found, loss=LossAnalysis(radius, almost_sure(lossy), critical))
+    if proof:
+        return replace(found, status="converges in mean square", source=_SOMETIMES)
+    if found.loss is None:
+        return replace(found, why="of such losses and delays together it is not computed")
+    if found.loss.mean_square.status == "proven":
+        return replace(found, status="converges in mean square", source="statement L1")
+    often = found.loss.almost_sure
+    if often.lower >= 1 or often.simulated.lower > 1:
+        return replace(found, status="diverges", source="statement L4")
+    if often.simulated.upper < 1 and found.loss.mean_square.status == "refuted":
+        return replace(found, status="converges almost surely", source="statement L4")
+    return replace(found, why="it is not decided in mean square, nor by simulation")
+
+
+def _why_unknown(experiment: Experiment, faults: LinkFaults) -> str:
+    """Return why nothing follows from links by any statement; empty where something may."""
+    reasons = {
+        "robots lie": bool(experiment.byzantine),
+        "of several digraphs it is not computed": len(experiment.topologies.digraphs) > 1,
+        "robots decide when they send": experiment.algorithm.TRIGGERED,
+        "a link loses every sample": bool((faults.loss == 1).any()),
+        "an outage lasts to the end of the run": faults.since > experiment.clock.ticks,
+    }
+    return next((why for why, so in reasons.items() if so), "")
+
+
+def _step_of(experiment: Experiment, h: float | None) -> LinearStep | None:
+    """Return a period of h, s, where it is known and the age of samples is nothing to it."""
+    step = None if h is None else linear_step(nominal_of(experiment.algorithm), h)
+    return step if step and step.ageless else None

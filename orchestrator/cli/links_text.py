@@ -1,0 +1,90 @@
+"""What links do to convergence, in lines by name and in the sentence that follows from them."""
+
+from typing import TYPE_CHECKING
+
+from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+
+if TYPE_CHECKING:
+    from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
+    from nrs_cosim.estimator_agents.theory.delays import DelayMargin
+    from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LossAnalysis
+
+CONVERGE = "the estimates converge to a neighbourhood of the target"
+_PERIOD = "sampling period"
+
+
+def link_rows(links: "LinkAnalysis") -> dict[str, str]:
+    """Return lines of what links do, and of what they might."""
+    rows = {}
+    if links.margin and (links.margin.kind == "any" or links.margin.periods is not None):
+        rows["delays"] = _margin(links.margin)
+    if links.loss:
+        rows["loss"] = _losses(links.loss)
+    if links.why and not links.source:
+        rows["links"] = f"not known of these: {links.why}"
+    return rows
+
+
+def links_sentence(links: "LinkAnalysis") -> str:
+    """Say what follows from links, and by which statement."""
+    number = ""
+    if links.radius:
+        joint = "" if links.radius.lower == links.radius.upper else "joint "
+        number = f"{joint}spectral radius {_interval(links.radius)} with {_late(links)}: "
+    elif links.loss and links.source == "statement L1":
+        number = f"mean-square radius {_interval(links.loss.mean_square)} with these losses: "
+    elif links.source in ("statement D3", "statement L3"):
+        number = "whatever links delay" + " or lose: " * (links.source[-2:] == "L3")
+        number = number if number.endswith(" ") else f"{number}: "
+    status = {
+        "converges": CONVERGE,
+        "converges in mean square": f"{CONVERGE} in mean square",
+        "converges almost surely": "the estimates converge almost surely, by simulation, "
+        "and diverge in mean square: now and then they go far off",
+        "diverges": "the estimates diverge",
+        "unknown": "whether the estimates converge is not known",
+    }[links.status]
+    return f"{number}{status} ({links.source})"
+
+
+def _late(links: "LinkAnalysis") -> str:
+    low, high = links.delays
+    if high == 0:
+        return "these links"
+    span = count_of(high, _PERIOD) if low == high else f"{low} to {count_of(high, _PERIOD)}"
+    return f"samples {span} late"
+
+
+def _interval(radius: "RadiusBounds") -> str:
+    """Say on which side of 1 a radius is, in as many digits as tell."""
+    lower, upper = multiple(radius.lower), multiple(radius.upper)
+    number = lower if radius.upper - radius.lower < 1e-6 else f"{lower} to {upper}"
+    return number + {"proven": " < 1", "refuted": " >= 1", "not decided": ""}[radius.status]
+
+
+def _margin(margin: "DelayMargin") -> str:
+    if margin.kind == "any":
+        return "the estimates converge whatever the delays of links (statement D3)"
+    if margin.periods == 0:
+        return "the estimates diverge with all samples one sampling period late (statement D1)"
+    least = ", and perhaps more" if margin.kind == "at least" else ""
+    return (
+        f"the estimates converge with all samples late by the same, up to "
+        f"{count_of(margin.periods or 0, _PERIOD)}{least} (statement D1)"
+    )
+
+
+def _losses(loss: "LossAnalysis") -> str:
+    simulated = loss.almost_sure.simulated
+    if loss.critical is None:
+        critical = "they diverge without losses too"
+    elif loss.critical == 1:
+        critical = "no loss below 1 was found at which they diverge in mean square"
+    else:
+        critical = f"in mean square they converge below a loss of {loss.critical:.4g}"
+    return (
+        f"mean-square radius {_interval(loss.mean_square)} (statement L1); almost surely "
+        f"{multiple(simulated.lower)} to {multiple(simulated.upper)}, by simulation, and at most "
+        f"{multiple(loss.almost_sure.upper)}, proven (statement L4); {critical}"
+    )

@@ -1,0 +1,107 @@
+"""What `check` says of links that are late or lose samples, and what a run over them comes to."""
+
+import json
+
+import pytest
+
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import measure
+from nrs_cosim.recordings.mcap.reader import Reader
+from tests.orchestrator.networks import phases
+from tests.scenarios import SECOND_ORDER, paper
+
+LATE = {"faults.links": [{"delay": 1}, {"from": 0, "delay": 3}, {"from": 2, "delay": 0}]}
+SLOW = {"run.sampling_period": 0.4, "run.output_step": 0.4, "run.duration": 20.0}
+TWO = {"network": {"adjacency": [[0, 1], [1, 0]], "pinning": [1, 0]}}
+DRAWN = {"faults.links": [{"delay": {"uniform": [0, 1]}}]}
+HALF = {"faults.links": [{"loss": 0.5}]}
+TRIGGERED = {
+    "algorithm": {"name": "event_triggered", "alpha": 0.9, "beta": 0.9, "c0": 0.1, "d0": 0.1}
+}
+DROP = {"algorithm.missing": "drop"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "source"),
+    [
+        ([SECOND_ORDER], "converges", ""),
+        ([SECOND_ORDER, LATE], "converges", "statement D1"),
+        ([SECOND_ORDER, SLOW, {"faults.links": [{"delay": 2}]}], "diverges", "statement D1"),
+        ([DRAWN], "converges", "statement D3"),
+        ([DRAWN, {"run.sampling_jitter": 0.3}], "converges", "statement D3"),
+        ([DRAWN, DROP, {"algorithm.beta": 1.0}], "converges in mean square", "statement L3"),
+        ([SECOND_ORDER, TWO, DRAWN], "converges", "statement D4"),
+        ([SECOND_ORDER, HALF], "converges in mean square", "statement L1"),
+        ([SECOND_ORDER, SLOW, HALF, DROP], "converges almost surely", "statement L4"),
+        ([HALF, DROP, {"algorithm.alpha": 2.5}], "diverges", "statement L4"),
+        ([DRAWN, {"faults.links.0.loss": 0.5}], "converges in mean square", "statement L3"),
+        ([SECOND_ORDER, {"faults.links": [{"outages": [[3, 5]]}]}], "converges", "statement D1"),
+    ],
+)
+def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, source):
+    checked = check(paper(*changes))
+    assert (checked.links.status, checked.links.source) == (status, source)
+    decided = {"converges almost surely": "unknown", "converges in mean square": "converges"}
+    assert checked.convergence == decided.get(status, status)
+    assert source in convergence_rows(checked)["rho"]
+    found = json.loads(json.dumps(checked.as_json()["links"], allow_nan=False))
+    assert (found["loss"] is not None) == ("loss" in str(changes) and "uniform" not in str(changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ([SECOND_ORDER, DRAWN], "nothing is proven"),
+        ([SECOND_ORDER, DRAWN, DROP], "nothing is proven"),
+        ([SECOND_ORDER, DRAWN, {"faults.links.0.loss": 0.1}], "losses and delays together"),
+        ([SECOND_ORDER, SLOW, TWO, DRAWN], "may diverge"),
+        ([{"faults.links": [{"loss": 1.0, "to": 6}]}], "a link loses every sample"),
+        ([{"faults.robots": [{"id": 2, "outages": [[3, 500]]}]}], "lasts to the end of the run"),
+        ([HALF, TRIGGERED], "robots decide when they send"),
+        (
+            [HALF, {"network": phases((1, {"edge_list": [[0, 1]]}), (3, {"edge_list": [[0, 1]]}))}],
+            "several digraphs",
+        ),
+    ],
+)
+def test_what_is_not_known_of_links_is_said_to_be_so(changes, why):
+    checked = check(paper(*changes))
+    assert (checked.links.status, checked.convergence) == ("unknown", "unknown")
+    assert why in checked.links.why
+    assert why in convergence_rows(checked)["links"]
+
+
+def test_over_late_links_a_run_comes_to_the_steady_state_after_an_outage(tmp_path):
+    outage = {"faults.robots": [{"id": 2, "outages": [[2.0, 3.0]]}], "run.duration": 24.0}
+    experiment = paper(SECOND_ORDER, LATE, outage, {"plant.fmu": "planar_robot"})
+    ultimate = ultimate_bounds(experiment)
+    assert (ultimate.since, ultimate.why_not) == (30 + 3, "")
+    run(experiment, tmp_path / "late.mcap")
+    with Reader(tmp_path / "late.mcap") as reader:
+        found = compare_to_theory(reader, experiment, measure(reader, experiment))
+    for row in found.quantities[:2]:
+        assert row.status == "within"
+        assert row.measured == pytest.approx(row.bound.steady_state, rel=1e-2)
+    assert found.measured_radius == pytest.approx(ultimate.radius, rel=5e-3)
+
+
+def test_the_beginning_of_a_run_over_late_links_explains_what_is_above_the_bound(tmp_path):
+    experiment = paper(SECOND_ORDER, LATE, {"run.duration": 2.0, "plant.fmu": "planar_robot"})
+    run(experiment, tmp_path / "short.mcap")
+    with Reader(tmp_path / "short.mcap") as reader:
+        found = compare_to_theory(reader, experiment, measure(reader, experiment))
+    row = found.quantities[0]
+    assert row.status == "transient"
+    assert row.bound.steady_state < row.measured <= row.bound.steady_state + row.transient
+
+
+def test_a_target_that_is_no_sines_has_no_bounds_over_late_links():
+    times = [0.0, 1.0, 2.0, 3.0]
+    points = [[t, t * t] for t in times]
+    target = {"target": {"kind": "sampled", "times": times, "positions": points}}
+    late = ultimate_bounds(paper(SECOND_ORDER, LATE, target, {"run.duration": 3.0}))
+    assert late.why_not == "over late links there are bounds for a target of sines"
