@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.cli.terminal_run import perform
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.exit_status import FAILED
-from nrs_cosim.orchestrator.replay.diff import QUANTITIES, Comparison
+from nrs_cosim.orchestrator.replay.diff import Comparison
 from nrs_cosim.orchestrator.replay.publish import key_of, publish
 from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
@@ -32,7 +32,7 @@ def draw(found: Comparison, picture: Path) -> None:
     except ImportError:
         raise MissingExtraError("--picture: needs matplotlib", "report") from None
     try:
-        write_distances(found.times, found.apart, QUANTITIES, picture)
+        write_distances(found.apart, picture)
     except OSError as error:
         raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 

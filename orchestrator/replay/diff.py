@@ -1,12 +1,12 @@
 """What is not the same in two recordings: scenario fields, the first tick, and how far apart.
 
-Runs are compared tick by tick, message by message in total order. Distances are between the states
-that both have of a robot at a time, in the same tick: |a − b| over all joints, its maximum, when
-that was, and its root mean square.
+Runs are compared tick by tick, message by message in total order. Distances are between the states,
+and what agents keep, that both have of a robot at a time, in the same tick: |a − b| over all
+numbers of a field, its maximum, when that was, and its root mean square.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import zip_longest
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.keys import kind_of
-from nrs_cosim.bus.messages import STATE, Codec
+from nrs_cosim.bus.messages import Codec
 from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.summary import experiment_of
@@ -24,12 +24,13 @@ from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, differe
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import tables_of
-from nrs_cosim.recordings.export.tables import joints
+from nrs_cosim.recordings.export.tables import flat, joints
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import contents_of, recorded_types
 
-QUANTITIES = tuple(STATE.fields)
+MEASURED = {"state": "", "agent_state": "agent_"}
+"""What distances are of, and what stands before the names of its fields."""
 COUNTED = ("sample", "state", "agent_state", "measurement")
 """The kinds of messages that enter the digest."""
 Array = NDArray[np.float64]
@@ -58,10 +59,8 @@ class Comparison:
     distances: tuple[Distance, ...]
     """By robot and quantity; empty when they have no states in common."""
 
-    times: Mapping[int, Array]
-    """Of each robot the times of its states that both have, s."""
-    apart: Mapping[int, Array]
-    """And how far apart they are then, (times, quantities)."""
+    apart: Mapping[tuple[int, str], tuple[Array, Array]]
+    """By robot and quantity: the times that both have, s, and how far apart they are then."""
     why_not: str
     """Why there are no distances after t = 0; empty where there are, or no states to measure."""
     schemas: Mapping[str, tuple[str, str]]
@@ -95,12 +94,12 @@ def compare(a: Reader, b: Reader) -> Comparison:
     was, now = experiment_of(a), experiment_of(b)
     fields = _fields_of(was, now)
     first: Difference | None = None
-    measured: defaultdict[int, list[tuple[Array, Array]]] = defaultdict(list)
+    measured: defaultdict[tuple[int, str], list[Array]] = defaultdict(list)
     of_a, of_b = recorded_types(a).codecs, recorded_types(b).codecs
     types = {kind: (contents_of(of_a.get(kind)), contents_of(of_b.get(kind))) for kind in COUNTED}
     schemas = {kind: (one, other) for kind, (one, other) in types.items() if one != other}
     alike = joints(a) == joints(b)
-    codec = of_a["state"]
+    names = {kind: _fields_in_common(of_a.get(kind), of_b.get(kind)) for kind in MEASURED}
     nothing: list[Message] = []
     both = 0
     for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):
@@ -109,26 +108,37 @@ def compare(a: Reader, b: Reader) -> Comparison:
             first = difference_in(of_a, of_b, *pair)
         both += bool(tick_a and tick_b)
         if alike and tick_a and tick_b:
-            for robot, *part in _apart(_states(codec, tick_a), _states(codec, tick_b)):
-                measured[robot].append((part[0], part[1]))
-    times = {robot: np.concatenate([t for t, _ in parts]) for robot, parts in measured.items()}
-    apart = {robot: np.concatenate([d for _, d in parts]) for robot, parts in measured.items()}
-    found = (d for robot in sorted(times) for d in _distances(robot, times[robot], apart[robot]))
+            for kind, those in names.items():
+                if those:
+                    tables = _records(kind, of_a[kind], tick_a), _records(kind, of_b[kind], tick_b)
+                    for robot, part in _apart(*tables, those):
+                        measured[robot, kind].append(part)
+    apart = {}
+    for robot, kind in sorted(measured, key=lambda of: of[0]):
+        times, *distances = np.concatenate(measured[robot, kind], axis=1)
+        for name, of_it in zip(names[kind], distances, strict=True):
+            apart[robot, MEASURED[kind] + name] = times, of_it
+    found = [_distance(*of, *apart[of]) for of in apart]
     why_not = ""
     if not alike:
         why_not = f"robots have {joints(a)} joints in A, and {joints(b)} in B"
-    elif both > 1 and not any(t[-1] > 0 for t in times.values()):
+    elif both > 1 and not any(times[-1] > 0 for times, _ in apart.values()):
         why_not = "no tick has times in common: sampling times differ"
     partial = tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None)
-    return Comparison(fields, first, tuple(found), times, apart, why_not, schemas, partial)
+    return Comparison(fields, first, tuple(found), apart, why_not, schemas, partial)
 
 
-def _distances(robot: int, times: Array, apart: Array) -> Iterator[Distance]:
-    """Yield what the distances of one robot come to, by quantity."""
-    rms = np.sqrt(np.mean(apart**2, axis=0))
-    for i, quantity in enumerate(QUANTITIES):
-        row = int(apart[:, i].argmax())
-        yield Distance(robot, quantity, *map(float, (apart[row, i], times[row], rms[i])))
+def _fields_in_common(a: Codec | None, b: Codec | None) -> list[str]:
+    """Return the fields that two message types have of the same shape."""
+    if a is None or b is None:
+        return []
+    return [name for name, shape in a.shapes.items() if b.shapes.get(name) == shape]
+
+
+def _distance(robot: int, quantity: str, times: Array, apart: Array) -> Distance:
+    """Return what the distances of a robot's quantity come to."""
+    row, rms = int(apart.argmax()), np.sqrt(np.mean(apart**2))
+    return Distance(robot, quantity, *map(float, (apart[row], times[row], rms)))
 
 
 def _ticks(reader: Reader) -> Iterator[list[Message]]:
@@ -138,12 +148,12 @@ def _ticks(reader: Reader) -> Iterator[list[Message]]:
         yield [message for message in tick if message[1] in counted]
 
 
-def _states(codec: Codec, tick: list[Message]) -> Records:
-    return codec.decode([data for _, topic, _, data in tick if kind_of(topic) == "state"])
+def _records(kind: str, codec: Codec, tick: list[Message]) -> Records:
+    return codec.decode([data for _, topic, _, data in tick if kind_of(topic) == kind])
 
 
-def _apart(a: Records, b: Records) -> Iterator[tuple[int, Array, Array]]:
-    """Yield of each robot the times that both have in a tick, s, and the distances then."""
+def _apart(a: Records, b: Records, names: Sequence[str]) -> Iterator[tuple[int, Array]]:
+    """Yield of each robot the times that both have in a tick, s, above distances by field."""
     keys_a, keys_b = (
         list(zip(r["time_ns"].tolist(), r["robot"].tolist(), strict=True)) for r in (a, b)
     )
@@ -152,13 +162,11 @@ def _apart(a: Records, b: Records) -> Iterator[tuple[int, Array, Array]]:
     if not pairs:
         return
     ours, theirs = np.array(pairs).T
-    apart = np.stack(
-        [np.linalg.norm(a[name][ours] - b[name][theirs], axis=1) for name in QUANTITIES], axis=1
-    )
     robots, times = a["robot"][ours], a["time_ns"][ours] / NS_PER_S
+    differences = (flat(a[name][ours] - b[name][theirs]) for name in names)
+    apart = np.stack([times, *(np.linalg.norm(off, axis=1) for off in differences)])
     for robot in np.unique(robots).tolist():
-        mine = robots == robot
-        yield robot, times[mine], apart[mine]
+        yield robot, apart[:, robots == robot]
 
 
 def _fields_of(a: Experiment, b: Experiment) -> dict[str, tuple[Any, Any]]:

@@ -8,15 +8,19 @@ those in the states at t_k, whether they were sent or not.
 from collections import Counter
 from dataclasses import dataclass
 from itertools import takewhile
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import Clock
+from nrs_cosim.bus.fields import column_names
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import (
+    AGENT_STATES,
     LINK_EVENTS,
     STATES,
+    flat,
     joints,
     robots,
     rows_of,
@@ -25,11 +29,14 @@ from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, steady_state
 from nrs_cosim.recordings.report.subject import Subject
-from nrs_cosim.recordings.schemas import about, recorded_types
+from nrs_cosim.recordings.schemas import RecordedTypes, about, recorded_types
+from nrs_cosim.recordings.units import coordinate_of, field_unit
 
 Array = NDArray[np.float64]
 MOST_DRAWN = 24
 """Robots."""
+MOST_NUMBERS = 12
+"""Of a field that is no joints' each of which is drawn."""
 KINDS = ("lost", "outage", "late", "duplicated", "altered")
 """What a link may do to a sample: the first that is true; an altered one is noisy, rounded or
 a lie."""
@@ -52,6 +59,18 @@ class LinkEvents:
     robot: NDArray[np.int64]
     kind: NDArray[np.int64]
     """Which of `KINDS`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AgentField:
+    """What agents keep in one field right after t_k; of many numbers, how large they are."""
+
+    labels: tuple[str, ...]
+    """Of each number that is drawn, with its unit where that is known."""
+    doc: str
+    by_joint: bool
+    values: Array
+    """(K, r, labels)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +103,8 @@ class Story:
     """(T, r, m) of the joints and of the estimates that they follow: `VECTORS`."""
     target: dict[str, Array]
     """(T, m) position and velocity."""
+    agents: dict[str, AgentField]
+    """By the fields that agents keep beside their estimates."""
     envelopes: dict[str, Envelope]
     """By the fields of `SteadyState`, in the norms of `measuring`."""
     link_events: LinkEvents
@@ -122,6 +143,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
     types = recorded_types(reader)
+    agents = _agent_fields(types, coordinate_of(said.run), len(t_k), len(drawn))
     schemas = {channel.topic: channel.schema_name for channel in reader.channels}
     for messages in reader.columns():
         numbers, found = np.unique(messages.channel, return_counts=True)
@@ -143,6 +165,14 @@ def read_story(reader: Reader, subject: Subject) -> Story:
             for name, off in (("position", position), ("velocity", velocity)):
                 errors = table[f"reference_{name}"][then] - off[then]
                 note(f"{name}_estimate", at, errors, np.inf)
+        if (table := rows_of(reader, types, AGENT_STATES, messages)) is not None:
+            at, rows = _places(reader, sampled, table["time_ns"]), row_of[table["robot"]]
+            shown = rows >= 0
+            for name, field in agents.items():
+                numbers_of = flat(table[name][shown])
+                if numbers_of.shape[1] > MOST_NUMBERS:
+                    numbers_of = np.linalg.norm(numbers_of, axis=1)[:, None]
+                field.values[at[shown], rows[shown]] = numbers_of
         if (table := rows_of(reader, types, LINK_EVENTS, messages)) is not None:
             met.append(_met(table))
     position, velocity = subject.target_at(t)
@@ -166,6 +196,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         t_k=t_k,
         vectors=vectors,
         target={"position": position, "velocity": velocity},
+        agents=agents,
         envelopes={
             name: Envelope(
                 t if name.endswith("tracking") else t_k, np.where(norms < 0, np.nan, norms)
@@ -175,6 +206,28 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         link_events=LinkEvents(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
         steady=steady_state(reader, subject.target_at, subject.byzantine),
     )
+
+
+def _agent_fields(
+    types: RecordedTypes, coordinate: str, ticks: int, robots: int
+) -> dict[str, AgentField]:
+    """Return what agents keep, with gaps in place of the numbers."""
+    codec, found = types.codecs.get(AGENT_STATES.kind), {}
+    for name, shape in codec.shapes.items() if codec else ():
+        assert codec
+        field = codec.kind.fields[name]
+        by_joint = field.shape == ("m",)
+        if by_joint:
+            labels = [f"{name}, joint {joint}" for joint in range(1, shape[0] + 1)]
+        elif prod(shape) <= MOST_NUMBERS:
+            labels = column_names(name, shape)
+        else:
+            labels = [f"‖{name}‖₂"]
+        unit = field_unit(name, field, coordinate)
+        labels = [f"{label} ({unit})" if unit else label for label in labels]
+        values = np.full((ticks, robots, len(labels)), np.nan)
+        found[name] = AgentField(tuple(labels), field.doc, by_joint, values)
+    return found
 
 
 def _times(times: Clock, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

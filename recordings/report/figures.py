@@ -81,8 +81,8 @@ def run_names(stories: Sequence[Story]) -> list[str]:
 
 def figures(stories: Sequence[Story]) -> list[Figure]:
     """Return all that is drawn over time; what nothing was recorded for has no panel."""
-    drawn = [_estimates(stories), _tracking(stories), _envelopes(stories), _link_events(stories)]
-    return [figure for figure in drawn if figure.panels]
+    kinds = (_estimates, _agent_states, _tracking, _envelopes, _link_events)
+    return [figure for draw in kinds if (figure := draw(stories)).panels]
 
 
 def _estimates(stories: Sequence[Story]) -> Figure:
@@ -97,6 +97,43 @@ def _estimates(stories: Sequence[Story]) -> Figure:
         ),
         _columns(stories),
     )
+
+
+def _agent_states(stories: Sequence[Story]) -> Figure:
+    fields = {name: of.doc for story in stories for name, of in story.agents.items()}
+    means = "".join(f" {name}: {doc}." for name, doc in fields.items() if doc != name)
+    return Figure(
+        "agent_states",
+        "What agents keep",
+        f"Beside its estimate, each robot’s right after each sampling time t_k.{means}",
+        tuple(_agent_panels(stories)),
+        _columns(stories),
+    )
+
+
+def _agent_panels(stories: Sequence[Story]) -> Iterator[Panel]:
+    """Yield a panel for each number of each field that agents keep."""
+    fields = {name: field for story in stories for name, field in story.agents.items()}
+    for name, field in fields.items():
+        for number, label in enumerate(field.labels):
+            curves = []
+            for at, story in enumerate(stories):
+                kept_there = story.agents.get(name)
+                if kept_there and label in kept_there.labels and len(story.t_k):
+                    curves += _by_robot(stories, at, story.t_k, kept_there.values[:, :, number])
+            if curves:
+                yield Panel(label, tuple(curves), number if field.by_joint else None)
+
+
+def _by_robot(stories: Sequence[Story], at: int, t: Array, y: Array) -> list[Curve]:
+    """Return a curve a robot of one of the recordings: y is (rows, robots)."""
+    said, several = run_names(stories)[at], len(stories) > 1
+    curves = []
+    for row, robot in enumerate(stories[at].drawn):
+        who = f"robot {robot}"
+        group, ink = (said, at) if several else (who, row)
+        curves.append(_curve(f"{said}, {who}" if several else who, group, t, y[:, row], ink))
+    return curves
 
 
 def _tracking(stories: Sequence[Story]) -> Figure:
@@ -117,20 +154,15 @@ def _columns(stories: Sequence[Story]) -> int:
 def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Panel]:
     """Yield a panel a joint: estimates beside the target, or joints less the target."""
     quantity = name.removeprefix("reference_")
-    several = len(stories) > 1
     for joint in range(max(story.m for story in stories)):
-        curves = []
-        for at, (story, said) in enumerate(zip(stories, run_names(stories), strict=True)):
+        curves: list[Curve] = []
+        for at, story in enumerate(stories):
             if joint >= story.m or not len(story.t):
                 continue
             y = story.vectors[name][:, :, joint]
             if name == quantity:
                 y = y - story.target[quantity][:, joint, None]
-            for row, robot in enumerate(story.drawn):
-                who = f"robot {robot}"
-                group, ink = (said, at) if several else (who, row)
-                label = f"{said}, {who}" if several else who
-                curves.append(_curve(label, group, story.t, y[:, row], ink))
+            curves += _by_robot(stories, at, story.t, y)
             if name != quantity:
                 line = _curve(
                     TARGET, TARGET, story.t, story.target[quantity][:, joint], None, "dash"

@@ -175,21 +175,20 @@ MOST = 24
 Array = NDArray[np.float64]
 
 
-def write_distances(
-    times: Mapping[int, Array], apart: Mapping[int, Array], names: Sequence[str], path: Path
-) -> None:
-    """Draw distances into a PNG: of each robot, times in s (t,) and |A − B| (t, quantities)."""
-    robots = sorted(times)[:MOST]
+def write_distances(apart: Mapping[tuple[int, str], tuple[Array, Array]], path: Path) -> None:
+    """Draw distances into a PNG: by robot and quantity, times in s (t,) and |A − B| (t,)."""
+    robots = sorted({robot for robot, _ in apart})[:MOST]
     panels = [
         Panel(
             f"|A − B| of {name}",
             tuple(
-                _curve(robot, ink, times[robot], apart[robot][:, i])
+                _curve(robot, ink, *apart[robot, name])
                 for ink, robot in enumerate(robots)
+                if (robot, name) in apart
             ),
             logarithmic=True,
         )
-        for i, name in enumerate(names)
+        for name in dict.fromkeys(name for _, name in apart)
     ]
     figure = Figure("apart", "How far apart they are", "", tuple(panels))
     write_picture([figure], path, [(f"robot {robot}", ink) for ink, robot in enumerate(robots)])

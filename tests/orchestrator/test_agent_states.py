@@ -1,9 +1,11 @@
 """What agents keep beside their estimates is recorded, verified, resumed and compared."""
 
+import json
+
 import numpy as np
 import pytest
 
-from nrs_cosim.bus.messages import Codec
+from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.diff import compare
@@ -106,10 +108,28 @@ def test_two_algorithms_are_compared_by_their_states_and_the_schemas_that_differ
     assert found.schemas == {"agent_state": ("integral (m)", "none")}
     assert not found.is_same
     assert {distance.quantity for distance in found.distances} >= {"position", "effort"}
-    assert len(found.times) == 6
+    assert {robot for robot, _ in found.apart} == {*range(1, 7)}
+    assert not any(name.startswith("agent_") for _, name in found.apart)
     done = nrs("diff", recorded, other)
     assert done.returncode == 1
     assert "agent_states: integral (m) -> none" in done.stdout
+
+
+def test_distances_are_of_what_agents_keep_too(recorded, tmp_path):
+    scenario = write(tmp_path / "s.toml", SHORT, WITH_INTEGRAL, {"algorithm.kappa": 0.2})
+    assert nrs("run", scenario, "-o", tmp_path / "b.mcap").returncode == 0
+    with Recording(recorded) as one, Recording(tmp_path / "b.mcap") as two:
+        a, b = one.agent_states(robots=4), two.agent_states(robots=4)
+    apart = np.linalg.norm(a["integral"] - b["integral"], axis=1)
+    done = nrs("diff", recorded, tmp_path / "b.mcap", "--json", "--picture", tmp_path / "a.png")
+    distances = json.loads(done.stdout)["distances"]
+    of_robot = {d["quantity"]: d for d in distances if d["robot"] == 4}
+    assert [*of_robot] == [*STATE.fields, "agent_integral"]
+    found = of_robot["agent_integral"]
+    assert found["largest"] == pytest.approx(apart.max(), rel=1e-12)
+    assert found["at"] == a["t"][apart.argmax()]
+    assert found["rms"] == pytest.approx(np.sqrt(np.mean(apart**2)), rel=1e-12)
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_run_is_resumed_with_the_states_that_it_had(recorded, tmp_path):

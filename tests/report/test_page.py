@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.report.subject import arm_of
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
+from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.figures import BUCKETS, figures, kept
 from nrs_cosim.recordings.report.page import page
 from nrs_cosim.recordings.report.subject import unit_over
+from tests.recordings.made_up_runs import recorded as recorded_run
 from tests.report.conftest import story
 
 nrs = CliRunner()
@@ -74,6 +77,62 @@ def test_tracking_errors_are_joints_less_the_target(paper):
             mine = rows["robot"] == robot
             errors = (rows["position"] - target)[mine, panel["joint"]]
             np.testing.assert_allclose(numbers(data, curve["y"]), errors, atol=1e-12)
+
+
+def test_what_agents_keep_has_a_panel_for_each_number(recorded):
+    third = {"algorithm": {"name": "kalman_consensus", "q": 1.0, "r": 1e-4}, "run.duration": 2.0}
+    path = recorded("kalman", third)
+    data = sentences_of(page([story(path)]))
+    (figure,) = (f for f in data["figures"] if f["name"] == "agent_states")
+    assert " velocity_variance: of the estimated velocity. " in figure["about"]
+    panels = figure["panels"]
+    with Recording(path) as recording:
+        rows = recording.agent_states()
+    assert [(panel["label"], panel["joint"]) for panel in panels] == [
+        ("position_variance", None),
+        ("covariance", None),
+        ("velocity_variance", None),
+        ("information, joint 1", 0),
+        ("information, joint 2", 1),
+        ("precision", None),
+    ]
+    for panel, numbers_of in zip(
+        panels,
+        [
+            *(rows[name] for name in ("position_variance", "covariance", "velocity_variance")),
+            *rows["information"].T,
+            rows["precision"],
+        ],
+        strict=True,
+    ):
+        for robot, curve in enumerate(panel["curves"], 1):
+            mine = rows["robot"] == robot
+            assert (curve["name"], curve["group"]) == (f"robot {robot}", f"robot {robot}")
+            assert numbers(data, curve["x"]).tolist() == rows["t"][mine].tolist()
+            assert numbers(data, curve["y"]).tolist() == numbers_of[mine].tolist()
+
+
+def test_of_a_field_of_many_numbers_the_norm_is_drawn(tmp_path):
+    kept = {**ESTIMATE, "votes": Field((4, 4), unit="m"), "trust": Field((2,))}
+    codecs = Codecs.of(Sizes(2), "Mine", kept=kept)
+    recorded_run(tmp_path / "a.mcap", n=2, m=2, ticks=3, codecs=codecs)
+    (figure,) = (f for f in figures([story(tmp_path / "a.mcap")]) if f.name == "agent_states")
+    assert [panel.label for panel in figure.panels] == ["‖votes‖₂ (m)", "trust_1", "trust_2"]
+    with Recording(tmp_path / "a.mcap") as recording:
+        rows = recording.agent_states(robots=2)
+    norms = np.sqrt((rows["votes"] ** 2).sum(axis=(1, 2)))
+    np.testing.assert_allclose(figure.panels[0].curves[1].y, norms, rtol=1e-12)
+
+
+def test_recordings_over_one_another_share_the_panels_of_what_both_keep(recorded):
+    paths = []
+    for name, kappa in (("one", 0.1), ("two", 0.2)):
+        algorithm = {"name": "pi_consensus", "alpha": 0.7, "beta": 1.0, "kappa": kappa}
+        paths.append(recorded(name, {"algorithm": algorithm, "run.duration": 2.0}))
+    both = [story(path) for path in (*paths, recorded("plain", {"run.duration": 2.0}))]
+    (figure,) = (f for f in figures(both) if f.name == "agent_states")
+    assert [len(panel.curves) for panel in figure.panels] == [12, 12]
+    assert [f.name for f in figures(both[2:])][:2] == ["estimates", "tracking"]
 
 
 def test_envelopes_are_maxima_over_robots(paper):
