@@ -144,6 +144,14 @@ class Algorithm:
         """
         return None
 
+    def stays_within(self, liars: int) -> bool:  # noqa: ARG002
+        """Return whether a robot that hears so many liars stays between the others.
+
+        That is, whether at t_k⁺ its position and velocity are between the least and the largest of
+        its own, of the honest in-neighbours' and of the target's; they move in a line in between.
+        """
+        return False
+
     def graph_conditions(
         self,
         topology: Topology,  # noqa: ARG002

@@ -8,8 +8,9 @@ of those below, on each axis, and takes the mean of its own and what is left, J_
     ε_i⁺ = (ε_i + Σ_{j in J_i} ε_j) / (1 + |J_i|),   and so υ_i⁺
 
 Where at most F in-neighbours of each robot lie, the others stay within the interval of their own
-values; they agree where the digraph is (F + 1, F + 1)-robust. A target's value is a sensor's
-reading: it is trusted, and never left out, unless the scenario says otherwise.
+values (statement B1); they agree where the digraph is (F + 1, F + 1)-robust. A target's value is a
+sensor's reading: it is trusted, and never left out, unless the scenario says otherwise. Then they
+come to a target that moves straight if it reaches all by 2 F + 1 in-neighbours (statement B2).
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.parameters import parameter
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.theory.robustness import robustness
+from nrs_cosim.estimator_agents.theory.robustness import out_of_reach, robustness
 from nrs_cosim.estimator_agents.values import Values
 
 
@@ -51,7 +52,10 @@ class Wmsr(Algorithm):
     def graph_conditions(
         self, topology: Topology, byzantine: frozenset[int]
     ) -> Sequence[Condition]:
-        """Return that the digraph among the robots is (F + 1, F + 1)-robust, and F lie at most."""
+        """Return that the digraph among the robots is (F + 1, F + 1)-robust, and F lie at most.
+
+        And that the target reaches all, if it is trusted.
+        """
         found = robustness(topology)
         of_liar, to_liar = (
             np.isin(nodes, [*byzantine]) for nodes in (topology.source, topology.sink)
@@ -59,7 +63,16 @@ class Wmsr(Algorithm):
         many = int(np.bincount(topology.sink[of_liar & ~to_liar], minlength=1).max())
         r = nan if found is None else float(found)
         source = "r of (r, r)-robustness, LeBlanc 2013"
-        return (
+        conditions = [
             Condition("F", source, self.F, r, of_liars=True),
             Condition("liars heard by one robot", "F + 1", many, self.F + 1, of_liars=True),
-        )
+        ]
+        if self.trusts_target:
+            beyond = out_of_reach(topology, 2 * self.F + 1)
+            source = "the bound of statement B2"
+            conditions.append(Condition("robots not reached", source, beyond, 1, of_liars=True))
+        return conditions
+
+    def stays_within(self, liars: int) -> bool:
+        """Return that no more lie than outliers are left out."""
+        return liars <= self.F

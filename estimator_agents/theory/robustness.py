@@ -7,6 +7,11 @@ H. J. LeBlanc, H. Zhang, X. Koutsoukos, S. Sundaram, IEEE JSAC 31(4), 766-781, 2
 X(S), how many of S have r in-neighbours outside, is counted for each of the 2^n sets; of a set
 where not all have, the least X of a set that is disjoint from it and as wanting decides: it is the
 least over the subsets of the complement, found for all sets at once, one node after the other.
+
+Beside a target that is trusted robots come to it if those that hear it, and then again and again
+those that hear 2 F + 1 of these, are all (statement B2): what J. Usevitch, D. Panagou, Resilient
+leader-follower consensus to arbitrary reference values, American Control Conference 2018, call
+strongly (2 F + 1)-robust with respect to those that hear it.
 """
 
 import numpy as np
@@ -37,6 +42,23 @@ def robustness(topology: Topology) -> int | None:
     while r < -(-n // 2) and _is_robust(outside, sets, r + 1):
         r += 1
     return r
+
+
+def out_of_reach(topology: Topology, many: int) -> int:
+    """Return how many robots are not reached from the target by in-neighbours, `many` of each."""
+    source, sink = topology.source, topology.sink
+    reached = np.zeros(topology.n + 1, bool)
+    heard = np.zeros(topology.n + 1, np.int64)
+    new = np.unique(sink[source == 0])
+    order = np.argsort(source, kind="stable")
+    first = np.searchsorted(source[order], np.arange(topology.n + 2))
+    while len(new):
+        reached[new] = True
+        of_new = [order[first[robot] : first[robot + 1]] for robot in new]
+        hear = sink[np.concatenate(of_new)]
+        np.add.at(heard, hear, 1)
+        new = np.unique(hear[(heard[hear] >= many) & ~reached[hear]])
+    return topology.n - int(reached.sum())
 
 
 def _is_robust(outside: NDArray[np.uint8], sets: NDArray[np.int64], r: int) -> bool:

@@ -11,6 +11,7 @@ from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_o
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
+from nrs_cosim.estimator_agents.theory.honest_hull import HonestHull
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
@@ -31,6 +32,7 @@ from nrs_cosim.orchestrator.analysis.robot_conditions import (
     POSITIVE,
     gain_conditions,
     graph_conditions,
+    hull_of,
 )
 from nrs_cosim.orchestrator.analysis.switching import (
     AnyOrder,
@@ -83,6 +85,8 @@ class Check:
     """The robots that lie, which it knows nothing of either."""
     lying_by: Sequence[tuple[int, str]]
     """Those of them that lie by another algorithm, and by which."""
+    hull: HonestHull | None
+    """What honest robots' estimates stay within in this run; None where that is not known."""
     chords: Chords | None
     """What references are between sampling times; None where they are lines."""
 
@@ -137,6 +141,9 @@ class Check:
             "convergence": self.convergence,
             "of": self.premise or "the links as they are",
             "byzantine": list(self.byzantine),
+            "honest": None
+            if self.hull is None
+            else {name: getattr(self.hull, name).tolist() for name in ("position", "velocity")},
             "lying_by": [{"robot": robot, "algorithm": by} for robot, by in self.lying_by],
             "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
@@ -264,6 +271,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
         lying_by=experiment.lying_by,
+        hull=hull_of(experiment),
         chords=chords_of(experiment),
     )
 

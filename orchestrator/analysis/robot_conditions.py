@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.estimator_agents.condition import Condition
+from nrs_cosim.estimator_agents.theory.honest_hull import HonestHull, honest_hull
 from nrs_cosim.orchestrator.scenario.conversion import gain
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
@@ -17,6 +19,21 @@ def graph_conditions(experiment: Experiment) -> list[Condition]:
         for digraph in experiment.topologies.digraphs
     ]
     return [min(same, key=lambda c: c.margin) for same in zip(*found, strict=True)]
+
+
+def hull_of(experiment: Experiment) -> HonestHull | None:
+    """Return what the honest robots' estimates stay within; None where that is not known."""
+    liars = experiment.byzantine
+    heard = [
+        np.bincount(t.sink[np.isin(t.source, liars) & ~np.isin(t.sink, liars)], minlength=1).max()
+        for t in experiment.topologies.digraphs
+    ]
+    if experiment.impaired or not experiment.algorithm.stays_within(int(max(heard))):
+        return None
+    clock = experiment.clock
+    times = np.array([seconds(clock.t(k)) for k in range(clock.ticks + 1)])
+    honest = [robot for robot in range(1, experiment.n + 1) if robot not in {*liars}]
+    return honest_hull(times, experiment.initial_estimates(honest), experiment.target.at(times[1:]))
 
 
 def gain_conditions(experiment: Experiment) -> list[Condition]:

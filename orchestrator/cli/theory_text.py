@@ -53,6 +53,11 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
     if liars := checked.byzantine:
         by = "".join(f", robot {robot} by {other}" for robot, other in checked.lying_by)
         rows["byzantine"] = f"{_lie(liars)}{by}; what follows is of the others"
+    if hull := checked.hull:
+        rows["honest"] = (
+            f"positions stay within {_ranges(hull.position)}, and velocities within "
+            f"{_ranges(hull.velocity)} in this run, whatever liars send (statement B1)"
+        )
     if chords := checked.chords:
         rows["reference"] = (
             f"no line between sampling times: chords of {chords.step:g} s are given to "
@@ -60,6 +65,11 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
             f"velocity, {chords.velocity:.3g} while the estimated acceleration is within gamma_2"
         )
     return rows
+
+
+def _ranges(by_axis: "NDArray[np.float64]") -> str:
+    found = [f"[{low:.4g}, {high:.4g}]" for low, high in by_axis]
+    return found[0] if len({*found}) == 1 else f"{', '.join(found)} by axis"
 
 
 def _lie(liars: Sequence[int]) -> str:

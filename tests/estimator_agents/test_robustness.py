@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.theory.robustness import MOST, robustness
+from nrs_cosim.estimator_agents.theory.robustness import MOST, out_of_reach, robustness
 from nrs_cosim.estimator_agents.wmsr import Wmsr
 
 
@@ -78,7 +78,7 @@ def test_two_complete_graphs_with_a_perfect_matching_are_connected_well_and_robu
 def test_of_many_robots_it_is_not_computed_and_the_condition_says_so():
     topology = topology_of(nx.complete_graph(MOST + 1))
     assert robustness(topology) is None
-    of_graph, of_liars = Wmsr(1).graph_conditions(topology, frozenset({2}))
+    of_graph, of_liars, _ = Wmsr(1).graph_conditions(topology, frozenset({2}))
     assert not of_graph.holds
     assert np.isnan(of_graph.margin)
     assert of_liars.holds
@@ -87,9 +87,31 @@ def test_of_many_robots_it_is_not_computed_and_the_condition_says_so():
 def test_one_liar_more_than_f_is_heard():
     topology = topology_of(nx.complete_graph(7))
     many = [
-        [c.left for c in Wmsr(1).graph_conditions(topology, frozenset(liars))]
+        [c.left for c in Wmsr(1, trusts_target=False).graph_conditions(topology, frozenset(liars))]
         for liars in ([], [3], [3, 5], [1, 2, 3, 4, 5, 6, 7])
     ]
     assert many == [[1, 0], [1, 1], [1, 2], [1, 0]]
-    assert [c.holds for c in Wmsr(2).graph_conditions(topology, frozenset({3, 5}))] == [True, True]
-    assert [c.holds for c in Wmsr(4).graph_conditions(topology, frozenset())] == [False, True]
+    for F, liars, holds in ((2, {3, 5}, [True, True]), (4, set(), [False, True])):
+        found = Wmsr(F, trusts_target=False).graph_conditions(topology, frozenset(liars))
+        assert [c.holds for c in found] == holds
+
+
+def test_random_digraphs_reach_all_where_each_set_has_one_that_hears_enough_from_outside():
+    """Of each set of robots one hears the target, or r of the robots that are not in it."""
+    found = []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        n, r = int(rng.integers(2, 7)), int(rng.integers(1, 4))
+        heard = rng.random((n, n + 1)) < rng.uniform(0.3, 0.9)
+        heard[:, 1:][np.eye(n, dtype=bool)] = False
+        heard[rng.integers(n), 0] = True
+        sink, source = np.nonzero(heard)
+        topology = Topology.of_edges(n, source, sink + 1, np.ones(len(sink)))
+        reached = all(
+            any(heard[i, 0] or heard[i, 1:][~chosen].sum() >= r for i in np.flatnonzero(chosen))
+            for chosen in map(np.array, product((False, True), repeat=n))
+            if chosen.any()
+        )
+        found.append(out_of_reach(topology, r) == 0)
+        assert found[-1] == reached, seed
+    assert 100 < sum(found) < 250

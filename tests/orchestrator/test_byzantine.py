@@ -324,7 +324,9 @@ def test_w_msr_asks_for_a_robust_digraph_and_for_few_liars():
     assert [two.status(c) for c in two.conditions[:2]] == ["violated", "holds"]
     assert two.warnings() == [
         "F is 2, and r of (r, r)-robustness, LeBlanc 2013 is 2: "
-        "robots that lie may draw the others away"
+        "robots that lie may draw the others away",
+        "robots not reached is 7, and the bound of statement B2 is 1: "
+        "robots that lie may draw the others away",
     ]
 
 
