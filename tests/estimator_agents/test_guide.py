@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 from docs import reference
+from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import (
     algorithm_names,
     bundled_algorithms,
@@ -20,6 +23,7 @@ from nrs_cosim.estimator_agents.installed import (
 )
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
+from tests.estimator_agents.agents_without_bus import agents_at, meet
 from tests.scenarios import PAPER, write
 
 ROOT = Path(__file__).parents[2]
@@ -67,13 +71,31 @@ def test_each_algorithm_of_the_guide_is_one_run_wherever_its_robots_are(
     try:
         assert json.loads(said("check", "s.toml", "--json"))["algorithm"] == name
         said("run", "s.toml", "-o", "1.mcap")
-        said("run", "s.toml", "-o", "2.mcap", "--workers", "2")
+        triggered = name in {"quiet", "ahead"}
+        said("run", "s.toml", "-o", "2.mcap", "--workers", "3" if triggered else "2")
         one, two = (json.loads(said("info", f"{n}.mcap", "--json")) for n in (1, 2))
         assert one["digest"] == two["digest"]
-        assert (one["samples"]["per_robot_and_second"] < 10) == (name == "quiet")
+        assert (one["samples"]["per_robot_and_second"] < 10) == triggered
         said("replay", "2.mcap", "--verify")
     finally:
         sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(("c0", "periods"), [(0.05, 2), (0.2, 4), (0.3, 5)])
+def test_the_self_triggered_one_sends_when_a_parabola_has_left_its_tangent_by_c0(
+    installed, monkeypatch, c0, periods
+):
+    """Of ε_0 = t² its velocity gains 2 rad/s a second: it plans ⌊√(2 c0/2)/h⌋ periods ahead."""
+    monkeypatch.syspath_prepend(str(installed))
+    algorithm = load_algorithm("ahead", {"c0": c0})
+    schedule = TopologySchedule.constant(Topology.of(np.zeros((1, 1)), np.ones(1)))
+    start = Estimate(np.zeros((1, 1)), np.zeros((1, 1)))
+    agents, sent = agents_at(np.array([1]), schedule, algorithm, start), []
+    for k in range(1, 121):
+        t = 0.1 * k
+        target = {"position": np.array([t * t]), "velocity": np.array([2 * t])}
+        sent += [k] * len(meet([agents], k, 0.1, target))
+    assert {*np.diff(sent[-8:])} == {periods}
 
 
 def test_the_guides_algorithm_is_found_by_name(installed, monkeypatch):
