@@ -1,6 +1,5 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     worst_case,
     worst_case_always,
 )
-from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
@@ -37,7 +35,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_of,
     spectra_of,
 )
-from nrs_cosim.orchestrator.analysis.links import late_step_of, link_faults_of
+from nrs_cosim.orchestrator.analysis.links import step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -209,11 +207,10 @@ def ultimate_bounds(
         rho = rho_of(algorithm, topologies, spectra_of(topologies), periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
-    step, since = _step_of(experiment, periods, recursions)
+    step, since = step_of_run(experiment, periods, recursions)
     if experiment.impaired and step:
         recursions, recursion = [], None
-        radius = step.radius(spectra_of(topologies)[-1][0])
-        rho = RadiusBounds(radius, radius)
+        rho = RadiusBounds(*[step.radius(spectra_of(topologies)[-1][0])] * 2)
     why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
     gaps = None
     if nominal and not why_not:
@@ -273,22 +270,6 @@ def ultimate_bounds(
         robots,
         tracking,
     )
-
-
-def _step_of(
-    experiment: Experiment, periods: Periods, recursions: Sequence[Recursion]
-) -> tuple[LateStep | None, int]:
-    """Return a period over late links, or of agents that keep more, and the tick it is so from."""
-    topologies, h = experiment.topologies, periods.constant_period
-    if experiment.impaired:
-        late = late_step_of(experiment, periods)
-        return late, link_faults_of(experiment).since if late else 1
-    since = 1 if topologies.repeat else topologies.since[-1]
-    if recursions or h is None or len(topologies.digraphs) > 1:
-        return None, since
-    step = linear_step(nominal_of(experiment.algorithm), h)
-    sound = np.zeros(len(topologies.links.source), np.int64)
-    return None if step is None else LateStep(step, topologies.links, sound), since
 
 
 @np.errstate(all="ignore")

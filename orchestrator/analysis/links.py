@@ -34,7 +34,7 @@ from nrs_cosim.estimator_agents.theory.loss import (
     lossy_step,
     mean_square_radius,
 )
-from nrs_cosim.estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump
 from nrs_cosim.estimator_agents.theory.switching import gains_up_to_one
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
@@ -118,12 +118,28 @@ def link_faults_of(experiment: Experiment) -> LinkFaults:
     )
 
 
-def late_step_of(experiment: Experiment, periods: Periods) -> LateStep | None:
+def step_of_run(
+    experiment: Experiment, periods: Periods, recursions: Sequence[Recursion]
+) -> tuple[LateStep | None, int]:
+    """Return a period over late links, or of agents that keep more, and the tick it is so from."""
+    topologies, h = experiment.topologies, periods.constant_period
+    if experiment.impaired:
+        faults = link_faults_of(experiment)
+        late = _late_step(experiment, faults, periods)
+        return late, faults.since if late else 1
+    since = 1 if topologies.repeat else topologies.since[-1]
+    if recursions or h is None or len(topologies.digraphs) > 1:
+        return None, since
+    step = linear_step(nominal_of(experiment.algorithm), h)
+    sound = np.zeros(len(topologies.links.source), np.int64)
+    return None if step is None else LateStep(step, topologies.links, sound), since
+
+
+def _late_step(experiment: Experiment, faults: LinkFaults, periods: Periods) -> LateStep | None:
     """Return the recursion where links do no more, in the long run, than to be late by fixed times.
 
     None where that is not so, or not known.
     """
-    faults = link_faults_of(experiment)
     if _why_unknown(experiment, faults) or faults.altered or not faults.fixed or faults.loss.any():
         return None
     step = _step_of(experiment, periods.constant_period)
