@@ -253,6 +253,30 @@ class Study:
             variables[name] = (tuple(axes), data if number else data.astype(str))
         return xr.Dataset(variables, axes)
 
+    def report(self, path: str | PathLike[str]) -> None:
+        """Draw the study: `.html` is a page, `.png`, `.pdf` and `.svg` its figures.
+
+        Args:
+            path: Where it goes.
+
+        Raises:
+            InputError: matplotlib is not installed, or the file cannot be made or replaced.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> from tempfile import TemporaryDirectory
+            >>> scenario = nrs.Scenario.load("scenarios/paper_first_order.toml")
+            >>> short = scenario.replace({"run.duration": 1.0})
+            >>> study = nrs.sweep(short, {"algorithm.alpha": [0.8, 0.9, 1.4]}, jobs=0)
+            >>> with TemporaryDirectory() as folder:
+            ...     study.report(f"{folder}/study.html")
+        """
+        from nrs_cosim.orchestrator.cli.formats import format_of  # noqa: PLC0415, of this alone
+        from nrs_cosim.orchestrator.cli.report_files import BEGINS, write_study  # noqa: PLC0415
+
+        path = Path(path)
+        write_study(self._store, path, format_of(path, None, tuple(BEGINS)))
+
     def _table(self, *only: str) -> StudyTable:
         return StudyTable.of(self._store, *only)
 

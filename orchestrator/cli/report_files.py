@@ -1,11 +1,13 @@
 """A report as a file, a page or figures for print: no other file is replaced, and none is half."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.page import page
@@ -16,14 +18,33 @@ BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b
 
 def write_report(stories: Sequence[Story], output: Path, kind: str) -> None:
     """Write recordings in a format; `InputError` where the file cannot be made or replaced."""
-    try:
-        expect_replaceable(output, f"report ({kind})", BEGINS[kind])
-        output.parent.mkdir(parents=True, exist_ok=True)
-        part = output.with_name(output.name + ".part")
+
+    def write(part: Path) -> None:
         if kind == "html":
             part.write_text(page(stories), "utf-8")
         else:
             _print(stories, part, kind)
+
+    _write_whole(output, kind, write)
+
+
+def write_study(store: StudyStore, output: Path, kind: str) -> None:
+    """Write a study in a format; `InputError` as of recordings, or where no study is there."""
+    try:
+        from nrs_cosim.orchestrator.study.report import StudyReport  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
+    made = StudyReport(store)
+    _write_whole(output, kind, partial(made.write, form=kind, origin=output))
+
+
+def _write_whole(output: Path, kind: str, write: Callable[[Path], None]) -> None:
+    """Write a file beside where it is to be, and then put it in its place."""
+    try:
+        expect_replaceable(output, f"report ({kind})", BEGINS[kind])
+        output.parent.mkdir(parents=True, exist_ok=True)
+        part = output.with_name(output.name + ".part")
+        write(part)
         part.replace(output)
     except OSError as error:
         raise UncreatableError(f"{output}: cannot be written: {error.strerror}") from None

@@ -10,7 +10,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
 from nrs_cosim.orchestrator.cli.options import Force, Output, Set, changes_of, number, whole_number
-from nrs_cosim.orchestrator.terminal import AsJson, out, print_json
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
 
 study = typer.Typer(no_args_is_help=True, help="Studies: many runs of one scenario.")
 
@@ -154,6 +154,32 @@ def study_info(folder: StudyPath, as_json: AsJson = False) -> None:
         print_json(found)
     else:
         show_study(out, found)
+
+
+@study.command("report")
+def study_report(
+    folder: StudyPath,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Where the report goes; .html is a page, .pdf, .png and .svg are its figures.",
+        ),
+    ],
+) -> None:
+    """Draw a study: maps with theory's boundary, slices, failures."""
+    from nrs_cosim.orchestrator.cli.formats import format_of
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.orchestrator.cli.report_files import BEGINS, write_study
+    from nrs_cosim.orchestrator.study.store import StudyStore
+
+    kind = format_of(output, None, tuple(BEGINS))
+    with stages(err) as begin:
+        begin("drawing")
+        write_study(StudyStore(folder), output, kind)
+    out.print(str(output), markup=False)
 
 
 @study.command("run")

@@ -1,7 +1,6 @@
 """A study, with what a person sees of it: how far it is, what failed, and how to run that again."""
 
 import json
-import shlex
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -32,7 +31,7 @@ from nrs_cosim.orchestrator.study.engines import dask_engine, local_engine
 from nrs_cosim.orchestrator.study.point_run import run_point
 from nrs_cosim.orchestrator.study.points import FOLLOWED, PERIOD, SCENARIO_AXIS, StudyPoint
 from nrs_cosim.orchestrator.study.rows import FAILURES, RESULTS, StudyRow, kept_recordings
-from nrs_cosim.orchestrator.study.store import StudyStore
+from nrs_cosim.orchestrator.study.store import StudyStore, rerun_line
 from nrs_cosim.orchestrator.study.study import (
     Refinement,
     StudyPlan,
@@ -167,17 +166,11 @@ def study_summary(folder: Path) -> dict[str, Any]:
                 "cause": columns["cause_kind"][place],
                 "reason": columns["reason"][place],
                 "recording": columns["recording"][place],
-                "command": rerun_command(store, table, place),
+                "command": rerun_line(store, columns["key"][place]),
             }
             for place in failures
         ],
     }
-
-
-def rerun_command(store: StudyStore, table: StudyTable, place: int) -> str:
-    """Return the line that runs a row's point again, with a recording."""
-    key = table.columns["key"][place]
-    return shlex.join(["nrs", "study", "run", str(store.folder), key[:12]])
 
 
 def show_study(console: Console, found: Mapping[str, Any]) -> None:

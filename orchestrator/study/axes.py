@@ -30,8 +30,9 @@ from nrs_cosim.bus.text import quoted
 SEED = "run.seed"
 MOST = 10_000_000
 """Points of a study."""
-DIGITS = 12
-"""Significant ones, of a value between two that were given."""
+DIGITS, OF_TIMES = 12, 6
+"""Significant ones of a value between two that were given; decimals of one that is a time, s."""
+TIMES = ("run.sampling_period", "run.output_step", "run.duration")
 _NEXT = re.compile(r";(?=\s*[\w.-]+\s*=)")
 _RANGE = re.compile(r"(log:)?([^:,\[\]\"']+):([^:,\[\]\"']+?)(?::(\d+))?")
 _DRAW = re.compile(r"(lhs|sobol):(\d+)(?::(\d+))?")
@@ -89,8 +90,7 @@ def axis_of(option: str, text: str) -> StudyAxis | DrawnRange:
                 f"{quoted(part)}"
             )
     columns = [
-        _values(f"{option} {key}", given.strip())
-        for key, (_, _, given) in zip(keys, parts, strict=True)
+        _values(option, key, given.strip()) for key, (_, _, given) in zip(keys, parts, strict=True)
     ]
     if isinstance(columns[0], tuple) and len(columns) == 1:
         return DrawnRange(keys[0], *columns[0])
@@ -160,9 +160,9 @@ def grid_points(axes: Sequence[StudyAxis]) -> Iterable[Mapping[str, Any]]:
         }
 
 
-def rounded(value: float) -> float:
-    """Return a value of as many digits as are told."""
-    return float(f"{value:.{DIGITS}g}")
+def rounded(key: str, value: float) -> float:
+    """Return a value of a key in as many digits as are told; a time is whole microseconds."""
+    return round(value, OF_TIMES) if key in TIMES else float(f"{value:.{DIGITS}g}")
 
 
 def _drawn(ranges: Sequence[DrawnRange], draw: Draw) -> StudyAxis:
@@ -179,12 +179,15 @@ def _drawn(ranges: Sequence[DrawnRange], draw: Draw) -> StudyAxis:
 def _at(axis: DrawnRange, u: float) -> float:
     """Return the value at a part of a range; of six digits, which no drawn value needs more of."""
     if axis.logarithmic:
-        return float(f"{axis.low * (axis.high / axis.low) ** u:.6g}")
-    return float(f"{axis.low + (axis.high - axis.low) * u:.6g}")
+        value = axis.low * (axis.high / axis.low) ** u
+    else:
+        value = axis.low + (axis.high - axis.low) * u
+    return rounded(axis.key, float(f"{value:.6g}"))
 
 
-def _values(where: str, text: str) -> list[Any] | tuple[float, float, bool]:
+def _values(option: str, key: str, text: str) -> list[Any] | tuple[float, float, bool]:
     """Return a list of values, or a range to draw from."""
+    where = f"{option} {key}"
     found = _RANGE.fullmatch(text)
     if found:
         try:
@@ -203,18 +206,18 @@ def _values(where: str, text: str) -> list[Any] | tuple[float, float, bool]:
         raise InputError(f"{where}: expected a:b:n with n of 2 or more, got {quoted(text)}")
     if logarithmic:
         a, b = log10(low), log10(high)
-        return [rounded(10 ** (a + (b - a) * i / max(n - 1, 1))) for i in range(n)]
-    return _evenly(found[2].strip(), found[3].strip(), n)
+        return [rounded(key, 10 ** (a + (b - a) * i / max(n - 1, 1))) for i in range(n)]
+    return _evenly(key, found[2].strip(), found[3].strip(), n)
 
 
-def _evenly(low: str, high: str, n: int) -> list[Any]:
+def _evenly(key: str, low: str, high: str, n: int) -> list[Any]:
     """Return n values as decimals; whole ones where both ends are and all are."""
     a, b = Decimal(low), Decimal(high)
     exact = [a + (b - a) * i / max(n - 1, 1) for i in range(n)]
     whole = all(re.fullmatch(r"[+-]?\d+", end) for end in (low, high))
     if whole and all(value == value.to_integral_value() for value in exact):
         return [int(value) for value in exact]
-    return [rounded(float(value)) for value in exact]
+    return [rounded(key, float(value)) for value in exact]
 
 
 def _listed(where: str, text: str) -> list[Any]:

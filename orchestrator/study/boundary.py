@@ -23,6 +23,7 @@ WIDTH = 0.01
 class StatusChange:
     """Two values of a key next to one another, of which one converges."""
 
+    key: str
     others: tuple[tuple[str, Any], ...]
     """The values of the other keys."""
     low: float
@@ -33,7 +34,7 @@ class StatusChange:
     @property
     def middle(self) -> float:
         """The value between."""
-        return rounded((self.low + self.high) / 2)
+        return rounded(self.key, (self.low + self.high) / 2)
 
 
 def changes_along(table: StudyTable, key: str) -> Iterator[StatusChange]:
@@ -54,7 +55,7 @@ def changes_along(table: StudyTable, key: str) -> Iterator[StatusChange]:
     for rest, line in lines.items():
         for (low, below), (high, above) in pairwise(line):
             if below != above:
-                yield StatusChange(tuple(zip(others, rest, strict=True)), low, high, below)
+                yield StatusChange(key, tuple(zip(others, rest, strict=True)), low, high, below)
 
 
 def to_refine(table: StudyTable, key: str, width: float | None) -> list[StatusChange]:

@@ -180,8 +180,6 @@ def _status(
 
 def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison) -> dict[str, Any]:
     """Return what theory says of a point, and how its run was beside the bounds."""
-    parts = [c.margin / abs(c.bound) if c.bound else c.margin for c in checked.conditions]
-    margins = [part for part in parts if isfinite(part)]
     rows = {
         name: {
             **{law: _finite(value) for law, value in row.bounds.items()},
@@ -193,11 +191,17 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
         "convergence": checked.convergence,
         "spectral_radius": _finite(checked.rho.upper),
         "spectral_radius_lower": _finite(checked.rho.lower),
-        "margin": min(margins, default=None),
+        "margin": smallest_margin(checked),
         "violated": ", ".join(c.name for c in checked.conditions if not c.holds),
         "why_no_bounds": ultimate.why_not,
         "bounds": json.dumps(rows),
     }
+
+
+def smallest_margin(checked: Check) -> float | None:
+    """Return the margin of the condition that is nearest to its bound, as a part of that."""
+    parts = [c.margin / abs(c.bound) if c.bound else c.margin for c in checked.conditions]
+    return min((part for part in parts if isfinite(part)), default=None)
 
 
 def theory_of(experiment: Experiment) -> tuple[Check, UltimateBounds]:

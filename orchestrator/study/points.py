@@ -102,12 +102,16 @@ def followed(tables: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     period = given.get(PERIOD)
     if not isinstance(run, Mapping) or not isinstance(period, int | float) or not period > 0:
         return {}
+    try:
+        period_ns = nanoseconds(float(period))
+    except ValueError:  # of which the scenario's own check tells
+        return {}
     h, found = Decimal(repr(period)), dict[str, Any]()
     duration, step = given.get(DURATION, run.get("duration")), run.get("output_step")
     if DURATION not in given and isinstance(duration, int | float):
         found[DURATION] = float(h * max(round(Decimal(repr(duration)) / h), 1))
     if STEP not in given and isinstance(step, int | float) and step > 0:
-        found[STEP] = _longest_part(nanoseconds(float(period)), nanoseconds(float(step)))
+        found[STEP] = _longest_part(period_ns, nanoseconds(float(step)))
     return found
 
 

@@ -12,6 +12,7 @@ two, counts once; of two rows with a key the later one holds.
 
 import json
 import os
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -146,3 +147,8 @@ class StudyStore:
                 yield json.loads(line)
             except ValueError:
                 raise InputError(f"{self._journal}: line {number} is no row") from None
+
+
+def rerun_line(store: StudyStore, key: str) -> str:
+    """Return the line that runs a row's point again, with a recording."""
+    return shlex.join(["nrs", "study", "run", str(store.folder), key[:12]])

@@ -26,6 +26,7 @@ def values(text):
         ("network.pinning=[1,0],[0,1]", [[1, 0], [0, 1]]),
         ("controller.kp=10", [10]),
         ("algorithm.alpha=-1:1:3", [-1, 0, 1]),
+        ("run.sampling_period=log:0.02:0.8:4", [0.02, 0.068399, 0.233921, 0.8]),
     ],
 )
 def test_an_axis_has_the_values_that_its_text_says(text, expected):

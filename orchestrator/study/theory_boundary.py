@@ -1,0 +1,91 @@
+"""Where theory has its boundaries on a map, between its points: where ρ = 1, where a margin is 0.
+
+On each line of the map, along either axis, neighbours on two sides of a boundary are bisected by
+theory alone, which runs nothing. Of many such pairs some are taken, evenly, so that it is a matter
+of seconds.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from math import isfinite, sqrt
+from typing import Any
+
+from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.file import parse_scenario
+from nrs_cosim.orchestrator.study.axes import rounded
+from nrs_cosim.orchestrator.study.point_run import smallest_margin
+from nrs_cosim.orchestrator.study.points import study_point
+
+MOST, HALVINGS = 40, 6
+Place = tuple[float, float]
+
+
+def theory_boundary(
+    bases: Mapping[str, Experiment],
+    others: Mapping[str, Any],
+    keys: tuple[str, str],
+    values: Mapping[Place, float | None],
+    of: str,
+) -> list[Place]:
+    """Return places (x, y) on the boundary of `radius` or `margin` among cells with such values.
+
+    Values are those of the cells, less than 0 on one side of the boundary. What a scenario is not
+    at a place between, is left out.
+    """
+    found = []
+    pairs = [*_pairs(values, 0), *_pairs(values, 1)]
+    step = max(len(pairs) / MOST, 1)
+
+    def value_at(place: Place) -> float:
+        return _value(bases, {**others, **dict(zip(keys, place, strict=True))}, of)
+
+    for number in range(min(len(pairs), MOST)):
+        axis, low, high = pairs[int(number * step)]
+        try:
+            found.append(_bisected(value_at, keys[axis], axis, (low, high), values[low] or 0.0))
+        except CosimError:
+            continue
+    return found
+
+
+def _pairs(values: Mapping[Place, float | None], axis: int) -> list[tuple[int, Place, Place]]:
+    """Return neighbours along an axis with a boundary between them."""
+    lines: dict[float, list[Place]] = {}
+    for place, value in values.items():
+        if value is not None and isfinite(value):
+            lines.setdefault(place[1 - axis], []).append(place)
+    found = []
+    for line in lines.values():
+        line.sort()
+        for low, high in pairwise(line):
+            if ((values[low] or 0.0) < 0) != ((values[high] or 0.0) < 0):
+                found.append((axis, low, high))
+    return found
+
+
+def _bisected(
+    value_at: Callable[[Place], float], key: str, axis: int, pair: Sequence[Place], first: float
+) -> Place:
+    low, high = pair
+    far = low[axis] > 0 and high[axis] > 4 * low[axis]
+    for _ in range(HALVINGS):
+        a, b = low[axis], high[axis]
+        middle = rounded(key, sqrt(a * b) if far else (a + b) / 2)
+        place = (middle, low[1]) if axis == 0 else (low[0], middle)
+        if (value_at(place) < 0) == (first < 0):
+            low = place
+        else:
+            high = place
+    return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
+
+
+def _value(bases: Mapping[str, Experiment], values: Mapping[str, Any], of: str) -> float:
+    point = study_point(bases, values)
+    folder = next(iter(bases.values())).folder
+    checked = check(parse_scenario(point.text, point.name, folder, point.name, point.assets))
+    if of == "radius":
+        return 1.0 - checked.rho.upper
+    margin = smallest_margin(checked)
+    return 0.0 if margin is None else margin
