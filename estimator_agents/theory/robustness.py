@@ -4,9 +4,10 @@ A digraph is (r, s)-robust when of any two disjoint sets S_1, S_2 of its nodes, 
 of S_1, or all of S_2, or s in both together have r in-neighbours or more outside of their own set.
 H. J. LeBlanc, H. Zhang, X. Koutsoukos, S. Sundaram, IEEE JSAC 31(4), 766-781, 2013, Definition 6.
 
-X(S), how many of S have r in-neighbours outside, is counted for each of the 2^n sets; of a set
-where not all have, the least X of a set that is disjoint from it and as wanting decides: it is the
-least over the subsets of the complement, found for all sets at once, one node after the other.
+X(S), how many of S have r in-neighbours outside, is counted for each of the 2^n sets. What decides
+is the least X(S_1) + X(S_2) of two disjoint sets in both of which not all have: the least X over
+the subsets of each set, found for all sets at once, one node after the other, plus that of its
+complement.
 
 Beside a target that is trusted robots come to it if those that hear it, and then again and again
 those that hear 2 F + 1 of these, are all (statement B2): what J. Usevitch, D. Panagou, Resilient
@@ -66,9 +67,8 @@ def _is_robust(outside: NDArray[np.uint8], sets: NDArray[np.int64], r: int) -> b
     n = len(outside)
     members = (sets >> np.arange(n)[:, None]) & 1 == 1
     many = ((outside >= r) & members).sum(axis=0)
-    wanting = np.where((many < members.sum(axis=0)) & (sets > 0), many, _NONE)
-    least = wanting.copy()
+    least = np.where(many < members.sum(axis=0), many, _NONE)
     for node in range(n):
         with_it = least.reshape(-1, 2, 2**node)
         np.minimum(with_it[:, 1], with_it[:, 0], out=with_it[:, 1])
-    return bool((wanting + least[::-1]).min() >= r)
+    return bool((least + least[::-1]).min() >= r)

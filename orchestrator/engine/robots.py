@@ -114,7 +114,7 @@ def _other_algorithms(experiment: Experiment, numbers: Sequence[int]) -> list[Ot
     found = []
     for own in experiment.algorithm_lies(numbers):
         assert own.algorithm
-        algorithm = own.algorithm.loaded()
+        algorithm = own.loaded()
         agent = Agents(
             np.array([own.robot]),
             experiment.topologies,

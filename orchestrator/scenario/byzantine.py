@@ -11,9 +11,11 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.lies import Lie
 from nrs_cosim.bus.text import nearest, shortened
 from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import Algorithm
 from nrs_cosim.orchestrator.scenario.faults import spans_of, wrong_spans
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable
 from nrs_cosim.orchestrator.scenario.tables.faults import ByzantineRobot
@@ -32,6 +34,14 @@ class OwnLie:
     lie: Lie
     algorithm: AlgorithmTable | None = None
     """By which it lies; None for any other lie."""
+
+    def loaded(self) -> Algorithm:
+        """Return that algorithm; `InputError` where it is not here as it was recorded."""
+        assert self.algorithm
+        try:
+            return self.algorithm.loaded()
+        except InputError as error:
+            raise InputError(f"faults.byzantine[{self.lie.number}].{error}") from error
 
 
 def needed_algorithms(lies: Sequence[OwnLie], robots: Collection[int]) -> list[OwnLie]:

@@ -52,9 +52,11 @@ def test_random_digraphs_are_as_the_definition_says():
 @pytest.mark.parametrize(
     ("graph", "r"),
     [
-        *((nx.complete_graph(n), (n + 1) // 2) for n in (2, 3, 4, 7, 8, 11)),
+        *((nx.complete_graph(n), (n + 1) // 2) for n in (1, 2, 3, 4, 7, 8, 11)),
         (nx.path_graph(5, create_using=nx.DiGraph), 1),
         (nx.cycle_graph(6), 1),
+        (nx.cycle_graph(16), 1),
+        (nx.cycle_graph(17), None),
         (nx.star_graph(6), 1),
         (nx.disjoint_union(nx.complete_graph(4), nx.complete_graph(4)), 0),
         # with a node of 2 r - 1 neighbours more it is as (r, r)-robust as before (Theorem 5 there)

@@ -23,11 +23,13 @@ NOT_HERE = {"algorithm": {"name": "no_such_law", "gain": 0.9, "missing": "hold",
 SCENARIO = toml(NOT_HERE, base=made_up_runs.chain(N, M, 10))
 
 
-def written(path: Path, ticks=10, schemas=(), status="completed", scenario=SCENARIO) -> Path:
+def written(
+    path: Path, ticks=10, schemas=(), status="completed", scenario=SCENARIO, codecs=CODECS
+) -> Path:
     """Write a run of an algorithm that nobody has, with some schemas of its own."""
-    by_name = {kind.name: Schema(kind.name, kind.descriptor()) for kind in CODECS.types}
+    by_name = {kind.name: Schema(kind.name, kind.descriptor()) for kind in codecs.types}
     by_name |= {schema.name: schema for schema in schemas}
-    with made_up_runs.create(path, N, M, 10, (2,), CODECS) as writer:
+    with made_up_runs.create(path, N, M, 10, (2,), codecs) as writer:
         writer.finish("completed")
     with Reader(path) as empty:
         channels, metadata = empty.channels, empty.metadata
@@ -40,7 +42,7 @@ def written(path: Path, ticks=10, schemas=(), status="completed", scenario=SCENA
         attachments={"scenario.toml": ("application/toml", scenario.encode())},
     ) as writer:
         for k in range(ticks + 1):
-            writer.write(made_up_runs.tick(k, N, M, (2,), CODECS))
+            writer.write(made_up_runs.tick(k, N, M, (2,), codecs))
         writer.finish(status)
     return path
 
@@ -102,6 +104,19 @@ def test_it_cannot_be_resumed_and_says_so(tmp_path):
     assert done.returncode == 2
     assert "got 'no_such_law'" in done.stderr
     assert path.read_bytes() == before
+
+
+def test_one_by_which_a_robot_lied_is_told_of_and_named_where_it_is_needed(tmp_path):
+    lie = {"robot": 2, "kind": "algorithm", "algorithm": {"name": "no_such_law", "gain": 0.9}}
+    text = toml({"faults.byzantine": [lie]}, base=made_up_runs.chain(N, M, 10))
+    path = written(tmp_path / "run.mcap", scenario=text, codecs=Codecs.of(Sizes(M)))
+    done = nrs("info", "--json", path)
+    assert (done.returncode, json.loads(done.stdout)["byzantine"]) == (0, [2])
+    done = nrs("replay", "--verify", "--agents-only", path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(
+        "error: faults.byzantine[0].algorithm.name: expected one of dcea1, "
+    )
 
 
 def test_a_scenario_may_not_name_such_an_algorithm(tmp_path):
