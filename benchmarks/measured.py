@@ -51,7 +51,8 @@ def _measured(measure: Callable[..., Mapping[str, float]], arguments: tuple[Any,
 class Begun(AtOnce):
     """Notes when simulated time begins to pass, and how much memory the workers have then."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_workers: int) -> None:
+        self._n_workers = n_workers
         self.at = self.cpu = self._looked = 0.0
         self._peaks: dict[int, int] = {}
 
@@ -60,8 +61,8 @@ class Begun(AtOnce):
         self.at, self.cpu = time.perf_counter(), time.process_time()
 
     def wait(self, time_ns: int, ask: Callable[[], None]) -> None:  # noqa: ARG002
-        """Look at the memory of workers now and then."""
-        if time.perf_counter() - self._looked >= _LOOK:
+        """Look at the memory of workers now and then, where they are in other processes."""
+        if self._n_workers > 1 and time.perf_counter() - self._looked >= _LOOK:
             self._peaks |= {pid: peak(pid) for _, pid in workers()}
             self._looked = time.perf_counter()
 
@@ -78,7 +79,7 @@ def recorded(n: int, ticks: int, n_workers: int, path: Path) -> Found:
 
 def recorded_file(read: Callable[[], Experiment], ticks: int, n_workers: int, path: Path) -> Found:
     """Run a scenario, which is yet to be read, likewise."""
-    began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun()
+    began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun(n_workers)
     file = read()
     n = file.n
     launch = local_workers(file, n_workers, POLICY) if n_workers > 1 else None

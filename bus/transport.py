@@ -71,6 +71,29 @@ class Inbox(Protocol):
         """
 
 
+class _Side:
+    """One of two parties that have an inbox together, each of which gets all that comes."""
+
+    def __init__(self, inbox: Inbox) -> None:
+        self._inbox = inbox
+        self.waiting: list[Item] = []
+        self.other = self
+
+    def take(self, seconds: float = 0.0) -> list[Item]:
+        """Return all that arrived, in order; see `Inbox`."""
+        arrived = self._inbox.take(0.0 if self.waiting else seconds)
+        self.other.waiting += arrived
+        mine, self.waiting = self.waiting + arrived, []
+        return mine
+
+
+def tee(inbox: Inbox) -> tuple[Inbox, Inbox]:
+    """Return two inboxes, for use in one thread, that both get what comes into one."""
+    one, other = _Side(inbox), _Side(inbox)
+    one.other, other.other = other, one
+    return one, other
+
+
 class Bus(Protocol):
     """A party's way to the bus."""
 

@@ -8,12 +8,17 @@ Each batch is k and then whole messages as they will stand in the recording, sig
 accepted when it is signed for its key, comes from a worker that the run has, and holds exactly what
 is expected of it: its robots, its times, finite numbers. Any other is rejected with the reason, and
 never mixed in.
+
+A wire of one process knows the bytes that it packed itself: those that come and are the very same,
+of which nothing but the numbers could be wrong, are not taken apart again.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from struct import Struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +35,8 @@ Records = NDArray[np.void]
 Nodes = NDArray[np.integer]
 
 _K = Struct("<I")
+_KEPT = 128
+"""Of how many ticks a wire knows the bytes that it packed."""
 _WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
 
 
@@ -67,11 +74,14 @@ class Wire:
         *,
         measuring: Callable[[int], Nodes] = _nobody,
         triggered: bool = False,
+        in_process: bool = False,
     ) -> None:
         """Know the run: which nodes each worker has, ascending, and who cannot send at a tick.
 
         Nodes are (n,) each, 0 for the target. `measuring` are those that measure the target at a
         tick. Where it is `triggered`, each robot that can send decides itself whether it does.
+        `in_process` says that all who put on it have this very object, which signs nothing, and
+        that a tick's states have been found finite.
         """
         self.samples, self.states = codecs.samples, codecs.states
         self.link_events, self.of_agents = codecs.link_events, codecs.of_agents
@@ -83,6 +93,9 @@ class Wire:
         """No link events."""
         self._accepted_last: dict[str, tuple[bytes, tuple[int, Records]]] = {}
         """Of each worker the last samples, as they came and as what they are."""
+        self._knows_own = in_process and not triggered
+        self._own: defaultdict[tuple[str, str], dict[int, tuple[bytes, Any]]] = defaultdict(dict)
+        """By kind and worker, and by k: what was packed, and as what it is accepted."""
         # At t_0 there is one output, and as many in each interval after it.
         most = max(len(times.outputs(0)), len(times.outputs(1)))
         self._expected_samples = {
@@ -98,13 +111,22 @@ class Wire:
 
     def pack_samples(self, worker: str, k: int, records: Records) -> bytes:
         """Return the batch of a worker's samples (n,) of t_k."""
-        return self._signer.sign(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
+        payload = self._signer.sign(wire_key(SAMPLES, worker), _K.pack(k) + records.tobytes())
+        if self._knows_own and len(records) == len(self.assignment[worker]):
+            packed = np.frombuffer(payload, self.samples.dtype, offset=_K.size)
+            # Whoever is silent has no place in a batch, and an algorithm may say any number.
+            if not self._silent(k).size and _is_finite(self.samples, packed):
+                self._keep(SAMPLES, worker, payload, (k, packed))
+        return payload
 
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
         """Return k and the samples (n,) that a worker put.
 
         `RejectedError` when they are not accepted. Bytes that two hear on one wire are judged once.
         """
+        if own := self._packed(SAMPLES, worker, payload):
+            own_samples: tuple[int, Records] = own
+            return own_samples
         known, accepted = self._accepted_last.get(worker, (b"", None))
         if accepted and payload == known:
             return accepted
@@ -128,10 +150,16 @@ class Wire:
         of_agents = (tick.of_agents.get(kind) for kind in self.of_agents)
         parts += [b"" if records is None else records.tobytes() for records in of_agents]
         parts += tick.checkpoints
-        return self._signer.sign(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
+        payload = self._signer.sign(wire_key(RECORDS, worker), _K.pack(k) + joined(parts))
+        if self._knows_own and not (tick.of_agents or len(tick.link_events) or tick.checkpoints):
+            self._keep(RECORDS, worker, payload, (k, tick))
+        return payload
 
     def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
         """Return k and a worker's records of it; `RejectedError` when they are not accepted."""
+        if own := self._packed(RECORDS, worker, payload):
+            own_tick: tuple[int, Tick] = own
+            return own_tick
         data, robots = self._open(RECORDS, worker, payload)
         k = self._tick(data, 0)
         parts = parted(data[_K.size :])
@@ -156,6 +184,20 @@ class Wire:
         if any(header[1:] != (k, self.times.t(k)) for header in headers):
             raise RejectedError("tick")
         return k, Tick(states, events, checkpoints, of_agents)
+
+    def _keep(self, kind: str, worker: str, payload: bytes, accepted: tuple[int, Any]) -> None:
+        own = self._own[kind, worker]
+        own[accepted[0]] = payload, accepted
+        if len(own) > (_KEPT if worker == TARGET else 2):
+            del own[next(iter(own))]
+
+    def _packed(self, kind: str, worker: str, payload: bytes) -> Any:
+        """Return k and what was packed as these very bytes; None where nothing was."""
+        own = self._own.get((kind, worker))
+        if not own or len(payload) < _K.size:
+            return None
+        known, accepted = own.get(_K.unpack_from(payload)[0], (b"", None))
+        return accepted if known == payload else None
 
     def _of_agents(self, worker: str, k: int, parts: Sequence[bytes]) -> dict[str, Records]:
         """Return what agents tell of t_k, by kind, from as many parts; there is nothing of t_0."""
@@ -224,13 +266,20 @@ class Wire:
         records = np.frombuffer(data, codec.dtype)
         for name in codec.kind.fields:
             expected[name] = records[name]
-            # A sum is quick; one of many numbers may be infinite where none of them is.
-            if not isfinite(records[name].sum()) and not np.isfinite(records[name]).all():
-                raise RejectedError("value")
+        if not _is_finite(codec, records):
+            raise RejectedError("value")
         if expected.tobytes() != data:
             wrong = (why for name, why in _WRONG.items() if (records[name] != expected[name]).any())
             raise RejectedError(next(wrong, "form"))
         return records
+
+
+def _is_finite(codec: Codec, records: Records) -> bool:
+    # A sum is quick; one of many numbers may be infinite where none of them is.
+    return all(
+        isfinite(records[name].sum()) or bool(np.isfinite(records[name]).all())
+        for name in codec.kind.fields
+    )
 
 
 def _header(message: bytes) -> tuple[int, int, int]:

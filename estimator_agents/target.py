@@ -29,8 +29,8 @@ class Target(Protocol):
         """Return γ1 ≥ sup ‖υ_0‖∞ and γ2 ≥ sup ‖a_0‖∞ (A1)."""
 
 
-def sample_of(target: Target, fields: Fields, seconds: float) -> dict[str, ArrayLike]:
-    """Return what a target sends at a time: of each field its truth, or else its initial value."""
+def sample_of(target: Target, fields: Fields, seconds: ArrayLike) -> dict[str, ArrayLike]:
+    """Return what a target sends at times: of each field its truth, or else its initial value."""
     at = target.at(seconds)
     truths = {"position": at.position, "velocity": at.velocity}
     if any(field.truth == "acceleration" for field in fields.values()):

@@ -10,6 +10,7 @@ import json
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from os import PathLike
 from typing import Any, Protocol
 
@@ -304,10 +305,16 @@ def _same(one: Tick, other: Tick) -> bool:
 
 def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:
     """Return messages of one kind as they are; channels are by node."""
-    size = records.dtype.itemsize
-    stops = np.arange(size, size * len(records) + 1, size)
+    starts, stops = _places(records.dtype.itemsize, len(records))
     data, on = records.view(np.uint8).data, channels[records["robot"]]
-    return Columns(data, on, records["k"], records["time_ns"], stops - size, stops)
+    return Columns(data, on, records["k"], records["time_ns"], starts, stops)
+
+
+@lru_cache(maxsize=16)
+def _places(size: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where messages of one size begin and end that follow one another."""
+    stops = np.arange(size, size * count + 1, size)
+    return stops - size, stops
 
 
 def _checkpoint(message: bytes) -> Recorded:

@@ -10,7 +10,7 @@ from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import RECORDS, SAMPLES, wire_key
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.signature import Signer
-from nrs_cosim.bus.transport import Bus, Item
+from nrs_cosim.bus.transport import Bus, Item, tee
 from nrs_cosim.bus.validation import Wire
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE, point_of
@@ -27,11 +27,10 @@ class InProcess:
 
     def __init__(self, bus: Bus, robots: Robots, watch: Watch) -> None:
         self.assignment = {NAME: robots.numbers}
-        self.inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
+        self.inbox, received = tee(bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*")))
         self.rejected: Counter[str] = Counter()
         self.restarts = 0
-        self._wire = wire_of(robots.experiment, self.assignment, Signer())
-        received = bus.listen(wire_key(SAMPLES, "*"))
+        self._wire = wire_of(robots.experiment, self.assignment, Signer(), in_process=True)
         self._worker: Worker = robots.worker(NAME, bus, received, self._wire)
         self._robots, self._watch = robots, watch
         self._ticks: Iterator[int] = iter(())

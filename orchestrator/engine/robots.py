@@ -131,9 +131,13 @@ def _other_algorithms(experiment: Experiment, numbers: Sequence[int]) -> list[Ot
 
 
 def wire_of(
-    experiment: Experiment, assignment: Mapping[str, Sequence[int]], signer: Signer
+    experiment: Experiment,
+    assignment: Mapping[str, Sequence[int]],
+    signer: Signer,
+    *,
+    in_process: bool = False,
 ) -> Wire:
-    """Return the wire of a run whose robots are assigned to workers."""
+    """Return the wire of a run whose robots are assigned to workers; `in_process` as `Wire`."""
     nodes: dict[str, Nodes] = {worker: np.array(robots) for worker, robots in assignment.items()}
     nodes[TARGET] = np.array([0])
     return Wire(
@@ -144,4 +148,5 @@ def wire_of(
         experiment.outages.at,
         measuring=experiment.topologies.pinned,
         triggered=experiment.algorithm.TRIGGERED,
+        in_process=in_process,
     )

@@ -7,6 +7,7 @@ import pytest
 
 from nrs_cosim.bus.memory_bus import MemoryBus
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
+from nrs_cosim.bus.transport import tee
 
 
 @pytest.fixture(params=[MemoryBus, lambda: ZenohBus("test-run")], ids=["memory", "zenoh"])
@@ -34,6 +35,18 @@ class TestBus:
             bus.publisher(key)(key.encode())
         assert samples.take() == [("sample/1", b"sample/1")]
         assert one.take() == [("state/1", b"state/1")]
+
+    def test_of_a_shared_inbox_each_party_gets_all_in_order(self, bus):
+        one, other = tee(bus.listen("sample/*"))
+        put = bus.publisher("sample/1")
+        put(b"a")
+        assert one.take() == [("sample/1", b"a")]
+        put(b"b")
+        assert other.take() == [("sample/1", b"a"), ("sample/1", b"b")]
+        put(b"c")
+        assert one.take(1.0) == [("sample/1", b"b"), ("sample/1", b"c")]
+        assert other.take(1.0) == [("sample/1", b"c")]
+        assert one.take() == other.take() == []
 
     def test_a_taken_message_is_not_taken_again(self, bus):
         inbox, put = bus.listen("state/1"), bus.publisher("state/1")

@@ -412,3 +412,42 @@ class TestRobotsThatDecideWhenTheySend:
         payload = wire.pack_samples(TARGET, K, samples_of(wire, robots=[]))
         with pytest.raises(RejectedError, match=r"^size$"):
             wire.unpack_samples(TARGET, payload)
+
+
+def in_one_process(**options):
+    return new_wire(Signer(), in_process=True, **options)
+
+
+def test_in_one_process_own_batches_come_back_as_what_was_packed():
+    wire = in_one_process()
+    samples, tick = samples_of(wire), Tick(states_of(wire), wire.none, ())
+    for _ in range(2):
+        k, heard = wire.unpack_samples(WORKER, bytes(wire.pack_samples(WORKER, K, samples)))
+        assert k == K
+        assert heard.tobytes() == samples.tobytes()
+        payload = wire.pack_tick(WORKER, K, tick)
+        assert wire.unpack_tick(WORKER, payload) == (K, tick)
+
+
+def test_in_one_process_what_others_put_is_judged_all_the_same():
+    wire, other = in_one_process(), new_wire(Signer())
+    wire.pack_samples(WORKER, K, samples_of(wire))
+    wire.pack_tick(WORKER, K, Tick(states_of(wire), wire.none, ()))
+    wrong = samples_of(wire, k=K)
+    wrong["robot"] = 3
+    with pytest.raises(RejectedError, match="robot"):
+        wire.unpack_samples(WORKER, other.pack_samples(WORKER, K, wrong))
+    late = states_of(wire)
+    late["time_ns"] += 1
+    with pytest.raises(RejectedError, match="time"):
+        wire.unpack_tick(WORKER, other.pack_tick(WORKER, K, Tick(late, wire.none, ())))
+
+
+def test_in_one_process_own_batches_are_refused_for_their_numbers_and_for_the_silent():
+    wire = in_one_process(silent=lambda k: np.array(ROBOTS[:1] if k == K + 1 else [], np.int64))
+    infinite = samples_of(wire)
+    infinite["velocity"][0, 0] = np.inf
+    with pytest.raises(RejectedError, match="value"):
+        wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, infinite))
+    with pytest.raises(RejectedError, match="size"):
+        wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K + 1, samples_of(wire, K + 1)))
