@@ -5,6 +5,8 @@ with the recursion of what would be received. In the long run δ adds at most Σ
 the error, which is (I − A)⁻¹ F G ⊗ D δ where nothing in it is negative (statement E1). So it is
 with samples that are sent only when they say something new (`event_triggered`).
 
+Rounding moves each number that is received by half a step at most, on each link another (N4).
+
 An estimate jumps at t_k by G ⊗ (D − I) x + G ⊗ D δ: the most that it comes to is how soon there can
 be something new to say (statement E2).
 """
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.matrices import FEW, Matrix, as_array, identity_like, kron
+from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds, worst
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
@@ -51,6 +54,33 @@ def received_errors(
     if n > FEW:
         return None
     most = _summed(as_array(A), as_array(received), np.eye(A.shape[0]), errors, radius)
+    return None if most is None else _largest(most, n)
+
+
+def rounding_errors(
+    step: LinearStep, A: Matrix, topology: Topology, steps: Mapping[str, Array], radius: float
+) -> EstimateBounds | None:
+    """Return what rounding to multiples of `steps`, (E,) by field and edge, adds at most (N4).
+
+    A is the recursion's matrix, of whose rows the first are x. None as above.
+    """
+    if radius >= 1:
+        return None
+    n, kernel = topology.n, kron(step.samples, identity_like(topology.D))
+    off = np.concatenate(
+        [
+            np.bincount(topology.sink - 1, topology.normalised * steps[name] / 2, n)
+            for name in step.sent
+        ]
+    )
+    under_way = A.shape[0] - kernel.shape[0]
+    if A.min() >= 0 and kernel.min() >= 0:
+        given = np.pad(kernel @ off, (0, under_way))
+        return _largest(solve(identity_like(A) - A, given)[: kernel.shape[0]], n)
+    if n > FEW:
+        return None
+    padded = np.pad(as_array(kernel), ((0, under_way), (0, 0)))
+    most = _summed(as_array(A), padded, np.eye(kernel.shape[0], A.shape[0]), off, radius)
     return None if most is None else _largest(most, n)
 
 

@@ -37,6 +37,12 @@ from nrs_cosim.orchestrator.analysis.convergence import (
 )
 from nrs_cosim.orchestrator.analysis.links import step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
+from nrs_cosim.orchestrator.analysis.noise import (
+    NoiseAnalysis,
+    noise_analysis,
+    rounding_bounds,
+    rounds,
+)
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
@@ -88,6 +94,8 @@ class UltimateBounds:
     recursions."""
     added: EstimateBounds | None
     """What is added to these by errors of what is received; None of an algorithm without such."""
+    noise: NoiseAnalysis | None
+    """What noise on links comes to; None where there is none."""
     gaps: NDArray[np.float64] | None
     """(n,) how many sampling periods lie at least between two samples of each robot (E2)."""
     worst_case: EstimateBounds | None
@@ -120,6 +128,7 @@ class UltimateBounds:
                 "worst_case": pair_json(self.worst_case),
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
+            "noise": self.noise.as_json() if self.noise else None,
             "periods_between_samples": None if self.gaps is None else self.gaps.tolist(),
             "plants": [_plant(part) for part in self.robots],
             "tracking": {
@@ -208,18 +217,17 @@ def ultimate_bounds(
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
     step, since = step_of_run(experiment, periods, recursions)
+    links_bounded = not experiment.impaired or step is not None
     if experiment.impaired and step:
-        recursions, recursion = [], None
         rho = RadiusBounds(*[step.radius(spectra_of(topologies)[-1][0])] * 2)
-    why_not, added = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho), None
-    gaps = None
-    if nominal and not why_not:
-        if len(topologies.digraphs) == 1 and periods.constant_period is not None:
-            D, late = topologies.digraphs[0].D, step is not None and step.longest > 0
-            period = recursion or (step.step if step and not late else None)
-            added = received_errors(period, D, nominal[1], rho.radius) if period else None
-            gaps = periods_between(experiment.algorithm, recursion, *whole, rho.radius)
+        if step.longest or not recursions:
+            recursions, recursion = [], None
+    why_not = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho, links_bounded)
+    added, gaps = None, None
+    if not why_not and (nominal or rounds(experiment)):
+        added, gaps = _added(experiment, recursion, step, rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
+    step = None if recursions else step
     motion, worst, always, paper = None, None, None, None
     if step is not None and isinstance(target, Harmonic) and not why_not:
         motion = step.steady_motion(target)
@@ -264,12 +272,28 @@ def ultimate_bounds(
         motion,
         step,
         added,
+        noise_analysis(experiment, periods),
         gaps,
         worst,
         paper,
         robots,
         tracking,
     )
+
+
+def _added(
+    experiment: Experiment, recursion: Recursion | None, step: LateStep | None, radius: float
+) -> tuple[EstimateBounds | None, NDArray[np.float64] | None]:
+    """Return what errors of received samples add, and how long robots are silent, if known."""
+    if experiment.impaired:
+        return (rounding_bounds(experiment, step, radius) if step else None), None
+    algorithm, topologies = experiment.algorithm, experiment.topologies
+    nominal = algorithm.nominal()
+    period = recursion or (step.step if step else None)
+    if nominal is None or period is None or len(topologies.digraphs) > 1:
+        return None, None
+    added = received_errors(period, topologies.digraphs[0].D, nominal[1], radius)
+    return added, periods_between(algorithm, recursion, *experiment.target.bounds(), radius)
 
 
 @np.errstate(all="ignore")

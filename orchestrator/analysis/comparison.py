@@ -11,7 +11,7 @@ beyond its bound is not compared.
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import Any, Literal
 
@@ -24,6 +24,8 @@ from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import finite
+from nrs_cosim.orchestrator.analysis.convergence import periods_of
+from nrs_cosim.orchestrator.analysis.noise import NoiseAnalysis, measured_noise
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, errors_by_tick
@@ -107,6 +109,8 @@ class TheoryComparison:
     """What it was in the run; None where too little was recorded."""
     untracked: str = ""
     """Why there are no bounds on tracking; empty where there are."""
+    noise: NoiseAnalysis | None = None
+    """What noise on links comes to, and came to; None where there is none."""
 
     @property
     def left(self) -> float | None:
@@ -132,7 +136,14 @@ class TheoryComparison:
             }
             for row in self.quantities
         ]
-        return {**asdict(self), "quantities": rows}
+        return {
+            "why_not": self.why_not,
+            "quantities": rows,
+            "spectral_radius": self.spectral_radius,
+            "measured_radius": self.measured_radius,
+            "untracked": self.untracked,
+            "noise": self.noise.as_json() if self.noise else None,
+        }
 
 
 @np.errstate(all="ignore")  # what is not finite is told as such
@@ -177,8 +188,14 @@ def compare_to_theory(
             replace(row, against_bound="unknown") if row.against_bound == "exceeds" else row
             for row in tracking
         ]
+    noise = ultimate.noise
     return TheoryComparison(
-        ultimate.why_not, (*estimates, *tracking), finite(ultimate.radius), spectral_radius, why
+        ultimate.why_not,
+        (*estimates, *tracking),
+        finite(ultimate.radius),
+        spectral_radius,
+        why,
+        noise and measured_noise(noise, reader, experiment, periods_of(experiment)),
     )
 
 

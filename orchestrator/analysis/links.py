@@ -54,8 +54,8 @@ class LinkFaults:
     """(E,) the longest."""
     loss: NDArray[np.float64]
     """(E,) the probability that a sample is lost."""
-    altered: bool
-    """Whether noise or rounding changes samples."""
+    noisy: bool
+    """Whether noise is added to samples, so that no error is bounded."""
     since: int
     """The tick from which on all is as in the long run: no sample is missing that an outage took,
     or that is late from before t_1."""
@@ -113,7 +113,7 @@ def link_faults_of(experiment: Experiment) -> LinkFaults:
         delays[:, 0],
         delays[:, 1],
         np.array([fault.loss for fault in faults]),
-        any(fault.noise or fault.quantisation for fault in faults),
+        any(fault.noise for fault in faults),
         over + int(delays.max(initial=0)),
     )
 
@@ -136,11 +136,11 @@ def step_of_run(
 
 
 def _late_step(experiment: Experiment, faults: LinkFaults, periods: Periods) -> LateStep | None:
-    """Return the recursion where links do no more, in the long run, than to be late by fixed times.
+    """Return the recursion where links, in the long run, are late by fixed times and round at most.
 
     None where that is not so, or not known.
     """
-    if _why_unknown(experiment, faults) or faults.altered or not faults.fixed or faults.loss.any():
+    if _why_unknown(experiment, faults) or faults.noisy or not faults.fixed or faults.loss.any():
         return None
     step = _step_of(experiment, periods.constant_period)
     return None if step is None else LateStep(step, experiment.topologies.links, faults.most)

@@ -20,17 +20,19 @@ def why_no_bounds(
     lasting: Recursion | None,
     step: LateStep | None,
     rho: RadiusBounds,
+    links_bounded: bool,
 ) -> str:
     """Return why there are no bounds on the errors of estimates; empty where there are.
 
-    `lasting` is the recursion of the long run, and `step` that of agents that keep more.
+    `lasting` is the recursion of the long run, `step` that of agents that keep more, and
+    `links_bounded` says whether there is a most that links may do.
     """
     topologies, periods = experiment.topologies, periods_of(experiment)
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
         "robots lie, and the theory is of robots that do not": bool(experiment.byzantine),
-        "links lose or alter samples, or draw their delays, and bounds are of links that do not": (
-            experiment.impaired and step is None
+        "links lose samples, add noise or draw delays, and bounds are of links that do not": (
+            not links_bounded
         ),
         why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
     from nrs_cosim.estimator_agents.theory.delays import DelayMargin
     from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LossAnalysis
+    from nrs_cosim.orchestrator.analysis.noise import NoiseAnalysis
 
 CONVERGE = "the estimates converge to a neighbourhood of the target"
 _PERIOD = "sampling period"
@@ -46,6 +47,23 @@ def links_sentence(links: "LinkAnalysis") -> str:
         "unknown": "whether the estimates converge is not known",
     }[links.status]
     return f"{number}{status} ({links.source})"
+
+
+def noise_sentence(noise: "NoiseAnalysis") -> str:
+    """Say what noise comes to, and came to in a run, of the robot that has the most of it."""
+    if noise.floor is None:
+        return f"what it comes to is not known: {noise.why_not}"
+    worst = noise.floor.deviation.argmax(axis=1)
+    parts = []
+    for part, (name, robot) in enumerate(zip(("positions", "velocities"), worst, strict=True)):
+        text = f"{name} {noise.floor.deviation[part, robot]:.4g} at robot {robot + 1}"
+        if noise.measured is not None and noise.expected is not None:
+            low, high = noise.expected[part, robot]
+            text += (
+                f" ({noise.measured[part, robot]:.4g} measured; {low:.4g} to {high:.4g} expected)"
+            )
+        parts.append(text)
+    return f"standard deviation at most: {', '.join(parts)} ({noise.source})"
 
 
 def _late(links: "LinkAnalysis") -> str:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column
 
+from nrs_cosim.orchestrator.cli.links_text import noise_sentence
 from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
 from nrs_cosim.orchestrator.cli.theory_text import ALL_HONEST, bound_rows, convergence_rows
 from nrs_cosim.orchestrator.scenario.robot_ids import decimals
@@ -85,17 +86,20 @@ def _bounds(row: "Bound") -> tuple[str, ...]:
 def theory_comparison(console: Console, compared: "TheoryComparison") -> None:
     """Show a run's measurements beside the theory's bounds, and its status."""
     if compared.why_not:
-        grid(console, {"theory": f"does not cover this run: {compared.why_not}"})
+        rows = {"theory": f"has no bounds for this run: {compared.why_not}"}
+        if compared.noise:
+            rows["noise"] = noise_sentence(compared.noise)
+        grid(console, rows)
         return
-    rows = []
+    lines = []
     for row in compared.quantities:
         bound = row.bound
         numbers = map(_number, (row.measured, bound.steady_state, bound.worst_case))
-        rows.append((bound.name, *numbers, _stated(bound), _status(row)))
+        lines.append((bound.name, *numbers, _stated(bound), _status(row)))
     if compared.measured_radius is not None and compared.spectral_radius is not None:
         radii = (f"{compared.measured_radius:.4f}", f"{compared.spectral_radius:.4f}")
-        rows.append(("rho", *radii, "", "", "each tick"))
-    table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), rows)
+        lines.append(("rho", *radii, "", "", "each tick"))
+    table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), lines)
     grid(console, _beside(compared))
 
 

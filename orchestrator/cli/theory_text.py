@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import shortened
-from nrs_cosim.orchestrator.cli.links_text import CONVERGE, link_rows, links_sentence
+from nrs_cosim.orchestrator.cli.links_text import (
+    CONVERGE,
+    link_rows,
+    links_sentence,
+    noise_sentence,
+)
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple, with_parameters
 
 if TYPE_CHECKING:
@@ -225,6 +230,8 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
             f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
             f"kappa = {ultimate.paper.kappa:.4g} per s ({norm.family})"
         )
+    if ultimate.noise:
+        rows["noise"] = noise_sentence(ultimate.noise)
     if ultimate.gaps is not None:
         rows["silence"] = _silence(ultimate.gaps, ultimate.recursions[0].h)
     for part in ultimate.robots:

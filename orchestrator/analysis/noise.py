@@ -1,0 +1,188 @@
+"""What noise and rounding on links come to: how far estimates stay from what they settle to.
+
+Before a run it is the standard deviation of each number of a robot's estimate (statements N1, N2);
+after one also the root of the mean of squares over the last fifth, beside where it is expected in
+95 of 100 runs (N3).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.links.links import LinkFault
+from nrs_cosim.bus.topologies import InteractionGraphs
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import nominal_of
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods
+from nrs_cosim.estimator_agents.theory.delays import LateStep
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds, SteadyMotion, steady_motion
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.noise import NoiseFloor, noise_floor, received_covariance
+from nrs_cosim.estimator_agents.theory.received_errors import rounding_errors
+from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.orchestrator.analysis.convergence import lasting, recursions_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import errors_by_tick
+
+Array = NDArray[np.float64]
+
+NORMAL_95 = 1.959964
+"""Standard errors to each side that 95 of 100 normal numbers are within."""
+PAIR = ("position", "velocity")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseAnalysis:
+    """What noise on links comes to in the long run, and came to in a run."""
+
+    source: str
+    """The statement from which it follows."""
+    why_not: str = ""
+    """Why it is not known; empty where it is."""
+    floor: NoiseFloor | None = None
+    expected: Array | None = None
+    """(2, n, 2) between what the roots of the means of squares are in 95 of 100 such runs."""
+    measured: Array | None = None
+    """(2, n) what they were in the last fifth; None before a run, and where the motion that the
+    estimates settle to beside the noise is not known."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for JSON: lists by robot."""
+        return {
+            "source": self.source,
+            "why_not": self.why_not,
+            "deviation": _pairs(None if self.floor is None else self.floor.deviation),
+            "expected": _pairs(self.expected),
+            "measured": _pairs(self.measured),
+        }
+
+
+def noise_analysis(experiment: Experiment, periods: Periods) -> NoiseAnalysis | None:
+    """Return what noise comes to; None where there is none on links."""
+    faults = experiment.link_faults
+    if not any(fault.noise for fault in faults.values()):
+        return None
+    topologies, h = experiment.topologies, periods.constant_period
+    algorithm = nominal_of(experiment.algorithm)
+    step = None if h is None else linear_step(algorithm, h)
+    found = NoiseAnalysis("statement N2" if topologies.switching else "statement N1")
+    if step is None or h is None:
+        why = "periodic sampling" if h is None else "algorithms that are known to be linear"
+        return replace(found, why_not=f"it is computed of {why} alone")
+    late = any(fault.delay != (0, 0) for fault in faults.values())
+    reasons = {
+        "robots lie": bool(experiment.byzantine),
+        "robots decide when they send": experiment.algorithm.TRIGGERED,
+        "links lose samples": any(fault.loss for fault in faults.values()),
+        "delays are drawn": any(low != high for low, high in (f.delay for f in faults.values())),
+        "of several digraphs it is computed without delays alone": late
+        and not topologies.is_constant,
+    }
+    why = next((why for why, so in reasons.items() if so), "")
+    if why:
+        return replace(found, why_not=why)
+    if topologies.switching:
+        order = [e for e, count in topologies.phases() for _ in range(count)]
+    else:
+        order = [len(topologies.exchanges) - 1]
+    of_exchange = {e: _tick(experiment, step, topologies.exchanges[e]) for e in {*order}}
+    floor = noise_floor([of_exchange[e] for e in order], topologies.n)
+    if floor is None:
+        return replace(found, why_not="the estimates do not converge, or robots are too many")
+    return replace(found, floor=floor)
+
+
+def _tick(
+    experiment: Experiment, step: LinearStep, exchange: InteractionGraphs
+) -> tuple[Any, Array]:
+    """Return A and Q of a tick at which an exchange holds."""
+    over = {
+        name: exchange.velocity if name == "velocity" else exchange.position for name in step.sent
+    }
+    variances = {name: _by_field(experiment, over[name], "noise", name) ** 2 for name in step.sent}
+    Q = received_covariance(step, over, variances)
+    if exchange.has_two_digraphs:
+        recursion = recursion_of(nominal_of(experiment.algorithm), exchange, step.h)
+        assert recursion is not None, "it keeps a position and a velocity, and is linear"
+        return recursion.matrix, Q
+    if experiment.topologies.is_constant:
+        return LateStep(step, exchange.position, _delays(experiment)).matrix(), Q
+    return step.matrix(exchange.position.D), Q
+
+
+def _delays(experiment: Experiment) -> NDArray[np.int64]:
+    """Return the delay of each link, (E,) sampling periods, where all are fixed."""
+    faults = _of_edges(experiment, experiment.topologies.links)
+    return np.array([fault.delay[1] for fault in faults], np.int64)
+
+
+def _by_field(experiment: Experiment, topology: Topology, kind: str, field: str) -> Array:
+    """Return what the faults of a kind are of a field, (E,)."""
+    faults = _of_edges(experiment, topology)
+    return np.array([getattr(fault, kind).get(field, 0.0) for fault in faults])
+
+
+def _of_edges(experiment: Experiment, topology: Topology) -> list[LinkFault]:
+    sound = LinkFault()
+    edges = zip(topology.source.tolist(), topology.sink.tolist(), strict=True)
+    return [experiment.link_faults.get(edge, sound) for edge in edges]
+
+
+def rounds(experiment: Experiment) -> bool:
+    """Return whether links round samples."""
+    return any(fault.quantisation for fault in experiment.link_faults.values())
+
+
+def rounding_bounds(experiment: Experiment, late: LateStep, radius: float) -> EstimateBounds | None:
+    """Return what rounding on links adds to the bounds at most; None where it is not known."""
+    topology = late.topology
+    steps = {name: _by_field(experiment, topology, "quantisation", name) for name in late.step.sent}
+    return rounding_errors(late.step, late.matrix(), topology, steps, radius)
+
+
+def measured_noise(
+    noise: NoiseAnalysis, reader: Reader, experiment: Experiment, periods: Periods
+) -> NoiseAnalysis:
+    """Return what noise comes to, with what it came to in the last fifth of a recording."""
+    motion = _motion(experiment, periods)
+    if noise.floor is None or motion is None:
+        return noise
+    clock, end = experiment.clock, reader.end_ns or 0
+    fifth, squares, count, m = (
+        clock.since(end - end // 5),
+        np.zeros_like(noise.floor.variance),
+        0,
+        1,
+    )
+    for k, x in errors_by_tick(reader, experiment.target_at):
+        if k >= fifth:
+            beside = x - motion.at(k)[:2]
+            squares, count, m = squares + (beside**2).mean(axis=-1), count + 1, x.shape[-1]
+    if not count:
+        return noise
+    around = NORMAL_95 * noise.floor.standard_error(count, m)
+    variance = noise.floor.variance
+    ends = np.stack([np.maximum(variance - around, 0), variance + around], axis=-1)
+    return replace(noise, expected=np.sqrt(ends), measured=np.sqrt(squares / count))
+
+
+def _motion(experiment: Experiment, periods: Periods) -> SteadyMotion | None:
+    """Return what the errors settle to beside noise; None where it is not known."""
+    topologies, target, h = experiment.topologies, experiment.target, periods.constant_period
+    if not isinstance(target, Harmonic) or h is None:
+        return None
+    algorithm = nominal_of(experiment.algorithm)
+    if len(topologies.digraphs) == 1:
+        step = linear_step(algorithm, h)
+        late = step and LateStep(step, topologies.links, _delays(experiment))
+        return late.steady_motion(target) if late else None
+    recursion = lasting(recursions_of(algorithm, topologies, h), topologies)
+    return steady_motion(recursion, target, 0.0) if recursion else None
+
+
+def _pairs(numbers: Array | None) -> dict[str, Any] | None:
+    return None if numbers is None else dict(zip(PAIR, numbers.tolist(), strict=True))
