@@ -15,23 +15,17 @@ from nrs_cosim.bus.links.links import LinkFault
 from nrs_cosim.bus.topologies import InteractionGraphs
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import nominal_of
-from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods
 from nrs_cosim.estimator_agents.theory.delays import LateStep
-from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds, SteadyMotion, steady_motion
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.noise import NoiseFloor, noise_floor, received_covariance
 from nrs_cosim.estimator_agents.theory.received_errors import rounding_errors
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
-from nrs_cosim.orchestrator.analysis.convergence import lasting, recursions_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import errors_by_tick
 
 Array = NDArray[np.float64]
 
-NORMAL_95 = 1.959964
-"""Standard errors to each side that 95 of 100 normal numbers are within."""
 PAIR = ("position", "velocity")
 
 
@@ -110,11 +104,11 @@ def _tick(
         assert recursion is not None, "it keeps a position and a velocity, and is linear"
         return recursion.matrix, Q
     if experiment.topologies.is_constant:
-        return LateStep(step, exchange.position, _delays(experiment)).matrix(), Q
+        return LateStep(step, exchange.position, delays_of(experiment)).matrix(), Q
     return step.matrix(exchange.position.D), Q
 
 
-def _delays(experiment: Experiment) -> NDArray[np.int64]:
+def delays_of(experiment: Experiment) -> NDArray[np.int64]:
     """Return the delay of each link, (E,) sampling periods, where all are fixed."""
     faults = _of_edges(experiment, experiment.topologies.links)
     return np.array([fault.delay[1] for fault in faults], np.int64)
@@ -142,46 +136,6 @@ def rounding_bounds(experiment: Experiment, late: LateStep, radius: float) -> Es
     topology = late.topology
     steps = {name: _by_field(experiment, topology, "quantisation", name) for name in late.step.sent}
     return rounding_errors(late.step, late.matrix(), topology, steps, radius)
-
-
-def measured_noise(
-    noise: NoiseAnalysis, reader: Reader, experiment: Experiment, periods: Periods
-) -> NoiseAnalysis:
-    """Return what noise comes to, with what it came to in the last fifth of a recording."""
-    motion = _motion(experiment, periods)
-    if noise.floor is None or motion is None:
-        return noise
-    clock, end = experiment.clock, reader.end_ns or 0
-    fifth, squares, count, m = (
-        clock.since(end - end // 5),
-        np.zeros_like(noise.floor.variance),
-        0,
-        1,
-    )
-    for k, x in errors_by_tick(reader, experiment.target_at):
-        if k >= fifth:
-            beside = x - motion.at(k)[:2]
-            squares, count, m = squares + (beside**2).mean(axis=-1), count + 1, x.shape[-1]
-    if not count:
-        return noise
-    around = NORMAL_95 * noise.floor.standard_error(count, m)
-    variance = noise.floor.variance
-    ends = np.stack([np.maximum(variance - around, 0), variance + around], axis=-1)
-    return replace(noise, expected=np.sqrt(ends), measured=np.sqrt(squares / count))
-
-
-def _motion(experiment: Experiment, periods: Periods) -> SteadyMotion | None:
-    """Return what the errors settle to beside noise; None where it is not known."""
-    topologies, target, h = experiment.topologies, experiment.target, periods.constant_period
-    if not isinstance(target, Harmonic) or h is None:
-        return None
-    algorithm = nominal_of(experiment.algorithm)
-    if len(topologies.digraphs) == 1:
-        step = linear_step(algorithm, h)
-        late = step and LateStep(step, topologies.links, _delays(experiment))
-        return late.steady_motion(target) if late else None
-    recursion = lasting(recursions_of(algorithm, topologies, h), topologies)
-    return steady_motion(recursion, target, 0.0) if recursion else None
 
 
 def _pairs(numbers: Array | None) -> dict[str, Any] | None:
