@@ -89,20 +89,24 @@ class LyingAgents(Agents):
         self._flow(k + 1)
 
     def save(self, row: int, left: Values) -> bytes:
-        """Return what a robot's agent goes on from, and the algorithms that it needs."""
+        """Return what a robot's agent goes on from, and the algorithms that it needs.
+
+        Of a robot that needs none it is as `Agents` has it, which it may be among elsewhere.
+        """
+        own = super().save(row, left)
         parts = [
             other.agent.save(0, their)
             for other, their in zip(self._others, self._lefts, strict=True)
             if int(self.robots[row]) in other.needed_by
         ]
-        return joined([super().save(row, left), *parts])
+        return joined([own, *parts]) if parts else own
 
     def restore(self, checkpoints: Sequence[bytes]) -> Values:
         """Take up what each robot's agent had, as `Agents`, and the other algorithms."""
         own = []
         for robot, checkpoint in zip(self.robots.tolist(), checkpoints, strict=True):
             needed = [i for i, other in enumerate(self._others) if robot in other.needed_by]
-            parts = parted(checkpoint)
+            parts = parted(checkpoint) if needed else [checkpoint]
             if parts is None or len(parts) != 1 + len(needed):
                 raise self._not_saved(robot)
             own.append(parts[0])

@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
+from nrs_cosim.orchestrator.engine.robots import agents_of
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.estimator_agents.agents_without_bus import meet, whole
 from tests.scenarios import paper
 
 H, TICKS, LIAR = 0.1, 40, 2
@@ -177,11 +181,14 @@ def test_it_is_told_in_its_time_and_goes_on_meanwhile_and_later_lies_are_of_it(t
 TRIGGERED = {"name": "event_triggered", "alpha": ALPHA, "beta": BETA, "c0": 1e9, "d0": 1e9}
 
 
-def test_beside_triggered_robots_it_sends_when_its_own_algorithm_does(tmp_path):
+@pytest.mark.parametrize(
+    ("when", "many"), [({}, TICKS), ({"times": [[1.0, 2.0]]}, 11), ({"to": [4]}, 1)]
+)
+def test_beside_triggered_robots_it_sends_when_the_lie_to_all_does(tmp_path, when, many):
     """All are silent after the first, but for one that lies by an algorithm that always sends."""
-    run(scenario([lie()], TRIGGERED), tmp_path / "run.mcap")
-    many = np.bincount(messages(tmp_path, SAMPLES)["robot"])
-    assert many.tolist() == [TICKS, 1, TICKS, 1, 1]
+    run(scenario([lie(**when)], TRIGGERED), tmp_path / "run.mcap")
+    found = np.bincount(messages(tmp_path, SAMPLES)["robot"])
+    assert found.tolist() == [TICKS, 1, many, 1, 1]
 
 
 def test_a_liar_in_an_outage_says_nothing_and_its_other_algorithm_receives_nothing(tmp_path):
@@ -254,3 +261,47 @@ def test_what_cannot_be_run_beside_is_refused_by_name(entry, fault):
     with pytest.raises(ScenarioError) as refused:
         scenario([wrong])
     assert fault in str(refused.value)
+
+
+ALL_LIE = [lie(to=[3]), lie(PI, robot=3, to=[1, 4]), lie(PI, robot=4)]
+FAULTY = [{"loss": 0.2, "delay": {"uniform": [0, 2]}}]
+
+
+def saved_by(parts):
+    return {
+        int(robot): part.save(row, part.state)
+        for part in parts
+        for row, robot in enumerate(part.robots)
+    }
+
+
+@pytest.mark.parametrize("links", [[], FAULTY], ids=["sound", "faulty"])
+def test_any_partition_and_restart_gives_the_same_bits(links):
+    experiment = scenario(ALL_LIE, **{"faults.links": links})
+    layouts = [[[1, 2, 3, 4]], [[1], [2], [3], [4]], [[1, 3], [2, 4]]]
+    whole_, apart, mixed = ([agents_of(experiment, robots) for robots in of] for of in layouts)
+    for k in range(1, TICKS + 1):
+        if k in (15, 30):
+            saved = saved_by(apart if k == 15 else whole_)
+            mixed = [agents_of(experiment, robots) for robots in layouts[2]]
+            for part in mixed:
+                part.state = part.restore([saved[int(robot)] for robot in part.robots])
+        t = k * H
+        target = {"position": np.array([1 + t, 0.5 - 2 * t]), "velocity": np.array([1.0, -2.0])}
+        for parts in (whole_, apart, mixed):
+            meet(parts, k, H, target)
+        for name in ("position", "velocity"):
+            bits = whole(whole_, name).tobytes()
+            assert whole(apart, name).tobytes() == bits, k
+            assert whole(mixed, name).tobytes() == bits, k
+
+
+def test_a_checkpoint_of_other_lies_is_refused():
+    """Robot 4 needs its own lie, what 3 tells it, and what 2 tells 3; robot 2 needs none."""
+    experiment, others = scenario(ALL_LIE), scenario(ALL_LIE[:1])
+    saved = saved_by([agents_of(experiment, [1, 2, 3, 4])])
+    sizes = {robot: len(parted(checkpoint)) for robot, checkpoint in saved.items()}
+    assert sizes == {1: 3, 2: 4, 3: 2, 4: 4}
+    for checkpoint in (saved[4], b"odd", saved[2], joined([saved[3]])):
+        with pytest.raises(InputError, match="robot 3's checkpoint was not saved by algorithm"):
+            agents_of(others, [3]).restore([checkpoint])
