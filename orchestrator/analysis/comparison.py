@@ -27,6 +27,7 @@ from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import periods_of
 from nrs_cosim.orchestrator.analysis.measured_noise import measured_noise
 from nrs_cosim.orchestrator.analysis.noise import NoiseAnalysis
+from nrs_cosim.orchestrator.analysis.mean_squares import RootMeanSquare, root_mean_squares
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, errors_by_tick
@@ -112,6 +113,8 @@ class TheoryComparison:
     """Why there are no bounds on tracking; empty where there are."""
     noise: NoiseAnalysis | None = None
     """What noise on links comes to, and came to; None where there is none."""
+    mean_squares: tuple[RootMeanSquare, ...] = ()
+    """Of errors over links that lose samples; none where nothing is expected of them."""
 
     @property
     def left(self) -> float | None:
@@ -197,6 +200,7 @@ def compare_to_theory(
         spectral_radius,
         why,
         noise and measured_noise(noise, reader, experiment, periods_of(experiment)),
+        root_mean_squares(reader, experiment),
     )
 
 

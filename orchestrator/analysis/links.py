@@ -28,12 +28,11 @@ from nrs_cosim.estimator_agents.theory.delays import (
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.loss import (
     AlmostSure,
-    LossyStep,
     almost_sure,
     critical_loss,
-    lossy_step,
     mean_square_radius,
 )
+from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, lossy_step
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump
 from nrs_cosim.estimator_agents.theory.switching import gains_up_to_one
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -223,11 +222,9 @@ def _of_losses(
     proof: str,
 ) -> LinkAnalysis:
     """Return what follows where links lose samples."""
-    links, missing = experiment.topologies.links, experiment.missing
 
     def at(loss: NDArray[np.float64]) -> LossyStep | None:
-        fixed = step is not None and faults.fixed
-        return lossy_step(step, links, faults.most, loss, missing) if step and fixed else None
+        return _lossy_step(experiment, faults, step, loss)
 
     lossy = at(faults.loss)
     radius = mean_square_radius(lossy) if lossy else None
@@ -246,6 +243,28 @@ def _of_losses(
     if often.simulated.upper < 1 and found.loss.mean_square.status == "refuted":
         return replace(found, status="converges almost surely", source="statement L4")
     return replace(found, why="it is not decided in mean square, nor by simulation")
+
+
+def lossy_recursion(
+    experiment: Experiment, faults: LinkFaults, periods: Periods
+) -> tuple[LinearStep, LossyStep] | None:
+    """Return a period and the recursion where links lose samples; None where it is not known."""
+    step = _step_of(experiment, periods.constant_period)
+    if not faults.loss.any() or _why_unknown(experiment, faults):
+        return None
+    lossy = _lossy_step(experiment, faults, step, faults.loss)
+    return (step, lossy) if step and lossy else None
+
+
+def _lossy_step(
+    experiment: Experiment,
+    faults: LinkFaults,
+    step: LinearStep | None,
+    loss: NDArray[np.float64],
+) -> LossyStep | None:
+    if step is None or not faults.fixed:
+        return None
+    return lossy_step(step, experiment.topologies.links, faults.most, loss, experiment.missing)
 
 
 def _why_unknown(experiment: Experiment, faults: LinkFaults) -> str:

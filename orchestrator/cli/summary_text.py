@@ -89,6 +89,9 @@ def theory_comparison(console: Console, compared: "TheoryComparison") -> None:
         rows = {"theory": f"has no bounds for this run: {compared.why_not}"}
         if compared.noise:
             rows["noise"] = noise_sentence(compared.noise)
+        if of := compared.mean_squares:
+            shown = (f"{one.name} {one.measured:.4g}, expected {one.expected:.4g}" for one in of)
+            rows["rms"] = f"in the last fifth {'; '.join(shown)} (statement L6)"
         grid(console, rows)
         return
     lines = []

@@ -9,14 +9,16 @@ import pytest
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory import loss as of_loss
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.loss import (
     almost_sure,
     critical_loss,
-    lossy_step,
     mean_square_radius,
 )
+from nrs_cosim.estimator_agents.theory.lossy_step import lossy_step
+from nrs_cosim.estimator_agents.theory.second_moments import second_moments
 from tests.estimator_agents.digraphs import drawn
 from tests.estimator_agents.paper import ADJACENCY, PINNING
 from tests.estimator_agents.powers import growth
@@ -25,20 +27,22 @@ EXAMPLE = Topology.of(ADJACENCY, PINNING)
 CASES = 300
 
 
-def matrices(flow, gain, topology, delay, lossy, missing):
+def matrices(flow, gain, topology, delay, lossy, missing, target=0):
     """Return a matrix for each outcome of all lossy links together, and which of them are lost.
 
     Its states are all robots' of the last two ticks, and what came last over each lossy link. It
-    is written out robot by robot, from what agents do with what comes.
+    is written out robot by robot, from what agents do with what comes. With a `target` of 2 the
+    last columns are of what the target sends now and a tick before; else that is 0.
     """
     n, s, edges = topology.n, len(flow), len(topology.source)
     held = {e: 2 * n + place for place, e in enumerate(lossy)} if missing == "hold" else {}
-    size = (2 * n + len(held)) * s
+    kept = 2 * n + len(held)
+    size = (kept + target) * s
     unit = np.eye(size).reshape(-1, s, size)
     found = []
     for lost in product((False, True), repeat=len(lossy)):
         gone = {e for e, out in zip(lossy, lost, strict=True) if out}
-        after = np.zeros((2 * n + len(held), s, size))
+        after = np.zeros((kept, s, size))
         after[n : 2 * n] = unit[:n]
         for i in range(n):
             mine = [e for e in range(edges) if topology.sink[e] == i + 1]
@@ -46,7 +50,8 @@ def matrices(flow, gain, topology, delay, lossy, missing):
             pull = np.zeros((s, size))
             for e in there:
                 j = topology.source[e]
-                came = unit[delay[e] * n + j - 1] if j else np.zeros((s, size))
+                at = delay[e] * n + j - 1 if j else kept + delay[e]
+                came = unit[at] if j or target else np.zeros((s, size))
                 if e in gone:
                     came = unit[held[e]]
                 if e in held:
@@ -54,7 +59,7 @@ def matrices(flow, gain, topology, delay, lossy, missing):
                 weight = topology.weight[e] / sum(topology.weight[x] for x in there)
                 pull += weight * (came - unit[i])
             after[i] = flow @ (unit[i] + gain @ pull)
-        found.append(after.reshape(size, size))
+        found.append(after.reshape(kept * s, size))
     return np.array(found), np.array([*product((False, True), repeat=len(lossy))])
 
 
@@ -75,9 +80,10 @@ def cases():
         lossy = lossy[:1] if missing == "hold" else lossy[:4]  # small systems, for time's sake
         loss, delay = np.zeros(edges), rng.integers(0, 2, edges)
         loss[lossy] = rng.uniform(0.05, 0.95, len(lossy))
-        parts, lost = matrices(flow, gain, topology, delay, lossy, missing)
+        known = flow, gain, topology, delay, lossy, missing
+        parts, lost = matrices(*known)
         chance = np.where(lost, loss[lossy], 1 - loss[lossy]).prod(axis=1)
-        found.append((algorithm, h, topology, delay, loss, missing, parts, chance))
+        found.append((algorithm, h, topology, delay, loss, missing, known, parts, chance))
     return found
 
 
@@ -116,9 +122,9 @@ def test_of_large_components_the_radius_is_between_proven_bounds(monkeypatch):
 
 def test_almost_every_run_is_within_the_proven_bounds_and_near_the_simulated(monkeypatch):
     """All cases are simulated at once, a few runs of each, with the outcomes drawn as a whole."""
-    monkeypatch.setattr(of_loss, "CHAINS", 100)
-    monkeypatch.setattr(of_loss, "WORK", 400)
-    rng, size, runs, ticks = np.random.default_rng(12), 10, 8, 800
+    monkeypatch.setattr(of_loss, "CHAINS", 60)
+    monkeypatch.setattr(of_loss, "WORK", 300)
+    rng, size, runs, ticks = np.random.default_rng(12), 10, 8, 500
     some = cases()
     outcomes = max(len(case[-1]) for case in some)
     parts = np.zeros((len(some), outcomes, size, size))
@@ -188,3 +194,48 @@ def test_what_does_not_converge_without_losses_has_no_critical_one_and_too_much_
     assert critical_loss(lambda p: lossy_step(step, alone, zero, np.array([p]), "drop")) is None
     many = Topology.of(np.zeros((500, 500)), np.ones(500))
     assert lossy_step(step, many, np.zeros(500, int), np.full(500, 0.1), "drop") is None
+
+
+def test_second_moments_are_those_of_many_simulated_runs():
+    """All are simulated at once, from what agents keep and what the target sends."""
+    rng, runs, ticks, size = np.random.default_rng(13), 16, 240, 10
+    some = [case for case in cases() if mean_square_radius(stepped(case)).upper < 0.9]
+    assert len(some) > 100
+    outcomes = max(len(case[-1]) for case in some)
+    parts, ends = np.zeros((len(some), outcomes, size, size + 4)), np.ones((len(some), outcomes))
+    robots = np.zeros(len(some), int)
+    for at, case in enumerate(some):
+        whole, _ = matrices(*case[-3], target=2)
+        o, kept = whole.shape[:2]
+        parts[at, :o, :kept, :kept] = whole[:, :, :kept]
+        parts[at, :o, :kept, size:] = whole[:, :, kept:]
+        ends[at, : o - 1] = np.cumsum(case[-1])[:-1]
+        robots[at] = case[2].n
+    periods, which = np.array([case[1] for case in some]), np.arange(len(some))[:, None]
+    # Whole turns of the target in the ticks that are averaged.
+    omega = 2 * np.pi * rng.integers(2, 40, len(some)) / (ticks - 100) / periods
+
+    def truth(k):
+        angle = omega * k * periods + 0.4
+        return np.stack([3 + periods * k / 2 + np.sin(angle), 0.5 + omega * np.cos(angle)], axis=1)
+
+    x = np.zeros((len(some), runs, size))
+    squares = np.zeros((len(some), runs, 4))
+    for k in range(ticks):
+        now = truth(k)
+        if k >= 100:
+            squares += (x[:, :, :4] - np.tile(now, 2)[:, None]) ** 2 / (ticks - 100)
+        sent = np.concatenate([now, truth(k - 1)], axis=1)[:, None] + np.zeros((1, runs, 1))
+        drawn_now = (rng.random((len(some), runs, 1)) > ends[:, None]).sum(axis=2)
+        given = np.concatenate([x, sent], axis=2)[..., None]
+        x = (parts[which, drawn_now] @ given)[..., 0]
+    for at, case in enumerate(some):
+        n = robots[at]
+        step = linear_step(case[0], case[1])
+        wave = np.ones((1, 1)), np.full((1, 1), omega[at]), np.full((1, 1), 0.4)
+        target = Harmonic(np.array([3.0]), np.array([0.5]), *wave)
+        found = second_moments(stepped(case), step, n, target)
+        expected = (found.mean + found.spread)[:, :, 0].T.ravel()
+        measured = squares[at, :, : 2 * n]
+        off = 6 * measured.std(axis=0, ddof=1) / runs**0.5
+        assert np.all(np.abs(measured.mean(axis=0) - expected) <= off + 0.03 * expected + 1e-12)

@@ -7,6 +7,7 @@ import pytest
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.analysis.mean_squares import root_mean_squares
 from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
@@ -105,3 +106,27 @@ def test_a_target_that_is_no_sines_has_no_bounds_over_late_links():
     target = {"target": {"kind": "sampled", "times": times, "positions": points}}
     late = ultimate_bounds(paper(SECOND_ORDER, LATE, target, {"run.duration": 3.0}))
     assert late.why_not == "over late links there are bounds for a target of sines"
+
+
+@pytest.mark.parametrize("missing", ["hold", "drop"])
+def test_over_links_that_lose_samples_errors_are_as_large_as_expected(tmp_path, missing):
+    """Of one run; means over many are in the tests of second moments."""
+    links = {"faults.links": [{"loss": 0.3}, {"from": 3, "delay": 1}], "algorithm.missing": missing}
+    experiment = paper(SECOND_ORDER, links, {"run.duration": 100.0, "plant.fmu": "planar_robot"})
+    run(experiment, tmp_path / "lossy.mcap")
+    with Reader(tmp_path / "lossy.mcap") as reader:
+        found = compare_to_theory(reader, experiment, measure(reader, experiment))
+    assert [one.name for one in found.mean_squares] == ["eps - eps_0", "ups - ups_0"]
+    for one in found.mean_squares:
+        assert one.measured == pytest.approx(one.expected, rel=0.1)
+        assert one.robots_measured == pytest.approx(one.robots_expected, rel=0.25)
+    assert "mean_squares" in json.loads(json.dumps(found.as_json()))
+
+
+def test_nothing_is_expected_of_errors_in_short_runs_and_beside_noise(tmp_path):
+    for changes in ({"run.duration": 2.0}, {"run.duration": 8.0, "faults.links.0.noise": 0.1}):
+        experiment = paper(SECOND_ORDER, HALF, changes, {"plant.fmu": "planar_robot"})
+        path = tmp_path / f"{len(changes)}.mcap"
+        run(experiment, path)
+        with Reader(path) as reader:
+            assert root_mean_squares(reader, experiment) == ()
