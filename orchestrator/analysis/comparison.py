@@ -25,9 +25,9 @@ from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import periods_of
+from nrs_cosim.orchestrator.analysis.mean_squares import RootMeanSquare, root_mean_squares
 from nrs_cosim.orchestrator.analysis.measured_noise import measured_noise
 from nrs_cosim.orchestrator.analysis.noise import NoiseAnalysis
-from nrs_cosim.orchestrator.analysis.mean_squares import RootMeanSquare, root_mean_squares
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, errors_by_tick

@@ -37,7 +37,8 @@ def root_mean_squares(reader: Reader, experiment: Experiment) -> tuple[RootMeanS
     target, clock, end = experiment.target, experiment.clock, reader.ticks
     faults, periods = link_faults_of(experiment), periods_of(experiment)
     known = lossy_recursion(experiment, faults, periods)
-    if known is None or not isinstance(target, Harmonic) or faults.altered:
+    rounded = any(fault.quantisation for fault in experiment.link_faults.values())
+    if known is None or not isinstance(target, Harmonic) or faults.noisy or rounded:
         return ()
     step, lossy = known
     first = clock.since(clock.t(end) - clock.t(end) // 5)
