@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers soak figures reference paper lint lock clean
+.PHONY: demo test test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -38,6 +38,9 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 
 benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
 	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)
+
+benchmark-studies: .venv/.tested  ## what a study costs beyond its runs, and what it survives: half an hour
+	$(BIN)/python -m benchmarks.studies $(ARGS)
 
 soak: .venv/.installed  ## ten million messages over workers that are killed; a thousand runs; checkpoints' cost
 	$(BIN)/python -m benchmarks.checkpoints

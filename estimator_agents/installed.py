@@ -105,13 +105,29 @@ def _entries() -> tuple[EntryPoint, ...]:
     ours = tuple(
         EntryPoint(name, f"{__package__}.{place}", GROUP) for name, place in BUNDLED.items()
     )
-    others = _entries_of(tuple((path, _changed(path)) for path in sys.path))
+    others = _entries_of(tuple(_packages(path, _changed(path)) for path in sys.path))
     return ours + tuple(entry for entry in others if entry.name not in BUNDLED)
 
 
 @lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
-def _entries_of(_folders: tuple[tuple[str, int | None], ...]) -> tuple[EntryPoint, ...]:
+def _entries_of(_folders: tuple[tuple[tuple[str, int | None], ...], ...]) -> tuple[EntryPoint, ...]:
     return tuple(entry_points(group=GROUP))
+
+
+@lru_cache(maxsize=64)  # where a study or a recording is written, other files come and go
+def _packages(folder: str, changed: int | None) -> tuple[tuple[str, int | None], ...]:
+    """Return which packages a folder has, and when each was changed; or of a file, when it was."""
+    try:
+        with os.scandir(folder or os.curdir) as found:
+            return tuple(
+                sorted(
+                    (one.name, one.stat().st_mtime_ns)
+                    for one in found
+                    if one.name.endswith((".dist-info", ".egg-info"))
+                )
+            )
+    except OSError:
+        return ((folder, changed),)
 
 
 def _changed(folder: str) -> int | None:

@@ -11,9 +11,10 @@ import numpy as np
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.orchestrator.analysis.conditions import Check
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.rows import RESULTS
-from nrs_cosim.orchestrator.study.statistics import CellStatistics, statistics_of
+from nrs_cosim.orchestrator.study.statistics import CellStatistics, median_of, statistics_of
 from nrs_cosim.orchestrator.study.store import StudyStore, rerun_line
 from nrs_cosim.orchestrator.study.study import bases_of
 from nrs_cosim.orchestrator.study.table import StudyTable
@@ -26,7 +27,7 @@ from nrs_cosim.recordings.report.study_figures import (
     study_svgs,
     write_study_figures,
 )
-from nrs_cosim.recordings.report.study_page import Cell, Listing, study_page
+from nrs_cosim.recordings.report.study_page import MOST, Cell, Listing, study_page
 
 ERROR = "position_estimate"
 READ = (ERROR, "bounds", "spectral_radius", "margin", "measured_rate", "convergence", "digest")
@@ -42,7 +43,7 @@ class StudyReport:
     def __init__(self, store: StudyStore) -> None:
         self._store = store
         self._table = StudyTable.of(store, *READ, *READ_OF_FAILURES)
-        self._cells = statistics_of(self._table, (ERROR,))
+        self._cells = statistics_of(self._table, ())
         self._numeric = [key for key in self._table.keys if self._is_numeric(key)]
 
     def write(self, path: Path, form: str, origin: Path | None = None) -> None:
@@ -114,7 +115,10 @@ class StudyReport:
             )
         found["Cells"] = (
             (*table.keys, "runs", "converged", "95 %", "", f"median {ERROR}", "95 %", "", "again"),
-            [self._cell_row(one) for one in self._cells],
+            [
+                self._cell_row(one) if number < MOST else []
+                for number, one in enumerate(self._cells)
+            ],
         )
         return found
 
@@ -130,7 +134,8 @@ class StudyReport:
                     of: dict(zip(places, map(value, rows), strict=True))
                     for of, value in (("radius", self._below_one), ("margin", self._margin))
                 }
-                edges = {of: self._edge(others, (x, y), v, of) for of, v in found.items()}
+                known: dict[tuple[float, float], Check] = {}
+                edges = {of: self._edge(others, (x, y), v, of, known) for of, v in found.items()}
                 yield StudyMap(
                     name or f"{count_of(len(cells), 'cell')}",
                     x,
@@ -138,7 +143,7 @@ class StudyReport:
                     _array(one.cell[at[x]] for one in cells),
                     _array(one.cell[at[y]] for one in cells),
                     _array(one.converged.value for one in cells),
-                    _array(one.errors[ERROR].value for one in cells),
+                    _array(self._quantiles(places)[0] for places in rows),
                     np.array([one.results < one.runs for one in cells]),
                     edges["radius"],
                     edges["margin"],
@@ -150,9 +155,12 @@ class StudyReport:
         keys: tuple[str, str],
         values: Mapping[tuple[float, float], float | None],
         of: str,
+        known: dict[tuple[float, float], Check],
     ) -> Array:
         """Return where theory has a boundary, (places, 2)."""
-        found = theory_boundary(self._bases, others, keys, values, of) if self._bases else []
+        if not self._bases:
+            return np.empty((0, 2))
+        found = theory_boundary(self._bases, others, keys, values, of, known)
         return np.array(found).reshape(-1, 2)
 
     def _below_one(self, places: Sequence[int]) -> float | None:
@@ -220,14 +228,14 @@ class StudyReport:
             yield ", ".join(names), cells
 
     def _cell_row(self, one: CellStatistics) -> list[Cell]:
-        share, error = one.converged, one.errors[ERROR]
-        place = self._table.cells[one.cell][0]
+        places = self._table.cells[one.cell]
+        share, error = one.converged, median_of(self._errors(places))
         return [
             *map(_shown, one.cell),
             one.runs,
             *(share.value, share.low, share.high),
             *(error.value, error.low, error.high),
-            rerun_line(self._store, self._table.columns["key"][place]),
+            rerun_line(self._store, self._table.columns["key"][places[0]]),
         ]
 
     def _mean(self, column: str, places: Sequence[int]) -> float | None:
@@ -235,12 +243,15 @@ class StudyReport:
         return float(np.mean(values)) if values else None
 
     def _quantiles(self, places: Sequence[int]) -> tuple[float | None, ...]:
-        columns = self._table.columns
-        good = [p for p in places if columns["status"][p] == "converged"]
-        values = [v for p in good if (v := columns[ERROR][p]) is not None]
+        values = self._errors(places)
         if not values:
             return None, None, None
         return tuple(float(v) for v in np.quantile(values, [0.5, 0.1, 0.9]))
+
+    def _errors(self, places: Sequence[int]) -> list[float]:
+        columns = self._table.columns
+        good = [p for p in places if columns["status"][p] == "converged"]
+        return [v for p in good if (v := columns[ERROR][p]) is not None]
 
     def _bounds(self, places: Sequence[int]) -> dict[str, Any]:
         found = json.loads(self._table.columns["bounds"][places[0]] or "{}")

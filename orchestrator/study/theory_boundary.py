@@ -8,17 +8,18 @@ of seconds.
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import isfinite, sqrt
+from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.analysis.conditions import Check, check
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.study.axes import rounded
 from nrs_cosim.orchestrator.study.point_run import smallest_margin
 from nrs_cosim.orchestrator.study.points import study_point
 
-MOST, HALVINGS = 40, 6
+MOST, HALVINGS = 32, 6
 Place = tuple[float, float]
 
 
@@ -28,18 +29,24 @@ def theory_boundary(
     keys: tuple[str, str],
     values: Mapping[Place, float | None],
     of: str,
+    known: dict[Place, Check],
 ) -> list[Place]:
     """Return places (x, y) on the boundary of `radius` or `margin` among cells with such values.
 
-    Values are those of the cells, less than 0 on one side of the boundary. What a scenario is not
-    at a place between, is left out.
+    Values are those of the cells, less than 0 on one side of the boundary. `known` is what theory
+    said of places before, for both. Where a place between is no scenario, nothing is returned.
     """
     found = []
     pairs = [*_pairs(values, 0), *_pairs(values, 1)]
     step = max(len(pairs) / MOST, 1)
 
     def value_at(place: Place) -> float:
-        return _value(bases, {**others, **dict(zip(keys, place, strict=True))}, of)
+        if place not in known:
+            known[place] = _checked(bases, {**others, **dict(zip(keys, place, strict=True))})
+        if of == "radius":
+            return 1.0 - known[place].rho.upper
+        margin = smallest_margin(known[place])
+        return 0.0 if margin is None else margin
 
     for number in range(min(len(pairs), MOST)):
         axis, low, high = pairs[int(number * step)]
@@ -81,11 +88,7 @@ def _bisected(
     return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
 
 
-def _value(bases: Mapping[str, Experiment], values: Mapping[str, Any], of: str) -> float:
+def _checked(bases: Mapping[str, Experiment], values: Mapping[str, Any]) -> Check:
     point = study_point(bases, values)
-    folder = next(iter(bases.values())).folder
-    checked = check(parse_scenario(point.text, point.name, folder, point.name, point.assets))
-    if of == "radius":
-        return 1.0 - checked.rho.upper
-    margin = smallest_margin(checked)
-    return 0.0 if margin is None else margin
+    folder = Path(point.folder)
+    return check(parse_scenario(point.text, point.name, folder, point.name, point.assets))
