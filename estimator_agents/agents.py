@@ -291,6 +291,7 @@ class Agents:
             self._links.at(edges.place) if self._links else _NOTHING,
             delivered,
             age,
+            edges.sums,
             velocities,
         )
 

@@ -9,6 +9,7 @@ from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.topologies import TopologySchedule, edges_among
 from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.summation import Summation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,6 +25,8 @@ class Edges:
     """(E,) the row of the robot that receives."""
     start: Indices
     """(rows,) where each row's edges begin."""
+    sums: Summation
+    """Over each row's edges."""
     weight: Array
     """(E, 1) w_ij / ϖ_i."""
     place: Indices
@@ -57,8 +60,9 @@ class Edges:
         pinned[row[source == 0]] = True
         degree = np.bincount(topology.source, minlength=topology.n + 1)[robots]
         weight = topology.normalised[mine, None]
+        sums = Summation(start, len(source))
         out_degree = degree.astype(float)[:, None]
-        return cls(source, row, start, weight, place, buffered, link, pinned, out_degree)
+        return cls(source, row, start, sums, weight, place, buffered, link, pinned, out_degree)
 
 
 def field_sizes(topologies: TopologySchedule, m: int) -> Sizes:

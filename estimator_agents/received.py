@@ -2,7 +2,8 @@
 
 All arrays have a row an in-edge, (E, …), sorted by (robot, in-neighbour); what is reduced over a
 robot's edges has a row a robot, (rows, …). A reduction takes a robot's edges in their order, which
-depends on the robot alone: it is the same to the last bit however robots are spread over workers.
+depends on the robot alone, and adds in the order of `summation`: it is the same to the last bit
+however robots are spread over workers.
 """
 
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.estimator_agents.summation import Summation
 from nrs_cosim.estimator_agents.values import Array, Values
 
 Mask = NDArray[np.bool_]
@@ -38,6 +40,8 @@ class Received:
     """(E,) where there is a sample to go by; None where there is one on every edge."""
     sent: NDArray[np.int64] | None = None
     """(E,) how many sampling periods ago each sample was sent; None where all are of t_k."""
+    sums: Summation | None = None
+    """Over each robot's edges; found anew where it is None."""
     velocities: "Received | None" = None
     """The same over the digraph of velocities, where that is another."""
 
@@ -203,6 +207,8 @@ class Received:
 
         `reduceat` gives such a row the next row's first element, or an error at the end.
         """
+        if ufunc is np.add and x.dtype == np.float64:
+            return self._summation(x)
         if self._is_full:
             reduced: Anything = ufunc.reduceat(x, self.start, axis=0)
             return reduced
@@ -211,6 +217,10 @@ class Received:
         if full.any():
             found[full] = ufunc.reduceat(x, self.start[full], axis=0)
         return found
+
+    @cached_property
+    def _summation(self) -> Summation:
+        return self.sums or Summation(self.start, len(self.row))
 
     @cached_property
     def _is_full(self) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.bus.fields import Fields
 from nrs_cosim.estimator_agents.estimate import Estimate
+from nrs_cosim.estimator_agents.summation import summed
 from nrs_cosim.estimator_agents.waves import supremum
 
 
@@ -63,8 +64,8 @@ class Harmonic:
         swing = self.amplitude * np.sin(angle)
         speed = self.amplitude * self.frequency * np.cos(angle)
         return Estimate(
-            self.offset + self.rate * t + swing.sum(axis=-1),
-            self.rate + speed.sum(axis=-1),
+            self.offset + self.rate * t + summed(swing),
+            self.rate + summed(speed),
         )
 
     def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
@@ -72,7 +73,7 @@ class Harmonic:
         t = np.asarray(seconds, float)[..., None]
         angle = self.frequency * t[..., None] + self.phase
         pull = self.amplitude * self.frequency * self.frequency * np.sin(angle)
-        acceleration: NDArray[np.float64] = -pull.sum(axis=-1)
+        acceleration: NDArray[np.float64] = -summed(pull)
         return acceleration
 
     def bounds(self) -> tuple[float, float]:

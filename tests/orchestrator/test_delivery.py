@@ -20,7 +20,7 @@ from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.orchestrator.engine.in_process import InProcess
 from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode
 from nrs_cosim.orchestrator.engine.robots import Robots
-from nrs_cosim.orchestrator.scenario import experiment
+from nrs_cosim.orchestrator.scenario.tables import algorithms
 from nrs_cosim.recordings.recorder import Recorder, channels
 from tests.scenarios import SHORT, paper
 
@@ -69,7 +69,7 @@ def test_each_robot_receives_exactly_its_neighbours_samples(monkeypatch):
             received_at.append(received)
             return super().receive(now, x, received)
 
-    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, p: Listening(**p))
+    monkeypatch.setattr(algorithms, "load_algorithm", lambda _name, p: Listening(**p))
     file, m = paper(SHORT), 2
     codec = Codec(SAMPLE, Sizes(m))
     with ExitStack() as stack:

@@ -1,0 +1,108 @@
+"""In which order numbers are added that a digest rests on: this one, whatever library adds them.
+
+    S(x_0, …, x_n) = x_0 + P(x_1, …, x_n)                                          of in-neighbours
+    P(x_1, …, x_n) = ((x_1 + x_2) + x_3) + …                                       n < 8
+                   = (((r_1 + r_2) + (r_3 + r_4)) + ((r_5 + r_6) + (r_7 + r_8))) + …     n ≤ 128
+                   = P(x_1, …, x_h) + P(x_{h+1}, …, x_n)                           n > 128
+
+with r_j = (x_j + x_{j+8}) + x_{j+16} + …, after which come, one by one, those of the last n mod 8;
+and h is n/2, less what is no multiple of 8. What is far from a whole is added to what is about as
+large: rounding errors grow with log n. The terms of a target are added by P alone. These are the
+orders of NumPy 2's `add.reduceat` and `sum`, which it is free to change.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Indices = NDArray[np.intp]
+Anything = NDArray[Any]
+_LANES, _BLOCK = 8, 128
+
+
+class Summation:
+    """Sums of successive stretches along the first axis of arrays."""
+
+    def __init__(self, start: Indices, total: int) -> None:
+        """Know where stretches begin, ascending; each ends where the next begins, or at `total`."""
+        self._start, self._count = start, np.diff(np.append(start, total))
+
+    def __call__(self, x: Anything) -> Anything:
+        """Return the sums of (total, …), a row a stretch; 0 of one that is empty."""
+        partial = x.copy()
+        for into, added in self._steps:
+            partial[into] += partial[added]
+        full = self._count > 0
+        if full.all():
+            return partial[self._start]
+        sums = np.zeros((len(self._start), *x.shape[1:]), x.dtype)
+        sums[full] = partial[self._start[full]]
+        return sums
+
+    @cached_property
+    def _steps(self) -> list[tuple[Indices, Indices]]:
+        """Which partial sums are added to which, those at once that do not need one another."""
+        steps: defaultdict[int, list[tuple[Indices, Indices]]] = defaultdict(list)
+        for count in sorted(set(self._count.tolist())):
+            starts = self._start[self._count == count][:, None]
+            for level, (into, added) in enumerate(_levels(count)):
+                steps[level].append(((starts + into).ravel(), (starts + added).ravel()))
+        return [
+            (np.concatenate([into for into, _ in step]), np.concatenate([of for _, of in step]))
+            for step in steps.values()
+        ]
+
+
+def summed(x: Anything) -> Anything:
+    """Return P of the last axis; 0 of none."""
+    terms = np.moveaxis(x, -1, 0).copy()
+    if not len(terms):
+        return np.zeros(x.shape[:-1], x.dtype)
+    for into, added in _levels(len(terms), from_first=True):
+        terms[into] += terms[added]
+    total: Anything = terms[0]
+    return total
+
+
+@lru_cache(maxsize=1024)
+def _levels(count: int, *, from_first: bool = False) -> list[tuple[Indices, Indices]]:
+    """Return the additions of S, or of P, by when what they need is there."""
+    ready = [0] * count
+    levels: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
+    for into, added in _pairwise(0, count) if from_first else _additions(count):
+        ready[into] = level = max(ready[into], ready[added]) + 1
+        levels[level].append((into, added))
+    found = [np.array(levels[level], np.intp).T for level in sorted(levels)]
+    return [(into, added) for into, added in found]
+
+
+def _additions(count: int) -> Iterator[tuple[int, int]]:
+    """Yield which number is added to which, one after another, of S."""
+    if count > 1:
+        yield from _pairwise(1, count)
+        yield 0, 1
+
+
+def _pairwise(first: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield the same of P, over first … end − 1, which leaves it at `first`."""
+    n = end - first
+    if n > _BLOCK:
+        half = first + n // 2 - n // 2 % _LANES
+        yield from _pairwise(first, half)
+        yield from _pairwise(half, end)
+        yield first, half
+        return
+    after = first + 1
+    if n >= _LANES:
+        after = end - n % _LANES
+        for row in range(first + _LANES, after):
+            yield first + (row - first) % _LANES, row
+        for width in (1, 2, 4):
+            for lane in range(0, _LANES, 2 * width):
+                yield first + lane, first + lane + width
+    for row in range(after, end):
+        yield first, row
