@@ -11,7 +11,7 @@ beyond its bound is not compared.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice
 from typing import Any, Literal
 
@@ -147,6 +147,7 @@ class TheoryComparison:
             "measured_radius": self.measured_radius,
             "untracked": self.untracked,
             "noise": self.noise.as_json() if self.noise else None,
+            "mean_squares": [asdict(one) for one in self.mean_squares],
         }
 
 
