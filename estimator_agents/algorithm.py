@@ -170,14 +170,18 @@ def name_of(algorithm: Algorithm) -> str:
 
 
 def modes(algorithm: Algorithm, spectra: Spectra, h: float) -> Spectrum:
-    """Return an algorithm's modes on its digraph, or on its two."""
+    """Return an algorithm's modes on its digraph, or on its two; none where it has none."""
+    if not overrides(class_of(algorithm), "modes"):
+        return np.zeros(0, np.complex128)
     modes_of: Any = algorithm.modes
     found: Spectrum = modes_of(spectra[0], h, *spectra[1:])
     return found
 
 
 def conditions(algorithm: Algorithm, spectra: Spectra, h: float) -> Sequence[Condition]:
-    """Return an algorithm's conditions on its digraph, or on its two."""
+    """Return an algorithm's conditions on its digraph, or on its two; none where it has none."""
+    if not overrides(class_of(algorithm), "conditions"):
+        return ()
     conditions_of: Any = algorithm.conditions
     found: Sequence[Condition] = conditions_of(spectra[0], h, *spectra[1:])
     return found

@@ -76,7 +76,12 @@ class ThirdParty(Algorithm):
         def act() -> Values:
             found = _named(self.own.measure(now, target.guarded()), target, "measurement")
             for name, value in found.items():
-                np.broadcast_to(value, (len(now.robots), *target[name].shape))
+                whole = (len(now.robots), *target[name].shape)
+                if value.shape not in {whole, (1, *whole[1:]), whole[1:]}:
+                    raise ValueError(
+                        f"expected a {name} of shape {whole}, or {whole[1:]} for all alike, got "
+                        f"{value.shape}"
+                    )
             return found
 
         return self._asked("measure", "now, target", act)
@@ -226,10 +231,12 @@ def _named(given: Any, fields: Iterable[str], what: str) -> Values:
         if name not in fields:
             raise TypeError(f"expected no {name} in the {what}; it has {', '.join(fields)}")
     for name, value in given.items():
-        if not isinstance(value, np.ndarray) or value.dtype != np.float64:
+        # What is computed of an array without axes is none: it is a number of NumPy's.
+        is_array = isinstance(value, np.ndarray | np.float64)
+        if not is_array or value.dtype != np.float64:
             kind = getattr(value, "dtype", type(value).__name__)
             raise TypeError(f"expected a {name} of doubles in the {what}, got {kind}")
-    return Values({name: given[name] for name in fields})
+    return Values({name: np.asarray(given[name]) for name in fields})
 
 
 def _as_declared(given: Any, like: Values, what: str) -> Values:

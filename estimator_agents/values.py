@@ -37,8 +37,8 @@ class Values(dict[str, Array]):
         return Values({**self, **fields})
 
     def at(self, rows: Any) -> "Values":
-        """Return some rows, by index or mask."""
-        return Values({name: value[rows] for name, value in self.items()})
+        """Return some rows, by index or mask; of one row a field that is a number has no axis."""
+        return Values({name: np.asarray(value[rows]) for name, value in self.items()})
 
     def guarded(self) -> "Values":
         """Return the same values, whose arrays cannot be written."""

@@ -2,9 +2,12 @@
 
 import sys
 
+import numpy as np
 import pytest
 
+from nrs_cosim.estimator_agents.algorithm import Algorithm, conditions, modes
 from nrs_cosim.estimator_agents.declarations import wrong_declarations
+from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.scenarios import write
@@ -128,7 +131,21 @@ def test_what_it_declares_wrongly_is_one_line_before_anything_runs(faulty, was, 
 
 
 SEND = "    def send(self, now, x):\n        return {}\n\n" + RECEIVE
+MEASURE = "    def measure(self, now, target):\n        return {}\n\n" + RECEIVE
 FAILING = [
+    (
+        RECEIVE,
+        MEASURE.format("target.replace(position=np.zeros(3))"),
+        "measure(now, target): ValueError: expected a position of shape (6, 2), or (2,) for all "
+        "alike, got (3,)",
+        "def measure(self, now, target):",
+    ),
+    (
+        RECEIVE,
+        MEASURE.format("target.position"),
+        "measure(now, target): TypeError: expected the measurement as Values, got ndarray",
+        "def measure(self, now, target):",
+    ),
     (
         "        return x\n",
         "        return x.replace(memry=x.memory)\n",
@@ -225,3 +242,21 @@ def test_a_class_that_declares_nothing_wrong_is_let_pass(faulty):
     import faulty as module  # noqa: PLC0415
 
     assert wrong_declarations(module.Faulty) == []
+
+
+@pytest.mark.parametrize("measured", ["target.position.sum()", "target.position.sum() + 0 * x"])
+def test_a_number_without_axes_is_measured_and_sent_as_any_field(faulty, tmp_path, measured):
+    sent = '    SENT: ClassVar = {**Algorithm.SENT, "count": Field(())}\n\n'
+    lines = f"x = now.robots\n        return target.replace(count={measured})"
+    measure = MEASURE.replace("return {}", lines)
+    done, _ = faulty("run", RECEIVE, sent + measure)
+    assert (done.returncode, done.stderr) == (0, "")
+    with Recording(tmp_path / "s.mcap") as recording:
+        found = recording.measurements()
+    assert len(found) == 5
+    assert found["count"].tolist() == found["position"].sum(axis=1).tolist()
+
+
+def test_what_declares_no_modes_has_none_on_two_digraphs_either():
+    spectra = (np.array([0.5]), np.array([0.4]))
+    assert len(modes(Algorithm(), spectra, 0.1)) == len(conditions(Algorithm(), spectra, 0.1)) == 0
