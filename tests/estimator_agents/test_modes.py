@@ -9,8 +9,8 @@ from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.installed import load_algorithm
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
-from nrs_cosim.orchestrator.scenario import experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.orchestrator.scenario.tables import algorithms
 from tests.command import nrs
 from tests.scenarios import SCENARIOS
 
@@ -92,7 +92,7 @@ def test_an_algorithm_without_declared_modes_is_accepted():
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])
 def test_commands_report_wrong_modes_before_a_run(monkeypatch, tmp_path, command):
-    monkeypatch.setattr(experiment, "load_algorithm", lambda _name, given: Sunny(**given))
+    monkeypatch.setattr(algorithms, "load_algorithm", lambda _name, given: Sunny(**given))
     assert read_scenario(PAPER).scenario.n == 6
     done = nrs(command[0], PAPER, *command[1:], cwd=tmp_path)
     assert done.returncode == 2

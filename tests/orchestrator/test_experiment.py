@@ -17,7 +17,7 @@ from tests.command import nrs
 from tests.scenarios import SCENARIOS
 
 LOSSY = SCENARIOS / "paper_lossy_links.toml"
-MADE = {"Clock": 1, "TopologySchedule": 1, "Links": 1, "motion_of": 1, "load_algorithm": 1}
+MADE = {"Clock": 1, "TopologySchedule": 1, "Links": 1, "motion_of": 1, "algorithm": 1}
 OF_THEORY = {name: count for name, count in MADE.items() if name != "Links"}
 """What is made where nothing travels."""
 
@@ -38,8 +38,8 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     for of in (Clock, TopologySchedule, Links):
         count(of, "__init__", of.__name__)
-    for name in ("motion_of", "load_algorithm"):
-        count(experiment, name, name)
+    count(experiment, "motion_of", "motion_of")
+    count(vars(experiment.Experiment)["algorithm"], "func", "algorithm")
     return found
 
 
