@@ -17,7 +17,6 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.keys import ORCHESTRATOR
-from nrs_cosim.bus.topology import Topology
 from nrs_cosim.orchestrator.engine.attachments import (
     asset_records,
     attachments,
@@ -147,7 +146,7 @@ def run(
             target,
             workers,
             recorder,
-            _needs(experiment.topologies.links, workers.assignment),
+            needs_of(experiment, workers.assignment),
             window(n * of_tick),
             deadline or scenario.bus.deadline,
             watch,
@@ -220,13 +219,17 @@ def past_of(reader: Reader) -> Iterator[list[Message]]:
             k += 1
 
 
-def _needs(links: Topology, assignment: Mapping[str, Sequence[int]]) -> dict[str, frozenset[str]]:
-    """Return the workers whose samples each worker needs."""
+def needs_of(
+    experiment: Experiment, assignment: Mapping[str, Sequence[int]]
+) -> dict[str, frozenset[str]]:
+    """Return the workers whose samples each worker needs: for its robots, and for lies to them."""
     nodes = {worker: np.array(robots) for worker, robots in assignment.items()}
-    return {
-        worker: needed(np.unique(links.source[np.isin(links.sink, robots)]), nodes)
-        for worker, robots in nodes.items()
-    }
+    links, found = experiment.topologies.links, {}
+    for worker, robots in assignment.items():
+        receiving = {*robots, *(own.robot for own in experiment.algorithm_lies(robots))}
+        sources = links.source[np.isin(links.sink, [*receiving])]
+        found[worker] = needed(np.unique(sources), nodes)
+    return found
 
 
 def _about_run(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -5,10 +5,11 @@ import pytest
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.framing import joined, parted
+from nrs_cosim.bus.keys import TARGET
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
 from nrs_cosim.orchestrator.engine.robots import agents_of
-from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.run import needs_of, run
 from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows
@@ -294,6 +295,16 @@ def test_any_partition_and_restart_gives_the_same_bits(links):
             bits = whole(whole_, name).tobytes()
             assert whole(apart, name).tobytes() == bits, k
             assert whole(mixed, name).tobytes() == bits, k
+
+
+def test_a_worker_needs_what_the_liar_receives_too():
+    """Robot 3 hears 2 alone, which lies to it by what it receives from 1 and 4."""
+    assignment = {f"w{robot}": [robot] for robot in range(1, 5)} | {TARGET: [0]}
+    for lies, found in (([], {"w2", TARGET}), ([lie(to=[3])], {"w1", "w2", "w4", TARGET})):
+        experiment = scenario(lies)
+        assert needs_of(experiment, assignment)["w3"] == found
+        sources = agents_of(experiment, [3]).in_neighbours.tolist()
+        assert {f"w{robot}" for robot in sources if robot} | {TARGET} == found
 
 
 def test_a_checkpoint_of_other_lies_is_refused():
