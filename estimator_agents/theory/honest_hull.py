@@ -47,6 +47,5 @@ def _largest(times: Array, start: Estimate, target: Estimate, sign: int) -> tupl
     total = np.vstack([np.zeros_like(of_robots), np.cumsum(moved, axis=0)])
     # V_k less all moves before it is the largest of what was there at some t_s less those till t_s.
     known = np.vstack([of_robots, sign * target.position]) - total
-    positions = np.maximum.accumulate(known) + total
-    lefts = np.maximum.accumulate(known)[:-1] + total[1:]
-    return np.maximum(positions.max(axis=0), lefts.max(axis=0)), speed[-1]
+    positions = np.maximum.accumulate(known) + total  # right after t_k: no less than right before
+    return positions.max(axis=0), speed[-1]
