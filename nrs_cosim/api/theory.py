@@ -5,6 +5,7 @@ from typing import Any
 from nrs_cosim.api.scenario import Scenario, experiment_of
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.conclusion import theory_json
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
 from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes
@@ -59,7 +60,7 @@ class Theory:
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it, as `nrs check --json` prints it."""
-        return {**self._checked.as_json(), **self._bounds_of_run.as_json()}
+        return theory_json(self._checked, self._bounds_of_run)
 
     def __repr__(self) -> str:
         """Return whether all conditions hold, and the spectral radius."""

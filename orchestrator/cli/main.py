@@ -249,6 +249,7 @@ def check(
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
     from nrs_cosim.orchestrator.analysis.bounds import bounds, designed, ultimate_bounds
+    from nrs_cosim.orchestrator.analysis.conclusion import theory_json
     from nrs_cosim.orchestrator.analysis.conditions import check as theory_of
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
     from nrs_cosim.orchestrator.cli import summary_text
@@ -284,12 +285,16 @@ def check(
             write_changed(output, experiment, changed, "--worst-target")
     if as_json:
         design = {"design": found.as_json() if found else None} if wanted else {}
-        print_json({**checked.as_json(), **ultimate.as_json(), **design})
+        print_json({**theory_json(checked, ultimate), **design})
     else:
         summary_text.theory_table(out, checked, ultimate, bounds(ultimate))
         if wanted:
             summary_text.gains_table(out, found, wanted, sampled=ultimate.sampled)
-    unmet = unmet_of(checked, ultimate) if strict else []
+    _end_strictly(unmet_of(checked, ultimate) if strict else [])
+
+
+def _end_strictly(unmet: list[str]) -> None:
+    """Exit with status 1 where something is violated or unknown, and say what."""
     for line in unmet:
         say("red", "strict", line)
     raise typer.Exit(FAILED if unmet else DONE)

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column
 
+from nrs_cosim.orchestrator.analysis.conclusion import conclusion
+from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
 from nrs_cosim.orchestrator.cli.links_text import noise_sentence
 from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
 from nrs_cosim.orchestrator.cli.theory_text import ALL_HONEST, bound_rows, convergence_rows
@@ -45,6 +47,8 @@ def theory_table(
     console: Console, checked: "Check", ultimate: "UltimateBounds", rows: "Sequence[Bound]"
 ) -> None:
     """Show the analysis of an experiment."""
+    prose(console, conclusion_sentence(conclusion(checked, ultimate)))
+    console.print()
     grid(console, convergence_rows(checked) | bound_rows(ultimate))
     console.print()
     if checked.impaired:

@@ -1,0 +1,85 @@
+"""What is concluded of a scenario before it runs: whether it converges, how fast, to within what.
+
+It is of the links as they are. The text and the JSON of `nrs check` say it from this one object.
+"""
+
+from dataclasses import asdict, dataclass
+from math import isnan
+from typing import Any, Literal
+
+from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
+from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, pair_json
+from nrs_cosim.orchestrator.analysis.conditions import Check, finite
+from nrs_cosim.orchestrator.analysis.links import LinkStatus
+
+_BY_SIMULATION = "statement L4"
+
+
+@dataclass(frozen=True, slots=True)
+class Conclusion:
+    """What is known of the estimates' convergence."""
+
+    status: LinkStatus
+    proven: bool
+    """Whether it follows from a statement with a proof, and not from simulation."""
+    source: str
+    """The statement, or the spectral radius; empty where nothing is known."""
+    why_unknown: str
+    """Why nothing is known, where it is not."""
+    settling_time: float | None
+    """s, until any initial error is a millionth of itself at most; None where not known."""
+    growth: float | None
+    """What errors are multiplied by at a sampling time where they diverge; None where not known."""
+    within: dict[str, float | None] | None
+    """How near positions and velocities come to the target's in the long run; None if not known."""
+    of: Literal["this target", "any target within gamma_1 and gamma_2", ""]
+    """What that is of."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return asdict(self)
+
+
+def conclusion(checked: Check, ultimate: UltimateBounds) -> Conclusion:
+    """Return what follows from the analysis of one experiment."""
+    links = checked.links
+    radius = links.radius or checked.rho
+    known = links.status != "unknown"
+    loss = links.loss
+    simulated = links.source == _BY_SIMULATION and not (loss and loss.almost_sure.lower >= 1)
+    steady = ultimate.steady_state
+    bound = steady or ultimate.worst_case
+    return Conclusion(
+        status=links.status,
+        proven=known and not simulated,
+        source=(links.source or _radius(radius)) if known else "",
+        why_unknown="" if known else _why_unknown(checked),
+        settling_time=None if checked.premise else checked.settling_time,
+        growth=finite(radius.lower) if links.status == "diverges" and loss is None else None,
+        within=pair_json(bound),
+        of=""
+        if bound is None
+        else ("this target" if steady else "any target within gamma_1 and gamma_2"),
+    )
+
+
+def theory_json(checked: Check, ultimate: UltimateBounds) -> dict[str, Any]:
+    """Return all that theory says of an experiment for JSON, what is concluded first."""
+    said = {"conclusion": conclusion(checked, ultimate).as_json()}
+    return {**said, **checked.as_json(), **ultimate.as_json()}
+
+
+def _radius(radius: RadiusBounds) -> str:
+    """Say on which side of 1 a factor is."""
+    joint = "" if radius.lower == radius.upper else "joint "
+    return f"{joint}spectral radius {'< 1' if radius.upper < 1 else '>= 1'}"
+
+
+def _why_unknown(checked: Check) -> str:
+    if checked.links.why:
+        return checked.links.why
+    if checked.byzantine:
+        return "robots lie"
+    if isnan(checked.rho.upper):
+        return checked.why
+    return "it is not decided for every jitter" if isnan(checked.rho.radius) else ""

@@ -1,0 +1,63 @@
+"""What `nrs check` concludes first: each kind of ending, and the same object in text and JSON."""
+
+import pytest
+
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.conclusion import conclusion
+from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
+from tests.scenarios import example
+
+AT_04 = {"run": {"duration": 8.0, "sampling_period": 0.4}}
+"""Of the paper's example 3, where one period of delay is too much."""
+
+
+def concluded(base, changes=None):
+    experiment = example(base, changes or {})
+    checked = check(experiment)
+    return conclusion(checked, ultimate_bounds(experiment, checked.rho))
+
+
+@pytest.mark.parametrize(
+    ("base", "changes", "status", "proven", "source"),
+    [
+        ("paper_first_order", {}, "converges", True, "spectral radius < 1"),
+        ("paper_example_1c", {}, "diverges", True, "spectral radius >= 1"),
+        (
+            "paper_example_3a",
+            {**AT_04, "faults": {"links": [{"delay": 1}]}},
+            "diverges",
+            True,
+            "statement D1",
+        ),
+        ("paper_lossy_links", {}, "converges in mean square", True, "statement L3"),
+        ("byzantine_dcea1", {}, "unknown", False, ""),
+        ("compare_sliding", {}, "unknown", False, ""),
+    ],
+)
+def test_the_status_is_that_of_the_links_and_has_its_source(base, changes, status, proven, source):
+    found = concluded(base, changes)
+    assert (found.status, found.proven, found.source) == (status, proven, source)
+    assert bool(found.why_unknown) == (status == "unknown")
+    assert found.as_json()["status"] == status
+
+
+def test_what_converges_almost_surely_alone_is_not_called_proven():
+    """dcea2 at h = 0.4 with a loss of a half: 1.075 in mean square, 0.9926 almost surely."""
+    losses = {"faults": {"links": [{"loss": 0.5}]}, "algorithm.missing": "drop"}
+    found = concluded("paper_example_3b", {**AT_04, **losses})
+    assert (found.status, found.proven) == ("converges almost surely", False)
+    assert "by simulation, not proven" in conclusion_sentence(found)
+
+
+def test_the_sentence_has_the_numbers_of_the_object():
+    found = concluded("paper_first_order")
+    sentence = conclusion_sentence(found)
+    assert f"{found.settling_time:.4g} s" in sentence
+    assert f"{found.within['position']:.4g}" in sentence
+    assert f"{found.within['velocity']:.4g}" in sentence
+    assert found.of == "this target"
+    diverging = concluded("paper_example_1c")
+    assert diverging.growth == pytest.approx(1.014386, abs=5e-7)
+    assert (diverging.within, diverging.of, diverging.settling_time) == (None, "", None)
+    assert "1.014386" in conclusion_sentence(diverging)
