@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.drives.checkpoint import time_of
+from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.plants import Array, DrivenPlants
 
 
@@ -33,6 +34,12 @@ class Fleet:
         for plants in self.plants:
             plants.advance(start, step)
         self._gather()
+
+    def use_threads(self, count: int) -> None:
+        """Step FMUs of ours with so many threads; others may have what all instances share."""
+        for plants in self.plants:
+            if isinstance(plants, Stepped) and plants.instances.library.archive.ours:
+                plants.instances.rounds.use_threads(count)
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""

@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.cli.terminal_run import resumable
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.attachments import with_fmus
-from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.in_process import in_process, threads_worth_it
 from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
 from nrs_cosim.orchestrator.engine.run import past_of
@@ -153,7 +153,7 @@ def _launcher(experiment: Experiment, workers: int | Literal["auto"]) -> Launche
             f"workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
     return (
-        in_process(experiment)
+        in_process(experiment, threads_worth_it(n))
         if count == 1
         else local_workers(experiment, int(count), WorkerPolicy(True, WAIT, _LOG.info))
     )

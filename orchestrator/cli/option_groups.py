@@ -25,6 +25,7 @@ from nrs_cosim.orchestrator.cli.options import (
     Output,
     Set,
     ShowProfile,
+    Threads,
     TlsCa,
     TlsCertificate,
     TlsKey,
@@ -119,6 +120,7 @@ class WorkerOptions(LinkOptions):
     """Who runs the robots of a run."""
 
     workers: Workers = None
+    threads: Threads = None
     deadline: Deadline = None
     no_restart: NoRestart = False
     listen: Listen = None
@@ -134,7 +136,8 @@ class WorkerOptions(LinkOptions):
         certificates = self.certificates(tls, experiment.folder)
         ends = partial(Endpoints, tls=certificates, insecure_tcp=self.insecure_tcp, wait=wait)
         policy = policy_of(self.no_restart, wait, self.expect, self.deadline)
-        return launcher_of(experiment, self.workers, policy, self.listen, self.connect, ends)
+        asked = self.workers, self.threads
+        return launcher_of(experiment, *asked, policy, self.listen, self.connect, ends)
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:

@@ -205,6 +205,15 @@ Workers = Annotated[
         help="Spread the robots over N processes of this machine; auto: as many as are worth it.",
     ),
 ]
+Threads = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        parser=whole_number("--threads", 1),
+        help="Step bundled FMUs with N threads, in a run in one process; by default as many as "
+        "are worth it.",
+    ),
+]
 Expect = Annotated[
     int,
     typer.Option(

@@ -18,7 +18,7 @@ from nrs_cosim.orchestrator.cli.tables import grid
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
 from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
-from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.in_process import in_process, threads_worth_it
 from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace, RealTime
@@ -54,6 +54,7 @@ def policy_of(no_restart: bool, wait: float, expect: int, deadline: float | None
 def launcher_of(
     experiment: Experiment,
     workers: str | None,
+    threads: int | None,
     policy: WorkerPolicy,
     listen: list[str] | None,
     connect: list[str] | None,
@@ -61,6 +62,11 @@ def launcher_of(
 ) -> Launcher:
     """Return how a run gets the workers that were asked for."""
     n = experiment.n
+    if threads is not None and (listen or connect or workers not in (None, "1")):
+        raise InputError(
+            f"--threads {threads}: is for a run in one process; workers of their own, by "
+            "--workers, --listen or --connect, have one thread each"
+        )
     if not 1 <= policy.expected <= n:
         raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
     if listen or connect:
@@ -82,7 +88,9 @@ def launcher_of(
         raise InputError(
             f"--workers: expected auto or 1 to {n}, a robot each at least, got {quoted(workers)}"
         )
-    return in_process(experiment) if count == 1 else local_workers(experiment, count, policy)
+    if count == 1:
+        return in_process(experiment, threads or threads_worth_it(n))
+    return local_workers(experiment, count, policy)
 
 
 def perform(

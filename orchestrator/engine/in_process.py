@@ -1,5 +1,6 @@
 """A run whose robots are all in the orchestrator's own process and thread, with no socket open."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -20,6 +21,8 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.recorder import Recorder
 
 NAME = "here"
+_ROBOTS_A_THREAD = 16
+"""At least: else it costs more to wake a thread than it saves."""
 
 
 class InProcess:
@@ -93,11 +96,16 @@ class _RecordedSamples:
         return ()
 
 
-def in_process(experiment: Experiment) -> Launcher:
-    """Return how a run gets all its robots into this thread."""
+def threads_worth_it(n: int) -> int:
+    """Return with how many threads the FMUs of n robots are best stepped on this machine."""
+    return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_THREAD))
+
+
+def in_process(experiment: Experiment, threads: int = 1) -> Launcher:
+    """Return how a run gets all its robots into this thread, whose FMUs several may step."""
 
     def launch(stack: ExitStack, watch: Watch) -> tuple[Bus, Workers]:
-        robots = Robots.opened(stack, experiment, range(1, experiment.n + 1))
+        robots = Robots.opened(stack, experiment, range(1, experiment.n + 1), threads=threads)
         return on_a_session(stack, robots, watch)
 
     return launch

@@ -40,12 +40,18 @@ class Rounds(Protocol):
     def recall(self, states: Any, *, keeping: bool) -> Round:
         """Return the round in which they keep, or go back to, states: a C array of a `void *`."""
 
+    def use_threads(self, count: int) -> None:
+        """Step with so many threads from now on, where that can be, to the same bits."""
+
 
 class CalledRounds:
     """Rounds of calls from Python."""
 
     def __init__(self, library: Library, handles: Sequence[int]) -> None:
         self._library, self._handles = library, handles
+
+    def use_threads(self, count: int) -> None:
+        """Step with this thread: no two can make calls from Python at a time."""
 
     def exchange(self, view: View, *, setting: bool) -> Round:
         """Return a round of setting or getting; see `Rounds`."""

@@ -166,12 +166,47 @@ def test_batch_calls_from_c_and_python_give_the_same_bits(name: str, fmi: int) -
             assert plants.save() == oracle.save()
 
 
-def failure(archive: Archive, fault: str) -> str:
-    """Return the error of three robots of which the second fails, and the third with it."""
+@each_version
+def test_any_number_of_threads_gives_the_same_bits(fmi: int) -> None:
+    archive, many = open_archive(build("two_link_arm", fmi)), 45
+    rows, played = np.arange(many) % 6, []
+    held = [(position[rows], velocity[rows]) for position, velocity in wandering(slice(6))]
+    for threads in (1, 2, 3):
+        with ExitStack() as stack:
+            plants = open_plants(stack, archive, bodies(many), {}, Driving())
+            assert isinstance(plants, Stepped)
+            plants.instances.rounds.use_threads(threads)
+            played.append([play(plants, held, 0, 3).tobytes(), plants.save()])
+    assert played[0] == played[1] == played[2]
+
+
+@pytest.mark.parametrize("fault", ["error", "end"])
+def test_the_first_robot_that_fails_is_named_whatever_the_number_of_threads(
+    faulty: Path, fault: str
+) -> None:
+    result = {failure(open_archive(faulty), fault, many=40, threads=threads) for threads in (1, 4)}
+    (said,) = result
+    assert "robot 2 " in said
+
+
+def test_where_each_call_is_announced_one_thread_makes_them(opened: Any) -> None:
+    library, instances = opened(3)
+    progress = Progress(memoryview(bytearray(SIZE)))
+    for library.progress, threads in ((0, 4), (progress.address, 1)):
+        rounds = native(library, instances)
+        assert isinstance(rounds, NativeRounds)
+        rounds.use_threads(4)
+        assert rounds.threads == threads
+
+
+def failure(archive: Archive, fault: str, many: int = 3, threads: int = 1) -> str:
+    """Return the error of robots of which the second fails, and those after it too."""
     fails = {"fault": FAULTS.index(fault), "fault_time": 0.15}
-    of = [replace(b, parameters=fails if b.robot > 1 else {}) for b in bodies(3)]
+    of = [replace(b, parameters=fails if b.robot > 1 else {}) for b in bodies(many)]
     with ExitStack() as stack:
         plants = open_plants(stack, archive, of, {}, Driving())
+        assert isinstance(plants, Stepped)
+        plants.instances.rounds.use_threads(threads)
         plants.advance(0.0, H)
         with pytest.raises(StepError) as error:
             plants.advance(H, H)

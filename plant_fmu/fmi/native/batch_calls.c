@@ -4,8 +4,13 @@
  *   advance   to step, and then to get its row of numbers
  *   recall    to keep, or to go back to, its state
  *
+ * Several threads may advance together: each takes block after block of rows, until there is no
+ * other. Rows do not depend on one another, so that it does not matter who takes which.
+ *
  * The first call whose status is neither OK nor a warning ends the round: after fmi3Fatal
- * no instance may be called (FMI 3.0, section 2.3). Each call is announced before it is made. */
+ * no instance may be called (FMI 3.0, section 2.3). Then no further block is taken, and those before
+ * it are, so that of all rows that ended it the first is the same however many threads there are.
+ * Each call is announced before it is made. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -55,6 +60,14 @@ typedef struct {
     double *values;
     size_t n_values, stride;
 } Rows;
+
+/* What threads that advance together share: the first row that nobody has taken yet, and whether
+ * a call has ended the round. */
+typedef struct {
+    size_t next, ended;
+} Shared;
+
+enum { BLOCK = 8 };
 
 /* Of the call that ended a round, the last one otherwise. */
 typedef struct {
@@ -148,12 +161,10 @@ EXPORTED size_t exchange(const Calls *calls, const Instances *all, const Rows *r
     return row;
 }
 
-EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *rows, double start,
-                        double length, Answer *answer)
+static size_t advance_some(const Calls *calls, const Instances *all, const Rows *rows,
+                           double start, double length, size_t row, size_t end, Answer *answer)
 {
-    size_t row = 0;
-    *answer = (Answer){OK, false};
-    for (; row < all->n; ++row) {
+    for (; row < end; ++row) {
         *answer = (Answer){step(calls, all, row, start, length), true};
         if (!is_fine(answer->status))
             break;
@@ -162,6 +173,31 @@ EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *ro
             break;
     }
     return row;
+}
+
+EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *rows, double start,
+                        double length, Answer *answer)
+{
+    *answer = (Answer){OK, false};
+    return advance_some(calls, all, rows, start, length, 0, all->n, answer);
+}
+
+EXPORTED size_t advance_together(const Calls *calls, const Instances *all, const Rows *rows,
+                                 double start, double length, Shared *shared, Answer *answer)
+{
+    *answer = (Answer){OK, false};
+    while (!__atomic_load_n(&shared->ended, __ATOMIC_SEQ_CST)) {
+        const size_t first = __atomic_fetch_add(&shared->next, BLOCK, __ATOMIC_SEQ_CST);
+        if (first >= all->n)
+            break;
+        const size_t end = all->n - first < BLOCK ? all->n : first + BLOCK;
+        const size_t row = advance_some(calls, all, rows, start, length, first, end, answer);
+        if (row < end) {
+            __atomic_store_n(&shared->ended, 1, __ATOMIC_SEQ_CST);
+            return row;
+        }
+    }
+    return all->n;
 }
 
 EXPORTED size_t recall(const Calls *calls, const Instances *all, void *states[], bool keeping,

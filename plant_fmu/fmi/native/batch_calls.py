@@ -5,6 +5,7 @@ It is called without Python's lock, so that other threads of ours go on meanwhil
 
 import logging
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import (
     CDLL,
     Structure,
@@ -71,6 +72,10 @@ class _Rows(Structure):
     )
 
 
+class _Shared(Structure):
+    _fields_ = (("next", c_size_t), ("ended", c_size_t))
+
+
 class _Answer(Structure):
     _fields_ = (("status", c_int), ("stepping", c_bool))
 
@@ -81,6 +86,7 @@ class Native:
 
     exchange: Call
     advance: Call
+    advance_together: Call
     recall: Call
 
 
@@ -92,6 +98,9 @@ class NativeRounds:
     ) -> None:
         """Take the instances, whose names are for the library's `progress`, if it has one."""
         self._native, self._library = native, library
+        self._helpers: ThreadPoolExecutor | None = None
+        self._answers = [_Answer()]
+        """Of each thread."""
         instances = (c_void_p * len(handles))(*handles)
         fields = b"".join(name.encode()[:WHO].ljust(WHO, b"\0") for name in names)
         progress = create_string_buffer(fields) if library.progress else None
@@ -103,21 +112,54 @@ class NativeRounds:
         )
         self._all.kept = instances, progress
 
+    def use_threads(self, count: int) -> None:
+        """Step from now on with several threads; with one where each call is announced."""
+        count = 1 if self._library.progress else count
+        # Threads begin when there is something for them to do, and end with this.
+        self._helpers = ThreadPoolExecutor(count - 1, "fmu") if count > 1 else None
+        self._answers = [_Answer() for _ in range(count)]
+
+    @property
+    def threads(self) -> int:
+        """How many step."""
+        return len(self._answers)
+
     def exchange(self, view: View, *, setting: bool) -> Round:
         """Return a round of setting or getting; see `Rounds`."""
         return self._round(self._native.exchange, self._bound(_NUMBERS), _rows(view), setting)
 
     def advance(self, view: View) -> Step:
         """Return a round of steps; see `Rounds`."""
-        advance, n, answer = self._native.advance, self._all.n, _Answer()
+        advance, n = self._native.advance, self._all.n
         calls, rows = self._bound({**_NUMBERS, "step": ("DoStep", "DoStep")}), _rows(view)
-        whom, out = (byref(calls), byref(self._all), byref(rows)), byref(answer)
+        whom = byref(calls), byref(self._all), byref(rows)
 
         def step(start: float, step: float) -> EarlyEnd | None:
-            row = advance(*whom, start, step, out)
+            if self._helpers:
+                row, answer = self._together(whom, start, step)
+            else:
+                answer = self._answers[0]
+                row = advance(*whom, start, step, byref(answer))
             return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
 
         return step
+
+    def _together(self, whom: tuple[Any, ...], start: float, step: float) -> tuple[int, _Answer]:
+        """Return the first row that ended a round of several threads, n if none, and how."""
+        assert self._helpers
+        shared, advance = byref(_Shared(0, 0)), self._native.advance_together
+
+        def take_part(answer: _Answer) -> tuple[int, _Answer]:
+            return advance(*whom, start, step, shared, byref(answer)), answer
+
+        own, *others = self._answers
+        helping = [self._helpers.submit(take_part, answer) for answer in others]
+        try:
+            ended = [take_part(own)]
+        finally:
+            # Whatever happens, nobody is in a call any more.
+            rest = [helper.result() for helper in helping]
+        return min(ended + rest, key=lambda one: one[0])
 
     def recall(self, states: Any, *, keeping: bool) -> Round:
         """Return a round of keeping or going back; see `Rounds`."""
@@ -172,9 +214,11 @@ def load_native() -> Native | None:
         )
         return None
     three, flag = (c_void_p,) * 3, (c_bool, c_void_p)
+    step = *three, c_double, c_double
     return Native(
         bind(dll, "exchange", *three, *flag, result=c_size_t),
-        bind(dll, "advance", *three, c_double, c_double, c_void_p, result=c_size_t),
+        bind(dll, "advance", *step, c_void_p, result=c_size_t),
+        bind(dll, "advance_together", *step, c_void_p, c_void_p, result=c_size_t),
         bind(dll, "recall", *three, *flag, result=c_size_t),
     )
 
