@@ -183,7 +183,7 @@ def worst(
         return _worst_of_slow(A, unit, seen, of, most_steps)
     most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
     block = BLOCK if A.shape[0] <= DENSE else 1
-    for kernels in islice(_history(A, unit, block), most_steps // block + 1):
+    for kernels in islice(history(A, unit, block), most_steps // block + 1):
         bounded, driven = of.bounds(
             (seen @ kernels.reshape(2 * n, -1)).reshape(-1, *kernels.shape[1:])
         )
@@ -205,7 +205,7 @@ def _worst_of_slow(
         return None
     most, free = np.zeros(seen.shape[0]), np.zeros(seen.shape[0])
     blocks = -(-slow.gone // BLOCK)
-    for kernels in islice(_history(A, unit, BLOCK), blocks):
+    for kernels in islice(history(A, unit, BLOCK), blocks):
         response = (seen @ kernels.reshape(len(unit), -1)).reshape(-1, *kernels.shape[1:])
         bounded, driven = of.bounds(response)
         most, free = most + bounded.sum(axis=1), free + driven.sum(axis=1)
@@ -216,8 +216,8 @@ def _worst_of_slow(
     return least
 
 
-def _history(A: Matrix, first: Reals, block: int) -> Iterator[Reals]:
-    """Yield A^j `first`, (2 n, 2, b), b of one after another at a time, for j = 0, 1, …"""
+def history(A: Matrix, first: Reals, block: int) -> Iterator[Reals]:
+    """Yield A^j `first`, (2 n, c, b), b of one after another at a time, for j = 0, 1, …"""
     kernels, power = first[:, :, None], A
     if block > 1:
         power = as_array(A)

@@ -12,6 +12,7 @@ be something new to say (statement E2).
 """
 
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,13 @@ from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.matrices import FEW, Matrix, as_array, identity_like, kron
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm
-from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds, worst
+from nrs_cosim.estimator_agents.theory.estimates import (
+    BLOCK,
+    DENSE,
+    EstimateBounds,
+    history,
+    worst,
+)
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.solving import solve
@@ -126,14 +133,23 @@ def largest_jumps(
 def _summed(A: Array, kernel: Array, seen: Array, errors: Array, radius: float) -> Array | None:
     """Return Σ_j |seen A^j kernel| errors; None where it takes too many terms."""
     most, left = np.zeros(len(seen)), np.zeros(len(A))
-    for _ in range(MOST):
-        added = np.abs(kernel) @ errors
-        most += np.abs(seen @ kernel) @ errors
-        left += added
-        if added.max() <= LEFT * (1 - radius) * left.max():
+    block = BLOCK if len(A) <= DENSE else 1
+    for kernels in islice(history(A, kernel, block), MOST // block):
+        shown = (seen @ kernels.reshape(len(A), -1)).reshape(len(seen), *kernels.shape[1:])
+        most += _weighed(shown, errors).sum(axis=1)
+        added = _weighed(kernels, errors)
+        left += added.sum(axis=1)
+        if added[:, -1].max() <= LEFT * (1 - radius) * left.max():
             return most
-        kernel = A @ kernel
     return None
+
+
+def _weighed(kernels: Array, errors: Array) -> Array:
+    """Return |kernels|, (r, c, b), times errors (c,): (r, b)."""
+    if kernels.shape[2] == 1:  # by BLAS, which einsum does not take here
+        return (np.abs(kernels[:, :, 0]) @ errors)[:, None]
+    weighed: Array = np.einsum("rcb,c->rb", np.abs(kernels), errors)
+    return weighed
 
 
 def _largest(most: Array, n: int) -> EstimateBounds:

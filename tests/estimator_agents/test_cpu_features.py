@@ -25,7 +25,7 @@ from nrs_cosim.estimator_agents.installed import bundled_algorithms, load_algori
 from nrs_cosim.estimator_agents.values import initial_values
 from tests.estimator_agents.agents_without_bus import CLOCK, agents_at, meet
 
-ROBOTS, AXES, TICKS, H = 30, 3, 25, 0.1
+ROBOTS, AXES, TICKS, H = 30, 3, 10, 0.1
 GAINS = {"alpha": 0.7, "beta": 0.6}
 PARAMETERS = {
     "dcea1": GAINS,

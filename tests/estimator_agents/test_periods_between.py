@@ -6,11 +6,12 @@ import pytest
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
+from nrs_cosim.estimator_agents.impulsive import Impulsive
 from nrs_cosim.estimator_agents.theory.received_errors import largest_jumps, periods_between
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 
 H = 0.1
-CASES, ROBOTS, TICKS = 320, 4, 300
+CASES, ROBOTS, TICKS = 320, 4, 250
 
 
 def bound(law, D, gamma_1, gamma_2, h=H):
@@ -137,7 +138,11 @@ def test_what_nobody_sends_is_never_sent_and_silence_ends_it():
     assert all_is_sent.periods_between(np.array([0.1]), np.array([0.1]), h=H).tolist() == [1]
 
 
-def test_of_an_algorithm_that_always_sends_nothing_is_said():
-    topology = Topology.of_edges(1, [0], [1], [1.0])
+def test_of_an_algorithm_that_always_sends_and_of_what_is_not_known_nothing_is_said():
+    topology, off = Topology.of_edges(1, [0], [1], [1.0]), {"position": 1.0, "velocity": 1.0}
     recursion = recursion_of(FirstOrder(0.5, 0.5), topology, H)
     assert periods_between(FirstOrder(0.5, 0.5), recursion, 1.0, 1.0, 0.5) is None
+    assert periods_between(EventTriggered(0.5, 0.5, 1, 1), None, 1.0, 1.0, 0.5) is None
+    assert largest_jumps(recursion, off, 1.0, 1.0, 1.0) is None
+    damped = recursion_of(Impulsive(0.5, 0.5), topology, H)
+    assert largest_jumps(damped, off, 1.0, 1.0, 0.5) is None

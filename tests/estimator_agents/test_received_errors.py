@@ -10,7 +10,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.dcea3 import ThirdOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
-from nrs_cosim.estimator_agents.theory.received_errors import received_errors
+from nrs_cosim.estimator_agents.theory.received_errors import largest_jumps, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from tests.estimator_agents.agents_without_bus import meet
 from tests.estimator_agents.test_bundled import made
@@ -100,6 +100,14 @@ def test_triggered_agents_stay_within_it_after_a_target_of_constant_velocity(see
     assert (most <= bound + 1e-9).all()
     assert most[0] > 0.1 * bound[0]
     assert sent < 0.2 * 8 * 400
+
+
+@pytest.mark.parametrize(("n", "known"), [(100, True), (101, False)])
+def test_of_more_than_100_robots_that_overshoot_nothing_is_said(n, known):
+    star = Topology.of_edges(n, [0, *[1] * (n - 1)], np.arange(1, n + 1), np.ones(n))
+    recursion, off = recursion_of(FirstOrder(1.1, 0.9), star, H), {"position": 1, "velocity": 1}
+    assert (received_errors(recursion, star.D, off, 0.1) is not None) == known
+    assert known or largest_jumps(recursion, off, 1.0, 1.0, 0.1) is None
 
 
 def test_of_a_recursion_that_grows_nothing_is_said():
