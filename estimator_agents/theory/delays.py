@@ -97,6 +97,16 @@ class LateStep:
             after += np.tensordot(self.step.received, mean, axes=1)
         return after
 
+    def settled(
+        self, turn: complex, given: NDArray[Any], parts: list[tuple[int, Matrix, Array]]
+    ) -> NDArray[np.complex128]:
+        """Return (turn I − A)⁻¹ `given`, (s, n): what errors are where each period adds that."""
+        step, one = self.step, identity_like(parts[0][1])
+        mean = sum(D * turn**-d for d, D, _ in parts)
+        unit = turn * kron(np.eye(len(step.fields)), one)
+        A = kron(step.own, one) + kron(step.received, mean)
+        return solve(unit - A, given.ravel()).reshape(given.shape)
+
     def steady_motion(self, target: Harmonic) -> SteadyMotion | None:
         """Return what the errors settle to where ρ < 1; None where it is not known.
 
@@ -111,27 +121,18 @@ class LateStep:
         heard = [np.asarray(D.sum(axis=1)).ravel() + own for _, D, own in parts]
         frequency, waves = target.phasors()
         phasor = np.zeros((len(frequency), s, n, waves.shape[1]), complex)
-        unit = kron(np.eye(s), identity_like(parts[0][1]))
-        alone = kron(step.own, identity_like(parts[0][1]))
-
-        def response(turn: complex, given: NDArray[Any]) -> NDArray[np.complex128]:
-            """Return (turn I − A)⁻¹ `given`, (s, n), of what turns so at each period."""
-            mean = sum(D * turn**-d for d, D, _ in parts)
-            return solve(turn * unit - alone - kron(step.received, mean), given.ravel())
-
         for w, omega in enumerate(frequency):
             turn, z = np.exp(1j * omega * h), np.array([1, 1j * omega, -(omega**2)])
             mean = sum(part * turn**-d for (d, *_), part in zip(parts, heard, strict=True))
             given = ((step.own - turn * np.eye(s)) @ E @ z)[:, None]
             given = given + (step.received @ E @ z)[:, None] * mean
-            phasor[w] = response(turn, given).reshape(s, n, 1) * waves[w]
+            phasor[w] = self.settled(turn, given, parts)[..., None] * waves[w]
         slope = (step.own @ E[:, 1] - E[:, 1] - h * E[:, 0])[:, None] * np.ones(n)
         for (d, *_), part in zip(parts, heard, strict=True):
             slope = slope + (step.received @ (E[:, 1] - d * h * E[:, 0]))[:, None] * part
         constant = np.zeros((s, n, waves.shape[1]))
         if not np.allclose(slope, 0, atol=NEAR):
-            X = response(1.0, slope).real
-            constant = X.reshape(s, n, 1) * target.rate
+            constant = self.settled(1.0, slope, parts).real[..., None] * target.rate
         return SteadyMotion(h, 1, constant, frequency, phasor)
 
 

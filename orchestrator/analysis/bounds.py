@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
-from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.target import Harmonic, Target
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
@@ -26,6 +26,7 @@ from nrs_cosim.estimator_agents.theory.estimates import (
 from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
+from nrs_cosim.estimator_agents.theory.target_response import worst_of_step
 from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
@@ -229,8 +230,8 @@ def ultimate_bounds(
         why_not = "" if added else _UNKNOWN_ERRORS
     step = None if recursions else step
     motion, worst, always, paper = None, None, None, None
-    if step is not None and isinstance(target, Harmonic) and not why_not:
-        motion = step.steady_motion(target)
+    if step is not None and not why_not:
+        motion, worst = _of_step(step, target, rho.radius, added)
     if recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
@@ -279,6 +280,15 @@ def ultimate_bounds(
         robots,
         tracking,
     )
+
+
+def _of_step(
+    step: LateStep, target: Target, radius: float, added: EstimateBounds | None
+) -> tuple[SteadyMotion | None, EstimateBounds | None]:
+    """Return what errors settle to and the worst case, of agents that keep more, or late links."""
+    motion = step.steady_motion(target) if isinstance(target, Harmonic) else None
+    worst = worst_of_step(step, *target.bounds(), radius)
+    return motion, worst.plus(added) if worst and added else worst
 
 
 def _added(

@@ -3,7 +3,6 @@
 from math import isnan
 
 from nrs_cosim.estimator_agents.algorithm import Algorithm
-from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
@@ -41,8 +40,6 @@ def why_no_bounds(
             not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
         ),
         "the algorithm is not known to be linear": not recursions and step is None,
-        ("over late links there are bounds " if experiment.impaired else _FEWER)
-        + "for a target of sines": (not recursions and not isinstance(experiment.target, Harmonic)),
         "the target's sample is not that of an agent which is right": (
             step is not None and not step.step.agrees
         ),

@@ -100,12 +100,16 @@ def test_the_beginning_of_a_run_over_late_links_explains_what_is_above_the_bound
     assert row.bound.steady_state < row.measured <= row.bound.steady_state + row.transient
 
 
-def test_a_target_that_is_no_sines_has_no_bounds_over_late_links():
+def test_a_target_that_is_no_sines_has_a_worst_case_alone_over_late_links():
     times = [0.0, 1.0, 2.0, 3.0]
     points = [[t, t * t] for t in times]
     target = {"target": {"kind": "sampled", "times": times, "positions": points}}
     late = ultimate_bounds(paper(SECOND_ORDER, LATE, target, {"run.duration": 3.0}))
-    assert late.why_not == "over late links there are bounds for a target of sines"
+    assert (late.why_not, late.steady_state) == ("", None)
+    sines = ultimate_bounds(paper(SECOND_ORDER, LATE))
+    speed = late.gamma_2 / sines.gamma_2  # neither is bounded by its speed
+    assert late.worst_case.position <= sines.worst_case.position * speed * (1 + 1e-9)
+    assert sines.steady_state.position < sines.worst_case.position
 
 
 @pytest.mark.parametrize("missing", ["hold", "drop"])

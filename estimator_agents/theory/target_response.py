@@ -1,0 +1,103 @@
+"""How far any target takes the estimates of any linear agents, by their response to its impulses.
+
+Let a_0 be an impulse w after t_0, so that the target moves on at 1 m/s from then. The errors
+u_k(w) at t_k are linear in w within a period, for positions at sampling times are: they follow from
+what comes of impulses right after t_0 and right before t_1. Where the target sends its
+acceleration, the errors v_k are what comes of a sample of 1 m/s² at t_0 alone. With what remains of
+a target that goes straight on, S = lim u_k, the long run has (statement W4)
+
+    |x| ≤ γ2 (Σ_k ∫_0^h |u_k(w) − S| dw + Σ_k |v_k|) + γ1 |S|
+
+whatever the agents keep, and however late their links are, each by a fixed time.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.estimator_agents.theory.delays import LateStep
+from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+from nrs_cosim.estimator_agents.theory.linear_step import NEAR
+
+Array = NDArray[np.float64]
+
+Heard = Sequence[tuple[int, Array]]
+"""By delay, the weights (n,) of all that is received, of the target too."""
+LEFT = 1e-13
+"""The part of the sums at which they end."""
+WORK = 3e8
+"""Sampling periods of the past, times numbers that agents keep, that a sum may take."""
+
+
+def worst_of_step(
+    late: LateStep, gamma_1: float, gamma_2: float, radius: float
+) -> EstimateBounds | None:
+    """Return bounds on the errors in the long run, for any target within γ1 and γ2.
+
+    None where ρ = `radius` ≥ 1, where the target's sample is not that of an agent which is right,
+    where those do not stay so at a target that rests, or where the past that counts is too long.
+    """
+    step, n = late.step, late.topology.n
+    E, agreed = step.truth, step.own + step.received
+    right = step.agrees and np.allclose(agreed @ E[:, 0] - E[:, 0], 0, atol=NEAR)
+    if radius >= 1 or not right:
+        return None
+    parts = late.parts()
+    heard = [(d, np.asarray(D.sum(axis=1)).ravel() + own) for d, D, own in parts]
+    slope = _given(late, heard, lambda d: np.array([-d * step.h, 1, 0]), np.array([step.h, 1, 0]))
+    straight = np.zeros((2, n))
+    if not np.allclose(slope, 0, atol=NEAR):
+        straight = late.settled(1.0, slope, parts).real[:2]
+    x = np.zeros((len(E), n, 3))
+    x[..., 2] = -(E @ [0, 0, 1])[:, None]  # of the sample at t_0 the agents know nothing yet
+    recent, sums, given = [np.zeros_like(x)] * late.longest + [x], np.zeros((2, n)), x
+    for k in range(int(WORK / x.size)):
+        if k <= late.longest + 1:  # from then on it is the same
+            given = _of_all(late, heard, k)
+        x = late.advance(recent, parts) + given
+        recent = [*recent[1:], x]
+        early, end, pulse = np.moveaxis(x[:2], -1, 0)
+        added = _integral(early - straight, end - straight, step.h) + np.abs(pulse)
+        sums += added
+        if added.max() <= LEFT * (1 - radius) * sums.max():
+            position, velocity = (gamma_2 * sums + gamma_1 * np.abs(straight)).max(axis=1).tolist()
+            return EstimateBounds(position, velocity)
+    return None
+
+
+def _of_all(late: LateStep, heard: Heard, k: int) -> Array:
+    """Return what is given at t_k by impulses at both ends of a period, and by a sample."""
+    h = late.step.h
+    return np.stack(
+        [
+            _given(late, heard, lambda d: _moving(h, k - d, k, 0.0), _moving(h, k + 1, k, 0.0)),
+            _given(late, heard, lambda d: _moving(h, k - d, k, h), _moving(h, k + 1, k, h)),
+            _given(late, heard, lambda d: np.array([0, 0, k == d]), np.zeros(3)),
+        ],
+        axis=-1,
+    )
+
+
+def _moving(h: float, at: int, seen: int, w: float) -> Array:
+    """Return z at t_at of the target that moves on from w, its position beside that at t_seen."""
+    here = seen * h - w if seen >= 1 else 0.0
+    return np.array([at * h - w - here, 1.0, 0.0]) if at >= 1 else np.array([-here, 0.0, 0.0])
+
+
+def _given(late: LateStep, heard: Heard, sampled: Callable[[int], Array], then: Array) -> Array:
+    """Return what z(t_{k−d}), by d, and z(t_{k+1}) come to in the errors of a period, (s, n)."""
+    step, E = late.step, late.step.truth
+    found: Array = (step.own @ E @ sampled(0) - E @ then)[:, None] * np.ones(late.topology.n)
+    for d, weights in heard:
+        found = found + (step.received @ E @ sampled(d))[:, None] * weights
+    return found
+
+
+def _integral(a: Array, b: Array, h: float) -> Array:
+    """Return ∫_0^h |a + (b − a) w/h| dw."""
+    size = np.abs(a) + np.abs(b)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        crossing = np.where(size > 0, (a * a + b * b) / size, 0.0)
+    found: Array = h / 2 * np.where(a * b >= 0, size, crossing)
+    return found
