@@ -7,7 +7,7 @@ The matrices are those of `lossy_step`.
   is the largest of theirs. Of large ones it lies between the smallest and the largest c of
   E[A X Aᵀ] = c X for any X > 0 (Collatz and Wielandt in that cone, statement L2).
 - Almost every run converges iff λ = lim ln ‖A_k ⋯ A_1‖/k < 0. E ln |det A|/p ≤ λ ≤ ½ ln ρ(E[A ⊗ A])
-  is proven (statement L4); between them it is simulated.
+  is proven (statement L4); between them it is simulated (`simulated_links`).
 - With K = I and G = diag(α, β), 0 < α, β ≤ 1, it converges in both senses whatever the losses below
   1 and bounded delays (statement L3).
 
@@ -15,7 +15,6 @@ Radii are of sizes, not of squares: ρ(E[A ⊗ A])^½ and e^λ.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import exp, inf, prod
 
 import numpy as np
@@ -28,26 +27,10 @@ Array = NDArray[np.float64]
 
 DENSE = 24
 """States of a component up to which E[A ⊗ A] is a matrix."""
-CHAINS, TICKS, WORK = 500, 1000, 6000
-"""Of a simulation: how many, how long; and ticks times robots that it may take."""
 MATRICES = 4096
 """Outcomes of a component up to which the determinants of all are taken."""
-SIGMAS = 3.29
-"""Standard errors around a mean: 99.9 % of a normal distribution is within."""
 GRID, NEAR = 8, 1e-6
 """Probabilities of loss at which it is looked for a critical one, and how near it is found."""
-
-
-@dataclass(frozen=True, slots=True)
-class AlmostSure:
-    """e^λ: what errors are multiplied by at a tick, in the long run of almost every run."""
-
-    lower: float
-    """Proven."""
-    upper: float
-    """Proven."""
-    simulated: RadiusBounds
-    """Where it lies by simulation, with a confidence of 99.9 %."""
 
 
 def mean_square_radius(lossy: LossyStep) -> RadiusBounds:
@@ -100,20 +83,11 @@ def _bracket(through: Callable[[Array], Array], p: int) -> RadiusBounds:
     return RadiusBounds(0.0, inf)
 
 
-def almost_sure(lossy: LossyStep, seed: int = 0) -> AlmostSure:
-    """Return bounds on e^λ, and where it is by simulation (statement L4)."""
-    parts = [(_squared(part).upper ** 0.5, part) for part in lossy.components()]
-    lower, found = 0.0, RadiusBounds(0.0, 0.0)
-    rng = np.random.Generator(np.random.Philox(seed))
-    for upper, part in sorted(parts, key=lambda one: -one[0]):
-        least = min(exp(_of_determinants(part)), upper)  # by rounding it may be above
-        lower = max(lower, least)
-        if upper > found.upper:
-            one = RadiusBounds(least, least) if len(part.fixed) == 1 else _simulated(part, rng)
-            found = max(found, one, key=lambda interval: interval.upper)
-    most = max(upper for upper, _ in parts)
-    least, largest = (min(max(end, lower), most) for end in (found.lower, found.upper))
-    return AlmostSure(lower, most, RadiusBounds(least, largest))
+def almost_sure(lossy: LossyStep) -> RadiusBounds:
+    """Return bounds on e^λ, which errors are multiplied by in almost every run (statement L4)."""
+    upper = mean_square_radius(lossy).upper
+    least = (exp(_of_determinants(part)) for part in lossy.components())
+    return RadiusBounds(min(max(least), upper), upper)  # by rounding it may be above
 
 
 def _of_determinants(lossy: LossyStep) -> float:
@@ -128,29 +102,6 @@ def _of_determinants(lossy: LossyStep) -> float:
         chance = np.outer(chance, one.chance).ravel()
     logs = np.linalg.slogdet(matrices[chance > 0])[1]
     return float(chance[chance > 0] @ logs) / p
-
-
-def _simulated(lossy: LossyStep, rng: np.random.Generator) -> RadiusBounds:
-    """Return where e^λ lies by the growth of vectors, of as many runs as there are chains."""
-    p, robots = len(lossy.fixed), max(len(lossy.outcomes), 1)
-    ticks = min(TICKS, WORK // robots)
-    x, growth = rng.normal(size=(CHAINS, p)), np.zeros(CHAINS)
-    bounds = [np.cumsum(one.chance)[:-1] for one in lossy.outcomes]
-    for tick in range(ticks):
-        after = x @ lossy.fixed.T
-        drawn = rng.random((robots, CHAINS))
-        for one, ends, at in zip(lossy.outcomes, bounds, drawn, strict=False):
-            which = np.searchsorted(ends, at, side="right")
-            after[:, one.rows] = np.einsum("mrp,mp->mr", one.parts[which], x)
-        size = np.abs(after).max(axis=1)
-        if not size.all():  # some products are 0, and so is e^λ
-            return RadiusBounds(0.0, 0.0)
-        x = after / size[:, None]
-        if tick >= ticks // 5:
-            growth += np.log(size)
-    rate = growth / (ticks - ticks // 5)
-    off = SIGMAS * float(rate.std(ddof=1)) / CHAINS**0.5
-    return RadiusBounds(exp(rate.mean() - off), exp(rate.mean() + off))
 
 
 def critical_loss(lossy_at: Callable[[float], LossyStep | None]) -> float | None:

@@ -12,8 +12,6 @@ from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, pair_json
 from nrs_cosim.orchestrator.analysis.conditions import Check, finite
 from nrs_cosim.orchestrator.analysis.links import LinkStatus
 
-_BY_SIMULATION = "statement L4"
-
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
@@ -45,17 +43,16 @@ def conclusion(checked: Check, ultimate: UltimateBounds) -> Conclusion:
     links = checked.links
     radius = links.radius or checked.rho
     known = links.status != "unknown"
-    loss = links.loss
-    simulated = links.source == _BY_SIMULATION and not (loss and loss.almost_sure.lower >= 1)
+    growth = links.simulated or radius
     steady = ultimate.steady_state
     bound = steady or ultimate.worst_case
     return Conclusion(
         status=links.status,
-        proven=known and not simulated,
+        proven=known and links.proven,
         source=(links.source or _radius(radius)) if known else "",
         why_unknown="" if known else _why_unknown(checked),
         settling_time=None if checked.premise else checked.settling_time,
-        growth=finite(radius.lower) if links.status == "diverges" and loss is None else None,
+        growth=finite(growth.lower) if links.status == "diverges" else None,
         within=pair_json(bound),
         of=""
         if bound is None

@@ -178,16 +178,16 @@ class Check:
     def convergence(self) -> Literal["converges", "diverges", "unknown"]:
         """Whether the estimates converge over the links that the scenario has.
 
-        What converges in mean square does, and it is `links.status` that says so; of what does so
-        almost surely alone it is unknown how far it goes before. Among robots that lie it is not
-        known: ρ and the conditions are of robots none of which lies.
+        What converges in mean square does, and it is `links.status` that says so; what almost
+        every run does by simulation alone is not known. Among robots that lie it is not: ρ and the
+        conditions are of robots none of which lies.
         """
         known: dict[LinkStatus, Literal["converges", "diverges"]] = {
             "converges": "converges",
             "converges in mean square": "converges",
             "diverges": "diverges",
         }
-        return known.get(self.links.status, "unknown")
+        return known.get(self.links.status, "unknown") if self.links.proven else "unknown"
 
     def warnings(self) -> list[str]:
         """Return one line for each condition that does not hold, and one if the error grows.

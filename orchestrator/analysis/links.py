@@ -27,19 +27,20 @@ from nrs_cosim.estimator_agents.theory.delays import (
 )
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.loss import (
-    AlmostSure,
     almost_sure,
     critical_loss,
     mean_square_radius,
 )
 from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, lossy_step
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump
+from nrs_cosim.estimator_agents.theory.simulated_links import simulated_growth
 from nrs_cosim.estimator_agents.theory.switching import gains_up_to_one
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 LinkStatus = Literal[
     "converges", "converges in mean square", "converges almost surely", "diverges", "unknown"
 ]
+_ALWAYS, _SOMETIMES, _OFTEN = "statement D3", "statement L3", "statement L4"
 _STATUS: dict[str, LinkStatus] = {"proven": "converges", "refuted": "diverges"}
 
 
@@ -71,7 +72,8 @@ class LossAnalysis:
 
     mean_square: RadiusBounds
     """ρ(E[A ⊗ A])^½"""
-    almost_sure: AlmostSure
+    almost_sure: RadiusBounds
+    """e^λ, of almost every run: proven."""
     critical: float | None
     """The least loss of the links that have some, all alike, at which it does not converge in mean
     square; 1 for none; None where it does not even without."""
@@ -93,11 +95,18 @@ class LinkAnalysis:
     margin: DelayMargin | None = None
     """Of all links alike, without other faults; None where it is not computed."""
     loss: LossAnalysis | None = None
+    simulated: RadiusBounds | None = None
+    """e^λ by simulation, with a confidence of 99.9 %, where losses or delays are drawn."""
+
+    @property
+    def proven(self) -> bool:
+        """Whether the status does not rest on the simulation."""
+        return self.source != _OFTEN or bool(self.loss and self.loss.almost_sure.lower >= 1)
 
     def as_json(self) -> dict[str, Any]:
         """Return the analysis for JSON."""
         numbers = asdict(self)
-        return {**numbers, "delays": list(self.delays)}
+        return {**numbers, "delays": list(self.delays), "proven": self.proven}
 
 
 def link_faults_of(experiment: Experiment) -> LinkFaults:
@@ -160,9 +169,26 @@ def link_analysis(
     if why := _why_unknown(experiment, faults):
         return replace(found, why=why)
     proof = _proven(experiment, spectrum, periods)
-    if faults.loss.any():
-        return _of_losses(experiment, faults, step, found, proof)
-    return _of_delays(experiment, faults, step, found, proof, spectrum)
+    if not faults.loss.any():
+        found = _of_delays(experiment, faults, step, found, proof, spectrum)
+        if found.source:
+            return found
+    else:
+        found = _of_losses(experiment, faults, step, found, proof)
+    if step:
+        shape = experiment.topologies.links, faults.least, faults.most, faults.loss
+        found = replace(found, simulated=simulated_growth(step, *shape, experiment.missing))
+    return found if found.source else _by_simulation(found)
+
+
+def _by_simulation(found: LinkAnalysis) -> LinkAnalysis:
+    """Return what almost every run does, where nothing else is known of them."""
+    often, sure = found.simulated, found.loss.almost_sure.lower if found.loss else 0.0
+    if sure >= 1 or (often and often.lower > 1):
+        return replace(found, status="diverges", source=_OFTEN, why="")
+    if often and often.upper < 1:
+        return replace(found, status="converges almost surely", source=_OFTEN, why="")
+    return found
 
 
 def _of_delays(
@@ -190,11 +216,9 @@ def _of_delays(
     bounds = RadiusBounds(joint.lower, joint.upper)
     if bounds.status == "proven":
         return replace(found, status="converges", source="statement D4", radius=bounds)
-    why = "there are delays among those that may be drawn with which they may diverge"
+    some = "some" if bounds.status == "refuted" else "perhaps some"
+    why = f"with {some} of the delays that may be drawn the estimates diverge"
     return replace(found, why=why, radius=bounds)
-
-
-_ALWAYS, _SOMETIMES = "statement D3", "statement L3"
 
 
 def _proven(experiment: Experiment, spectrum: Spectrum, periods: Periods) -> str:
@@ -237,11 +261,6 @@ def _of_losses(
         return replace(found, why="of such losses and delays together it is not computed")
     if found.loss.mean_square.status == "proven":
         return replace(found, status="converges in mean square", source="statement L1")
-    often = found.loss.almost_sure
-    if often.lower >= 1 or often.simulated.lower > 1:
-        return replace(found, status="diverges", source="statement L4")
-    if often.simulated.upper < 1 and found.loss.mean_square.status == "refuted":
-        return replace(found, status="converges almost surely", source="statement L4")
     return replace(found, why="it is not decided in mean square, nor by simulation")
 
 

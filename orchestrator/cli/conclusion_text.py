@@ -11,7 +11,7 @@ _SAID = {
     "converges": "The estimates converge to a neighbourhood of the target",
     "converges in mean square": "The estimates converge in mean square to a neighbourhood of the "
     "target",
-    "converges almost surely": "The estimates converge almost surely, and not in mean square",
+    "converges almost surely": "The estimates converge in almost every run",
     "diverges": "The estimates diverge",
 }
 

@@ -22,6 +22,11 @@ def link_rows(links: "LinkAnalysis") -> dict[str, str]:
         rows["delays"] = _margin(links.margin)
     if links.loss:
         rows["loss"] = _losses(links.loss)
+    if links.simulated:
+        rows["simulated"] = (
+            "errors are multiplied at a sampling time, in the long run of almost every run, by "
+            f"{links.simulated.lower:.4g} to {links.simulated.upper:.4g}, with 99.9 % confidence"
+        )
     if links.why and not links.source:
         rows["links"] = f"not known of these: {links.why}"
     return rows
@@ -41,12 +46,15 @@ def links_sentence(links: "LinkAnalysis") -> str:
     status = {
         "converges": CONVERGE,
         "converges in mean square": f"{CONVERGE} in mean square",
-        "converges almost surely": "the estimates converge almost surely, by simulation, "
-        "and diverge in mean square: now and then they go far off",
+        "converges almost surely": "the estimates converge in almost every run",
         "diverges": "the estimates diverge",
         "unknown": "whether the estimates converge is not known",
     }[links.status]
-    return f"{number}{status} ({links.source})"
+    how = "" if links.proven else ", by simulation"
+    if links.source == "statement L4" and links.loss:
+        refuted = links.loss.mean_square.status == "refuted"
+        how += ", and in mean square they diverge" * (refuted and links.status != "diverges")
+    return f"{number}{status}{how} ({links.source})"
 
 
 def noise_sentence(noise: "NoiseAnalysis") -> str:
@@ -94,7 +102,6 @@ def _margin(margin: "DelayMargin") -> str:
 
 
 def _losses(loss: "LossAnalysis") -> str:
-    simulated = loss.almost_sure.simulated
     if loss.critical is None:
         critical = "they diverge without losses too"
     elif loss.critical == 1:
@@ -103,6 +110,6 @@ def _losses(loss: "LossAnalysis") -> str:
         critical = f"in mean square they converge below a loss of {loss.critical:.4g}"
     return (
         f"mean-square radius {_interval(loss.mean_square)} (statement L1); almost surely "
-        f"{multiple(simulated.lower)} to {multiple(simulated.upper)}, by simulation, and at most "
-        f"{multiple(loss.almost_sure.upper)}, proven (statement L4); {critical}"
+        f"{multiple(loss.almost_sure.lower)} to {multiple(loss.almost_sure.upper)} (statement L4); "
+        f"{critical}"
     )

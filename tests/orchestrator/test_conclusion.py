@@ -43,7 +43,7 @@ def test_the_status_is_that_of_the_links_and_has_its_source(base, changes, statu
 
 
 def test_what_converges_almost_surely_alone_is_not_called_proven():
-    """dcea2 at h = 0.4 with a loss of a half: 1.075 in mean square, 0.9926 almost surely."""
+    """dcea2 at h = 0.4 with a loss of a half: 1.0740 in mean square, 0.9885 almost surely."""
     losses = {"faults": {"links": [{"loss": 0.5}]}, "algorithm.missing": "drop"}
     found = concluded("paper_example_3b", {**AT_04, **losses})
     assert (found.status, found.proven) == ("converges almost surely", False)

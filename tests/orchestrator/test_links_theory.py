@@ -19,6 +19,7 @@ LATE = {"faults.links": [{"delay": 1}, {"from": 0, "delay": 3}, {"from": 2, "del
 SLOW = {"run.sampling_period": 0.4, "run.output_step": 0.4, "run.duration": 20.0}
 TWO = {"network": {"adjacency": [[0, 1], [1, 0]], "pinning": [1, 0]}}
 DRAWN = {"faults.links": [{"delay": {"uniform": [0, 1]}}]}
+LATER = {"faults.links": [{"delay": {"uniform": [1, 2]}}]}
 HALF = {"faults.links": [{"loss": 0.5}]}
 TRIGGERED = {
     "algorithm": {"name": "event_triggered", "alpha": 0.9, "beta": 0.9, "c0": 0.1, "d0": 0.1}
@@ -40,14 +41,24 @@ DROP = {"algorithm.missing": "drop"}
         ([SECOND_ORDER, SLOW, HALF, DROP], "converges almost surely", "statement L4"),
         ([HALF, DROP, {"algorithm.alpha": 2.5}], "diverges", "statement L4"),
         ([DRAWN, {"faults.links.0.loss": 0.5}], "converges in mean square", "statement L3"),
+        ([SECOND_ORDER, DRAWN], "converges almost surely", "statement L4"),
+        ([SECOND_ORDER, DRAWN, DROP], "converges almost surely", "statement L4"),
+        (
+            [SECOND_ORDER, DRAWN, {"faults.links.0.loss": 0.1}],
+            "converges almost surely",
+            "statement L4",
+        ),
+        ([SECOND_ORDER, SLOW, LATER, {"algorithm.alpha": 3.0}], "diverges", "statement L4"),
         ([SECOND_ORDER, {"faults.links": [{"outages": [[3, 5]]}]}], "converges", "statement D1"),
     ],
 )
 def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, source):
     checked = check(paper(*changes))
     assert (checked.links.status, checked.links.source) == (status, source)
-    decided = {"converges almost surely": "unknown", "converges in mean square": "converges"}
-    assert checked.convergence == decided.get(status, status)
+    decided = {"converges in mean square": "converges"}
+    proven = decided.get(status, status) if checked.links.proven else "unknown"
+    assert checked.convergence == proven
+    assert checked.links.proven == (source != "statement L4" or "2.5" in str(changes))
     assert source in convergence_rows(checked)["rho"]
     found = json.loads(json.dumps(checked.as_json()["links"], allow_nan=False))
     assert (found["loss"] is not None) == ("loss" in str(changes) and "uniform" not in str(changes))
@@ -56,10 +67,6 @@ def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, s
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ([SECOND_ORDER, DRAWN], "nothing is proven"),
-        ([SECOND_ORDER, DRAWN, DROP], "nothing is proven"),
-        ([SECOND_ORDER, DRAWN, {"faults.links.0.loss": 0.1}], "losses and delays together"),
-        ([SECOND_ORDER, SLOW, TWO, DRAWN], "may diverge"),
         ([{"faults.links": [{"loss": 1.0, "to": 6}]}], "a link loses every sample"),
         ([{"faults.robots": [{"id": 2, "outages": [[3, 500]]}]}], "lasts to the end of the run"),
         ([HALF, TRIGGERED], "robots decide when they send"),
