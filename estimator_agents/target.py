@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from nrs_cosim.bus.fields import Fields
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.summation import summed
-from nrs_cosim.estimator_agents.waves import supremum
+from nrs_cosim.estimator_agents.waves import norm_supremum, supremum
 
 
 class Target(Protocol):
@@ -28,6 +28,9 @@ class Target(Protocol):
 
     def bounds(self) -> tuple[float, float]:
         """Return γ1 ≥ sup ‖υ_0‖∞ and γ2 ≥ sup ‖a_0‖∞ (A1)."""
+
+    def norm_bounds(self) -> tuple[float, float]:
+        """Return bounds on sup ‖υ_0‖₂ and sup ‖a_0‖₂."""
 
 
 def sample_of(target: Target, fields: Fields, seconds: ArrayLike) -> dict[str, ArrayLike]:
@@ -87,6 +90,13 @@ class Harmonic:
             found.append((supremum(rate, own, speed), supremum(0.0, own, acceleration)))
         gamma_1, gamma_2 = np.max(found, axis=0).tolist()
         return gamma_1, gamma_2
+
+    def norm_bounds(self) -> tuple[float, float]:
+        """Return bounds on sup ‖υ_0‖₂ and sup ‖a_0‖₂ over all times."""
+        omega, waves = self.phasors()
+        turned = omega[:, None]
+        speed = norm_supremum(self.rate, omega, 1j * turned * waves)
+        return speed, norm_supremum(0 * self.rate, omega, -turned * turned * waves)
 
     def phasors(self) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return ω ≥ 0, (w,), all different, and Â, (w, m), where ε_0 sways by Σ Im Â e^{jωt}."""
@@ -155,6 +165,12 @@ class Sampled:
         speeds = c, (3 * a * length + 2 * b) * length + c, turned
         accelerations = 2 * b, 6 * a * length + 2 * b
         return _largest(speeds), _largest(accelerations)
+
+    def norm_bounds(self) -> tuple[float, float]:
+        """Return √m times the suprema of any axis, as if all axes had theirs at once."""
+        root = float(np.sqrt(self.spline.c.shape[2]))
+        gamma_1, gamma_2 = self.bounds()
+        return root * gamma_1, root * gamma_2
 
 
 def _largest(parts: Iterable[NDArray[np.float64]]) -> float:

@@ -27,6 +27,8 @@ NEAR = 1e-13
 """Relative: how near to the supremum the search comes."""
 TINY = 1e-290
 """Sizes below are not divided by: the quotients may overflow."""
+MOST_SQUARED = 8
+"""Frequencies of which all sums and differences are looked at."""
 MOST_CELLS = 100_000
 """Cells that a round may have; where there are more, what is known by then is the answer."""
 
@@ -47,6 +49,28 @@ def supremum(constant: float, omega: Array, z: Complex) -> float:
     up, down = (sum(_highest(n, sign * z[of]) for of, n in groups) for sign in (1, -1))
     found = max(up + constant, down - constant)
     return simple if found >= simple * (1 - NEAR) else found
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def norm_supremum(constant: Array, omega: Array, z: Complex) -> float:
+    """Return sup ‖c + Σ Im z_j e^{jω_j t}‖₂ at most, for c, (m,), ω ≥ 0, (w,), and z, (w, m).
+
+    Its square is such a sum of the sums and differences of frequencies; of too many, and where it
+    is less, the norm of the axes' own suprema is returned.
+    """
+    each = zip(constant.tolist(), z.T, strict=True)
+    simple = float(np.linalg.norm([supremum(c, omega, own) for c, own in each]))
+    if len(omega) > MOST_SQUARED or not np.isfinite(simple):
+        return simple
+    frequency = np.concatenate([[0.0], omega, -omega])
+    weight = np.concatenate([constant[None], z / 2j, -z.conj() / 2j])
+    squares = (weight @ weight.T).ravel()
+    sums, place = np.unique((frequency[:, None] + frequency).ravel(), return_inverse=True)
+    total = np.zeros(len(sums), complex)
+    np.add.at(total, place, squares)
+    up = sums > 0
+    most = supremum(float(total[sums == 0].real.sum()), sums[up], 2j * total[up])
+    return min(simple, float(np.sqrt(most)))
 
 
 def _groups(omega: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:

@@ -1,13 +1,13 @@
 """Gains and a period that give a wanted accuracy: as it is proven, and as the paper states it.
 
-For some 0 < ϵ < 1, the share of the push ϱ3 that stays when the estimates are exact, ϱ3 = μ1/ϵ.
+Proven (statement G5): multiples of I for which the balls of `tracking_bounds`, were the estimates
+exact, are within a share of what is wanted, and the largest h for which they are within all of it
+with the estimates' own worst cases. The balls vanish as both gains grow, so that there always are
+such gains. Of those that just suffice, for several rates kp/kd, the ones with the least
+kp δ + kd δ' are taken: the torque at the wanted errors.
 
-Proven: gains for which the balls of `tracking.proven` under that push are within what is wanted,
-and the largest h for which they are so with the estimates' own bounds at all times. The balls
-vanish with 1/Kp and 1/Kd, so that there always are such gains. Of those that just suffice, at
-several ratios, the ones with the least Kp δ + Kd δ' are taken: the torque at the wanted errors.
-
-The paper's (6.1) and (6.2), which rest on balls that its proof does not yield:
+The paper's (6.1) and (6.2), which rest on balls that its proof does not yield, with ϵ for the share
+of the push ϱ3 that stays when the estimates are exact, ϱ3 = μ1/ϵ:
 
     λ_min(Kp) ≥ max(2 λ_M, μ1/(ϵ δ) + ϱ1),   λ_min(Kd) ≥ μ1/(ϵ δ') + ϱ2,
     h [κ1 λ_max(Kp) + min(κ1, κ2) λ_max(Kd)] ≤ μ1 (1 − ϵ)/(ϵ √m),
@@ -18,26 +18,31 @@ that is not, and the inequality is checked with the very κ of the h that is ret
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import sqrt
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, proven, proven_under
+from nrs_cosim.estimator_agents.theory.tracking import Constants, worst_tracking
+from nrs_cosim.estimator_agents.theory.tracking_bounds import Filtered, Loop, tracking_ball
 
 SHORTEST, LONGEST, HALVINGS = 1e-9, 1e3, 24
 """s, s; and how often the logarithm of h is halved between them."""
 MARGIN = 1e-9
 """By which the gains are above their least, for Theorems 2 and 3 want them greater."""
-RATIOS = np.geomspace(1e-4, 1e4, 33)
-"""Of the factors by which Kp and Kd are above the least that the theorems want."""
-LARGEST = 1e12
-"""The factor beyond which no gains are looked for."""
+RATES = np.geomspace(1e-3, 1e3, 25)
+"""kp/kd, per s."""
+LEAST, LARGEST, CLOSE = 1e-3, 1e12, 1e-3
+"""Between which kd is looked for, N m s; and how near to the least that suffices, relative."""
+EXACT = EstimateBounds(0.0, 0.0)
 
 BoundOf = Callable[[float], EstimateBounds | None]
 """Returns bounds on the estimates for a period in s; None where they are not known."""
+KnownOf = Callable[[float], tuple[EstimateBounds, Filtered] | None]
+"""Returns bounds at all times and what loops make of the estimates, for a period in s."""
+Known = TypeVar("Known")
 Status = Literal["found", "no bounds", "no period is short enough", "not computed"]
 
 
@@ -85,68 +90,57 @@ class Design:
 
 
 def design(
-    robots: Sequence[Constants],
+    robots: Sequence[tuple[Constants, Loop]],
     wanted: EstimateBounds,
     epsilon: float,
     paper: BoundOf,
-    always: BoundOf,
+    known: KnownOf,
 ) -> Design:
     """Return gains and the largest period for balls of e (rad) and of ė (rad/s).
 
-    `paper` has δ1 and δ2 of Theorems 1 and 3; `always` bounds that hold at all times.
+    `paper` has δ1 and δ2 of Theorems 1 and 3; `known` what holds at all times.
     """
+    of_paper = [constants for constants, _ in robots]
     kp = max(
-        max(2 * of.lambda_M, of.mu_1 / (epsilon * wanted.position) + of.rho_1) for of in robots
+        max(2 * of.lambda_M, of.mu_1 / (epsilon * wanted.position) + of.rho_1) for of in of_paper
     )
-    kd = max(of.mu_1 / (epsilon * wanted.velocity) + of.rho_2 for of in robots)
+    kd = max(of.mu_1 / (epsilon * wanted.velocity) + of.rho_2 for of in of_paper)
     kp, kd = kp * (1 + MARGIN), kd * (1 + MARGIN)
-    room = min(of.mu_1 * (1 - epsilon) / (epsilon * sqrt(of.m)) for of in robots)
+    room = min(of.mu_1 * (1 - epsilon) / (epsilon * sqrt(of.m)) for of in of_paper)
     stated = Gains(kp, kd, *_longest(paper, lambda b: kp * b.position + kd * b.velocity <= room))
-    return Design(epsilon, _proven(robots, wanted, epsilon, always), stated)
+    loops = [loop for _, loop in robots]
+    return Design(epsilon, _proven(loops, wanted, epsilon, known), stated)
 
 
 def _proven(
-    robots: Sequence[Constants], wanted: EstimateBounds, epsilon: float, always: BoundOf
+    loops: Sequence[Loop], wanted: EstimateBounds, share: float, known: KnownOf
 ) -> Gains | None:
-    of = _worst(robots)
-    base = max(2 * of.lambda_M, of.rho_1) * (1 + MARGIN), of.rho_2 * (1 + MARGIN)
+    own = EstimateBounds(share * wanted.position, share * wanted.velocity)
 
-    def drive(ratio: float, factor: float) -> Drive:
-        kp, kd = (own + own * factor * part for own, part in zip(base, (1, ratio), strict=True))
-        return Drive(kp, kp, kd, kd)
+    def ball(kp: float, kd: float, at: EstimateBounds, made: Filtered) -> EstimateBounds | None:
+        unit = np.eye(loops[0].m)
+        gained = [replace(loop, kp=kp * unit, kd=kd * unit) for loop in loops]
+        return worst_tracking([tracking_ball(loop, at, made) for loop in gained])
 
-    def enough(driven: Drive) -> bool:
-        return _within(proven_under(of, driven, of.mu_1 / epsilon), wanted)
+    def least(rate: float) -> float | None:
+        """Return the least kd that suffices: the larger both gains, the smaller is the ball."""
+        low, high = LEAST, LEAST
+        while not _within(ball(rate * high, high, EXACT, lambda _: EXACT), own):
+            low, high = high, 4 * high
+            if high > LARGEST:
+                return None
+        while high > low * (1 + CLOSE):
+            middle = sqrt(low * high)
+            enough = _within(ball(rate * middle, middle, EXACT, lambda _: EXACT), own)
+            low, high = (low, middle) if enough else (middle, high)
+        return high
 
-    found = []
-    for ratio in RATIOS.tolist():
-        high = 1.0
-        while not enough(drive(ratio, high)) and high < LARGEST:
-            high *= 4
-        if high >= LARGEST:
-            continue
-        low = 0.0
-        for _ in range(40):
-            middle = (low + high) / 2
-            low, high = (low, middle) if enough(drive(ratio, middle)) else (middle, high)
-        found.append(drive(ratio, high))
+    pairs = [(rate, least(rate)) for rate in RATES.tolist()]
+    found = [(rate * kd, kd) for rate, kd in pairs if kd is not None]
     if not found:
         return None
-    best = min(found, key=lambda d: d.kp_max * wanted.position + d.kd_max * wanted.velocity)
-
-    def kept(bound: EstimateBounds) -> bool:
-        return _within(proven(of, best, bound), wanted)
-
-    return Gains(best.kp_min, best.kd_min, *_longest(always, kept))
-
-
-def _worst(robots: Sequence[Constants]) -> Constants:
-    """Return constants that are no better than any robot's: their balls are no smaller."""
-    least = min(of.lambda_m for of in robots)
-    names = ("lambda_M", "mu_1", "mu_2", "rho_1", "rho_2")
-    return Constants(
-        robots[0].m, least, *(max(getattr(of, name) for of in robots) for name in names)
-    )
+    kp, kd = min(found, key=lambda pair: pair[0] * wanted.position + pair[1] * wanted.velocity)
+    return Gains(kp, kd, *_longest(known, lambda one: _within(ball(kp, kd, *one), wanted)))
 
 
 def _within(ball: EstimateBounds | None, wanted: EstimateBounds) -> bool:
@@ -156,7 +150,7 @@ def _within(ball: EstimateBounds | None, wanted: EstimateBounds) -> bool:
 
 
 def _longest(
-    bound_of: BoundOf, kept: Callable[[EstimateBounds], bool]
+    bound_of: Callable[[float], Known | None], kept: Callable[[Known], bool]
 ) -> tuple[float | None, float | None]:
     """Return the longest period for whose bounds it is kept, and the shortest that has bounds.
 

@@ -24,7 +24,7 @@ from nrs_cosim.estimator_agents.theory.norms import SmallValueNorm, small_value_
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.slow_modes import Moduli, slow_modes, slow_sums
 from nrs_cosim.estimator_agents.theory.solving import solve
-from nrs_cosim.estimator_agents.theory.worst_case import LEFT, attained
+from nrs_cosim.estimator_agents.theory.worst_case import LEFT, ErrorRecursion, attained
 
 Array = NDArray[np.float64]
 Reals = NDArray[np.floating[Any]]
@@ -131,7 +131,7 @@ def _attained(
     periods = 4 * _periods_of_work(recursion.matrix)
     if radius > 0 and log(LEFT) / log(radius) > periods:
         return largest(most)
-    found, _ = attained(recursion, seen, most, (gamma_1, gamma_2), held, periods)
+    found, _ = attained(ErrorRecursion.of(recursion), seen, most, (gamma_1, gamma_2), held, periods)
     return EstimateBounds(*found.tolist())
 
 

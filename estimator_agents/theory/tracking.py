@@ -7,12 +7,12 @@ With e = q − ε_0 and μ3 = λ_max(Kp) ‖ε̄‖₂ + λ_max(Kd) ‖ῡ‖₂
 
 with ϱ3 = μ1 + μ3. docs/theory.md derives the constants, and shows two steps of the proof that do
 not follow: (1.8) holds with ‖e‖₂/√m in its last bracket, and of it alone the paper's balls δ do not
-follow. So beside them stands the ball `proven`, which needs neither.
+follow. What is proven is in `tracking_bounds.py`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, sqrt, tanh
+from math import inf, sqrt
 from typing import Protocol
 
 import numpy as np
@@ -121,53 +121,6 @@ def balls(of: Constants, drive: Drive, estimates: EstimateBounds) -> EstimateBou
         return None
     rho_3 = push(of, drive, estimates)
     return EstimateBounds(rho_3 / (drive.kp_min - of.rho_1), rho_3 / (drive.kd_min - of.rho_2))
-
-
-def proven(of: Constants, drive: Drive, estimates: EstimateBounds) -> EstimateBounds | None:
-    """Return radii of balls into which e and ė come by (1.8) alone, with √m where it belongs.
-
-    None where λ_m is not known, the conditions on the gains do not hold, or numbers overflow.
-    """
-    return proven_under(of, drive, push(of, drive, estimates))
-
-
-def proven_under(of: Constants, drive: Drive, rho_3: float) -> EstimateBounds | None:
-    """Return the same under a push ϱ3, N m.
-
-    V̇ < 0 outside ‖e‖₂ ≤ X, ‖ė‖₂ ≤ Y; V is at most W inside, and what V ≤ W holds is the answer.
-    """
-    if not all(c.holds for c in of.conditions(drive)) or of.lambda_m <= 0:
-        return None
-    a, b = drive.kd_min - of.rho_2, (drive.kp_min - of.rho_1) / sqrt(of.m)
-    square = rho_3 * rho_3  # a product that is too large is infinite, and a power an error
-    Y = (rho_3 + sqrt(square + 4 * a * square / (4 * b))) / (2 * a)
-    if not isfinite(Y) or not isfinite(square / (4 * a)):
-        return None
-    X = _outside(b, rho_3, square / (4 * a))
-    z = min(X, sqrt(of.m))
-    W = of.lambda_M * (Y * Y / 2 + Y * z) + drive.kp_max * (X * X) / 2
-    W += drive.kd_max * min(X * X / 2, sqrt(of.m) * X)
-    if not isfinite(W):
-        return None
-    return EstimateBounds(sqrt(2 * W / (drive.kp_min - 2 * of.lambda_M)), 2 * sqrt(W / of.lambda_m))
-
-
-def _outside(b: float, rho_3: float, gained: float) -> float:
-    """Return X beyond which (b X − ϱ3) ‖tanh e‖₂ > gained, of ‖tanh e‖₂ ≥ tanh X for ‖e‖₂ = X.
-
-    The larger X, the more: twice as much is tried until it is enough, and then between.
-    """
-
-    def enough(X: float) -> bool:
-        return (b * X - rho_3) * tanh(X) > gained
-
-    low, high = rho_3 / b, 2 * rho_3 / b + 1
-    while not enough(high) and high < inf:
-        low, high = high, 2 * high
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high
 
 
 def worst_tracking(found: Sequence[EstimateBounds | None]) -> EstimateBounds | None:

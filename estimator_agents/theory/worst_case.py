@@ -12,9 +12,9 @@ and piecewise linear, and its slopes are kept as masses that lie between −γ1 
 leaves out is seen in the difference of bound and target, and the grid is refined.
 """
 
-from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -79,18 +79,38 @@ def _sizes(N: Array) -> Array:
     return np.where(size > 0, size, 1.0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorRecursion:
+    """x(t_{k+1}) = A x(t_k) + B Δ(k), of whatever depends on one target."""
+
+    h: float
+    """s"""
+    A: Matrix
+    """(p, p)"""
+    B: Array
+    """(p, 2): what a target's Δ adds to x."""
+    drag: Array
+    """(2,)"""
+
+    @classmethod
+    def of(cls, recursion: Recursion) -> "ErrorRecursion":
+        """Return that of the estimates, where every robot's error has the same added."""
+        B: Array = np.kron(np.eye(2), np.ones((recursion.n, 1))).astype(np.float64)
+        return cls(recursion.h, recursion.matrix, B, recursion.drag[:, 1])
+
+
 def responses(
-    recursion: Recursion, seen: Array, held: float, most_periods: int
+    error: ErrorRecursion, seen: Array, held: float, most_periods: int
 ) -> list[Response] | None:
-    """Return the responses of `seen` x, (q, 2 n); None where the past lasts more than so long."""
-    A, n = recursion.matrix, recursion.n
-    block, power = np.kron(np.eye(2), np.ones((n, 1)))[:, :, None], A
+    """Return the responses of `seen` x, (q, p); None where the past lasts more than so long."""
+    A, block = error.A, error.B[:, :, None]
+    power = A
     if A.shape[0] <= DENSE:
         power = as_array(A)
         while block.shape[2] < BLOCK:
             block = np.concatenate([block, np.tensordot(power, block, axes=1)], axis=2)
             power = power @ power
-    flat = block.reshape(2 * n, -1)
+    flat = block.reshape(len(block), -1)
     found: list[Array] = []
     most, rows = np.zeros(len(seen)), seen
     while len(found) * block.shape[2] < most_periods:
@@ -100,9 +120,45 @@ def responses(
         most = np.maximum(most, size)
         if np.all(size <= LEFT * most):
             whole = np.concatenate(found, axis=2)
-            return [Response(recursion.h, p, r, recursion.drag[:, 1], held) for p, r in whole]
+            return [Response(error.h, p, r, error.drag, held) for p, r in whole]
         rows = rows @ power
     return None
+
+
+def largest_of(
+    error: ErrorRecursion, seen: Array, held: float, gammas: tuple[float, float], periods: int
+) -> float | None:
+    """Return the worst case of the largest of `seen` x, (q, p); None where it is not computed."""
+    found = responses(error, seen, held, periods)
+    if found is None:
+        return None
+    simple = np.array([_without_turns(response, *gammas) for response in found])
+    best = 0.0
+    for i in np.argsort(-simple).tolist():
+        if simple[i] <= best * (1 + NEAR):
+            return max(best, float(simple[i]))
+        best = max(best, min(float(simple[i]), _bound_of(found[i], *gammas, best)))
+    return best
+
+
+def _without_turns(response: Response, gamma_1: float, gamma_2: float) -> float:
+    """Return the bound of u = 0: γ1 |S| + γ2 ∫ |N|."""
+    widths, begin, end, S = response.pieces(np.inf)
+    return gamma_1 * abs(S) + gamma_2 * float(modulus(begin, end, widths).sum())
+
+
+def _bound_of(response: Response, gamma_1: float, gamma_2: float, least: float) -> float:
+    """Return the worst case, or less than `least`; u = 0 where γ1 does not bind, nor drag."""
+    widths, begin, end, S = response.pieces(np.inf)
+    if not S:
+        sizes = np.abs(begin) + np.abs(end)
+        sizes[sizes == 0] = 1.0
+        before = np.cumsum(gamma_2 * widths * (begin + end) / sizes)
+        crossed = before - gamma_2 * widths * end / sizes
+        speeds = np.concatenate([[0.0], before, crossed[begin * end < 0]])
+        if np.ptp(speeds) <= 2 * gamma_1:
+            return gamma_2 * float(modulus(begin, end, widths).sum())
+    return worst_case_of(response, gamma_1, gamma_2, least).bound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,26 +220,22 @@ def _variation(begin: Array, end: Array, S: float) -> float:
 
 def _least(N: Sequence[float], w: Sequence[float], gamma_1: float, S: float) -> list[float]:
     """Return u, the minimum of γ1 (|u_1| + Σ |u_{c+1} − u_c| + |S − u_last|) + Σ w |u − N|."""
-    at, mass = [0.0], [2 * gamma_1]
-    low, high = [], []
+    mass = [2 * gamma_1]
+    least_first, most_first = [(0.0, 0)], [(0.0, 0)]
+    low: list[float] = []
+    high: list[float] = []
     for place, weight in zip(N, w, strict=True):
-        i = bisect(at, place)
-        at.insert(i, place)
-        mass.insert(i, 2 * weight)
-        taken, gone = weight, 0
-        while gone < len(at) - 1 and mass[gone] <= taken:
-            taken -= mass[gone]
-            gone += 1
-        mass[gone] -= taken
-        if gone:
-            del at[:gone], mass[:gone]
-        taken = weight
-        while len(at) > 1 and mass[-1] <= taken:
-            taken -= mass.pop()
-            at.pop()
-        mass[-1] -= taken
-        low.append(at[0])
-        high.append(at[-1])
+        mass.append(2 * weight)
+        heappush(least_first, (place, len(low) + 1))
+        heappush(most_first, (-place, len(low) + 1))
+        for heap in (least_first, most_first):
+            taken = weight
+            while len(heap) > 1 and mass[heap[0][1]] <= taken:  # also what the other end has taken
+                at = heappop(heap)[1]
+                taken, mass[at] = taken - mass[at], 0.0
+            mass[heap[0][1]] -= taken
+        low.append(least_first[0][0])
+        high.append(-most_first[0][0])
     found, u = [], S
     for least, most in zip(reversed(low), reversed(high), strict=True):
         u = min(max(u, least), most)
@@ -222,7 +274,7 @@ def worst_motion(worst: WorstCase, gamma_1: float, gamma_2: float) -> tuple[Arra
 
 
 def attained(
-    recursion: Recursion,
+    error: ErrorRecursion,
     seen: Matrix,
     most: Array,
     gammas: tuple[float, float],
@@ -244,7 +296,7 @@ def attained(
         while begin < len(order):
             rows = order[begin : begin + count]
             rows = rows[most[rows] > best * (1 + NEAR)]
-            some = len(rows) and responses(recursion, as_array(seen[rows]), own, periods)
+            some = len(rows) and responses(error, as_array(seen[rows]), own, periods)
             if not some:
                 if most[order[begin]] > best * (1 + NEAR):
                     place = -1
@@ -252,7 +304,7 @@ def attained(
                 break
             periods -= len(some[0].p)
             for row, response in zip(rows, some, strict=True):
-                bound = min(float(most[row]), worst_case_of(response, *gammas, best).bound)
+                bound = min(float(most[row]), _bound_of(response, *gammas, best))
                 best, place = max((best, place), (bound, int(row)))
             begin, count = begin + count, min(4 * count, TOGETHER)
         found.append(best)

@@ -17,6 +17,7 @@ from nrs_cosim.estimator_agents.theory.estimates import worst
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.estimator_agents.theory.worst_case import (
+    ErrorRecursion,
     attained,
     responses,
     worst_case_of,
@@ -68,14 +69,18 @@ def worst_targets(
     most = worst(recursion, gamma_1, gamma_2, radius, unit, recursion.h)
     if most is None:
         return None, None
-    _, rows = attained(recursion, unit, most, (gamma_1, gamma_2), np.zeros(2), PERIODS)
+    _, rows = attained(
+        ErrorRecursion.of(recursion), unit, most, (gamma_1, gamma_2), np.zeros(2), PERIODS
+    )
     beginning = ticks_until(recursion, FORGOTTEN)
     if beginning is None:
         beginning = ceil(log(FORGOTTEN) / log(radius)) if radius > 0 else 1
     found: list[WorstTarget | None] = []
     robots = recursion.n // recursion.copies
     for row in rows:
-        response = row >= 0 and responses(recursion, as_array(unit[[row]]), 0.0, PERIODS)
+        response = row >= 0 and responses(
+            ErrorRecursion.of(recursion), as_array(unit[[row]]), 0.0, PERIODS
+        )
         if not response:
             found.append(None)
             continue

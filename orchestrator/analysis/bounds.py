@@ -1,14 +1,14 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
 from nrs_cosim.estimator_agents.target import Harmonic, Target
-from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
+from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
     worst_case_of_list,
@@ -27,7 +27,6 @@ from nrs_cosim.estimator_agents.theory.received_errors import periods_between, r
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.estimator_agents.theory.target_response import worst_of_step
-from nrs_cosim.estimator_agents.theory.tracking import balls, proven, worst_tracking
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
     lasting,
@@ -45,26 +44,11 @@ from nrs_cosim.orchestrator.analysis.noise import (
     rounds,
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
+from nrs_cosim.orchestrator.analysis.tracking import Tracking, tracking_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
 
-if TYPE_CHECKING:
-    from nrs_cosim.estimator_agents.theory.design import Design
-
-
 _UNKNOWN_ERRORS = "what errors of received samples add is not computed of such networks or times"
-
-
-@dataclass(frozen=True, slots=True)
-class Tracking:
-    """Bounds on lim ‖e_i‖₂ and lim ‖ė_i‖₂ over all robots; None where there is none."""
-
-    paper: EstimateBounds | None
-    """δ3 and δ4, or δ5 and δ6, of the paper's bounds on the estimates."""
-    paper_of_worst_case: EstimateBounds | None
-    """The same of worst-case bounds on the estimates."""
-    worst_case: EstimateBounds | None
-    """What the proof holds of worst-case bounds, as the paper's step from V̇ does not follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,16 +234,9 @@ def ultimate_bounds(
             paper = None if topologies.switching else paper_bound(recursion, *whole)
         elif worst is not None:
             worst = worst.plus(added)
-    tracking = Tracking(
-        *(
-            worst_tracking([_ball(way, part, estimates) for part in robots])
-            for way, estimates in (
-                (balls, paper.bound if paper else None),
-                (balls, always),
-                (proven, always),
-            )
-        )
-    )
+    constant = recursion if periods.constant_period is not None else None
+    of_paper = paper.bound if paper else None
+    tracking = tracking_of(robots, target, constant, always, of_paper)
     source = _source(experiment.scenario.target)
     return UltimateBounds(
         *whole,
@@ -306,52 +283,12 @@ def _added(
     return added, periods_between(algorithm, recursion, *experiment.target.bounds(), radius)
 
 
-@np.errstate(all="ignore")
-def designed(
-    experiment: Experiment, wanted: EstimateBounds, epsilon: float, find: Find | None = None
-) -> "Design | None":
-    """Return gains and a period for a wanted accuracy; None without P3."""
-    from nrs_cosim.estimator_agents.theory.design import design  # noqa: PLC0415, for this alone
-
-    topologies, whole = experiment.topologies, experiment.target.bounds()
-    algorithm = experiment.algorithm
-    spectra = spectra_of(topologies)
-    parts = plant_bounds(experiment, find)
-    known = [part.constants for part in parts if part.constants]
-    if len(known) < len(parts):
-        return None
-
-    def recursion_at(h: float) -> Recursion | None:
-        return lasting(recursions_of(algorithm, topologies, h), topologies)
-
-    def paper_of(h: float) -> EstimateBounds | None:
-        recursion = None if topologies.switching else recursion_at(h)
-        found = paper_bound(recursion, *whole) if recursion else None
-        return found.bound if found else None
-
-    def always(h: float) -> EstimateBounds | None:
-        recursion = recursion_at(h)
-        radius = rho_of(algorithm, topologies, spectra, Periods((h,))).radius
-        if recursion is None or not radius < 1:
-            return None
-        return worst_case_always(recursion, *whole, radius, worst_case(recursion, *whole, radius))
-
-    return design(known, wanted, epsilon, paper_of, always)
-
-
 def _source(target: TargetMotion) -> str:
     if isinstance(target, SampledTarget):
         return f"of the spline through its {len(target.times)} samples"
     if isinstance(target, FmuMotion):
         return f"of the cubics through {len(target.times)} samples of {target.fmu}"
     return ""
-
-
-def _ball(way: Any, part: Bounded, estimates: EstimateBounds | None) -> EstimateBounds | None:
-    if part.constants is None or estimates is None:
-        return None
-    found: EstimateBounds | None = way(part.constants, part.drive, estimates)
-    return found
 
 
 def pair_json(pair: EstimateBounds | None) -> dict[str, float | None] | None:

@@ -17,7 +17,7 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, constants
 from nrs_cosim.estimator_agents.waves import supremum
-from nrs_cosim.orchestrator.scenario.conversion import gain, terms
+from nrs_cosim.orchestrator.scenario.conversion import Array, gain, terms
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Robot
@@ -35,12 +35,20 @@ class Bounded:
     robots: tuple[int, ...]
     plant: str
     drive: Drive
-    lambda_d: float
-    """‖τ_d‖₂ ≤ λ_d, N m; infinite for one that grows with time."""
+    kp: Array
+    """(m, m), as kd."""
+    kd: Array
+    disturbance: tuple[float, ...]
+    """(m,) N m, the most of each axis; infinite where one grows with time."""
     bounds: Bounds | None
     constants: Constants | None
     why: str
     """Why there are no constants; empty where there are."""
+
+    @property
+    def lambda_d(self) -> float:
+        """‖τ_d‖₂ ≤ λ_d, N m: as if all axes had theirs at once; infinite for one that grows."""
+        return sqrt(sum(size * size for size in self.disturbance))
 
     @property
     def sampled(self) -> bool:
@@ -90,7 +98,8 @@ def _bounded(
     own, m = experiment.of_robot(robots[0]), experiment.m
     plant = own.plant
     kp, kd = (gain(value, m) for value in (own.controller.kp, own.controller.kd))
-    lambda_d = _largest(own.disturbance.axes)
+    disturbance = _largest(own.disturbance.axes, m)
+    lambda_d = sqrt(sum(size * size for size in disturbance))
     p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), m)
     if p3 is None:
         unknown = f"the bounds of P3 are not known of {plant.fmu}; `nrs check` samples them"
@@ -102,7 +111,8 @@ def _bounded(
     found = None
     if p3 is not None and not why:
         found = constants(p3, m, lambda_d, *whole)
-    return Bounded(tuple(robots), plant.fmu, Drive.of(kp, kd), lambda_d, p3, found, why)
+    drive = Drive.of(kp, kd)
+    return Bounded(tuple(robots), plant.fmu, drive, kp, kd, disturbance, p3, found, why)
 
 
 def _parameters(plant: Plant) -> dict[str, Any]:
@@ -116,14 +126,13 @@ def _inapplicable(kp: np.ndarray, kd: np.ndarray, lambda_d: float) -> str:
     return "the disturbance grows with time" if lambda_d == inf else ""
 
 
-def _largest(axes: tuple[Axis, ...]) -> float:
-    """Return sup ‖τ_d‖₂, N m, at most: as if all axes had theirs at once."""
+def _largest(axes: tuple[Axis, ...], m: int) -> tuple[float, ...]:
+    """Return sup |τ_d| on each of m axes, N m."""
     if any(axis.rate for axis in axes):
-        return inf
+        return (inf,) * m
     if not axes:
-        return 0.0
+        return (0.0,) * m
     torque = Harmonic(*terms(axes))
     omega, waves = torque.phasors()
     each = zip(torque.offset.tolist(), waves.T, strict=True)
-    sizes = [supremum(offset, omega, wave) for offset, wave in each]
-    return sqrt(sum(size * size for size in sizes))
+    return tuple(supremum(offset, omega, wave) for offset, wave in each)

@@ -248,7 +248,8 @@ def check(
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-    from nrs_cosim.orchestrator.analysis.bounds import bounds, designed, ultimate_bounds
+    from nrs_cosim.orchestrator.analysis.accuracy import designed
+    from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
     from nrs_cosim.orchestrator.analysis.conclusion import theory_json
     from nrs_cosim.orchestrator.analysis.conditions import check as theory_of
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling

@@ -280,13 +280,17 @@ def unmet(checked: "Check", ultimate: "UltimateBounds") -> list[str]:
 
 def _mechanics(part: "Bounded") -> str:
     p3, of = part.bounds, part.constants
-    if p3 is None or of is None:
+    if p3 is None:
         return part.why
     source = p3.source if p3.states is None else f"{p3.source}, {p3.states} states"
     return (
         f"{part.plant}, {_robots(part.robots)}: lambda m {p3.lambda_m:.4g}, M {p3.lambda_M:.4g}, "
         f"c {p3.lambda_c:.4g}, g {p3.lambda_g:.4g}, d {part.lambda_d:.4g} ({source}); "
-        f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+        + (
+            f"mu {of.mu_1:.4g}, {of.mu_2:.4g}, rho {of.rho_1:.4g}, {of.rho_2:.4g}"
+            if of
+            else f"Theorems 2 and 3 say nothing: {part.why}"
+        )
     )
 
 

@@ -5,19 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from nrs_cosim.estimator_agents.theory.design import design
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.tracking import (
-    Constants,
     Drive,
     balls,
     constants,
-    proven,
     push,
     worst_tracking,
 )
+from nrs_cosim.estimator_agents.theory.tracking_bounds import Loop, tracking_ball
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
 from tests.plant_fmu.test_bounds import two_link
 
@@ -25,6 +23,7 @@ P3 = bounds_of("two_link_arm", {}, 2)
 LAMBDA_D, GAMMA_1, GAMMA_2 = 2 * np.sqrt(2), 3.0, 1.0
 OF = constants(P3, 2, LAMBDA_D, GAMMA_1, GAMMA_2)
 DRIVE = Drive.of(200 * np.eye(2), 300 * np.eye(2))
+LOOP = Loop(P3, np.eye(2), np.eye(2), (2.0, 2.0), (GAMMA_1, GAMMA_2), GAMMA_1 * 2**0.5, 2**0.5)
 
 
 def test_constants_of_the_example_agree_with_hand_calculation():
@@ -60,23 +59,24 @@ def test_theorem_2_gives_the_balls_and_gains_of_the_paper():
         weak = Drive.of(kp * np.eye(2), kd * np.eye(2))
         assert not all(c.holds for c in OF.conditions(weak))
         assert balls(OF, weak, EstimateBounds(0.1, 0.2)) is None
-        assert proven(OF, weak, EstimateBounds(0.1, 0.2)) is None
 
 
-def test_proven_balls_contain_the_states_of_nonnegative_derivative():
-    estimates = EstimateBounds(0.1674, 0.5156)
-    stated, holding = balls(OF, DRIVE, estimates), proven(OF, DRIVE, estimates)
-    assert holding.position > stated.position
-    assert holding.velocity > stated.velocity
-    assert worst_tracking([stated, holding]) == holding
-    assert worst_tracking([stated, None]) is None
+def test_the_worst_of_robots_is_the_largest_and_none_if_one_has_none():
+    pairs = [EstimateBounds(1.0, 4.0), EstimateBounds(2.0, 3.0)]
+    assert worst_tracking(pairs) == EstimateBounds(2.0, 4.0)
+    assert worst_tracking([*pairs, None]) is None
+
+
+def known(bound, made=None):
+    """Return estimates within a bound, and loops that make no more of them."""
+    return None if bound is None else (bound, lambda _: made or bound)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
 def test_a_designed_period_keeps_the_bound_and_a_tenth_more_does_not(share):
     """With bounds on the estimates that are h and 2 h, on both sides of the third of (6.1)."""
     wanted = EstimateBounds(0.7, 0.9)
-    found = design([OF], wanted, share, lambda h: EstimateBounds(h, 2 * h), lambda _: None)
+    found = design([(OF, LOOP)], wanted, share, lambda h: EstimateBounds(h, 2 * h), lambda _: None)
     paper = found.paper
     drive = Drive(paper.kp, paper.kp, paper.kd, paper.kd)
     kept = balls(OF, drive, EstimateBounds(paper.period, 2 * paper.period))
@@ -95,20 +95,26 @@ def test_a_designed_period_keeps_the_bound_and_a_tenth_more_does_not(share):
 )
 def test_no_period_is_called_short_enough_only_if_short_ones_have_bounds(known_from, status):
     """With bounds that stay as large at any period, and of short ones are known or not."""
+
+    def of(h, bound):
+        return bound if h >= known_from else None
+
     found = design(
-        [OF],
+        [(OF, LOOP)],
         EstimateBounds(0.7, 0.9),
         0.5,
-        *[lambda h: EstimateBounds(10, 10) if h >= known_from else None] * 2,
+        lambda h: of(h, EstimateBounds(10, 10)),
+        lambda h: known(of(h, EstimateBounds(10, 10))),
     )
     for gains in (found.paper, found.proven):
         assert (gains.period, gains.status) == (None, status)
         assert gains.bounds_from == pytest.approx((known_from and 1e-3) or 1e-9)
     near = design(
-        [OF],
+        [(OF, LOOP)],
         EstimateBounds(0.7, 0.9),
         0.5,
-        *[lambda h: EstimateBounds(h, h) if h >= 1e-6 else None] * 2,
+        lambda h: EstimateBounds(h, h) if h >= 1e-6 else None,
+        lambda h: known(EstimateBounds(h, h) if h >= 1e-6 else None),
     )
     assert near.paper.status == near.proven.status == "found"
 
@@ -118,11 +124,13 @@ def test_no_period_is_called_short_enough_only_if_short_ones_have_bounds(known_f
     "wanted", [EstimateBounds(0.7, 0.9), EstimateBounds(0.001, 100.0), EstimateBounds(5.0, 0.01)]
 )
 def test_a_design_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, share):
-    found = design([OF], wanted, share, lambda _: None, lambda h: EstimateBounds(h, 2 * h)).proven
-    drive = Drive(found.kp, found.kp, found.kd, found.kd)
+    found = design(
+        [(OF, LOOP)], wanted, share, lambda _: None, lambda h: known(EstimateBounds(h, 2 * h))
+    ).proven
 
     def keeps(h):
-        ball = proven(OF, drive, EstimateBounds(h, 2 * h))
+        loop = replace(LOOP, kp=found.kp * np.eye(2), kd=found.kd * np.eye(2))
+        ball = tracking_ball(loop, *known(EstimateBounds(h, 2 * h)))
         return ball.position <= wanted.position and ball.velocity <= wanted.velocity
 
     assert keeps(found.period)
@@ -130,14 +138,17 @@ def test_a_design_is_within_the_proven_balls_and_a_longer_period_is_not(wanted, 
 
 
 def test_a_design_for_different_robots_keeps_the_bound_of_each():
-    wanted, other = (
-        EstimateBounds(0.2, 0.9),
-        replace(OF, lambda_m=OF.lambda_m / 3, mu_1=OF.mu_1 / 2),
-    )
-    found = design([OF, other], wanted, 0.5, lambda _: None, lambda h: EstimateBounds(h, h)).proven
-    drive = Drive(found.kp, found.kp, found.kd, found.kd)
-    for robot in (OF, other):
-        ball = proven(robot, drive, EstimateBounds(found.period, found.period))
+    wanted, other = EstimateBounds(0.2, 0.9), replace(LOOP, lambda_d=(9.0, 0.0))
+    found = design(
+        [(OF, LOOP), (OF, other)],
+        wanted,
+        0.5,
+        lambda _: None,
+        lambda h: known(EstimateBounds(h, h)),
+    ).proven
+    for robot in (LOOP, other):
+        loop = replace(robot, kp=found.kp * np.eye(2), kd=found.kd * np.eye(2))
+        ball = tracking_ball(loop, *known(EstimateBounds(found.period, found.period)))
         assert ball.position <= wanted.position
         assert ball.velocity <= wanted.velocity
 
@@ -165,55 +176,6 @@ def test_friction_alone_reaches_the_limit_of_inequality_1_9():
     for _ in range(200):
         friction = np.linalg.qr(rng.normal(size=(3, 3)))[0] * 0.7
         assert np.linalg.norm(friction @ rng.uniform(-2, 2, 3)) <= of.mu_1
-
-
-# The ball that is proven, step by step
-
-
-def v_dot(of, drive, rho_3, x, y, s):
-    """Return what (1.8) says that V̇ is at most, of ‖e‖₂ = x, ‖ė‖₂ = y and ‖tanh e‖₂ = s."""
-    return (
-        -((drive.kd_min - of.rho_2) * y - rho_3) * y
-        - ((drive.kp_min - of.rho_1) * x / np.sqrt(of.m) - rho_3) * s
-    )
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_proven_balls_by_roots_agree_with_a_grid_search(seed):
-    rng = np.random.default_rng(seed)
-    m, lambda_m, lambda_M = 1 + seed % 4, *np.sort(rng.uniform(0.5, 4, 2))
-    mu_1, mu_2, rho_1, rho_2 = rng.uniform(0.5, 6, 4)
-    of = Constants(m, lambda_m, lambda_M, mu_1, mu_2, rho_1, rho_2)
-    least = max(2 * lambda_M, rho_1) + rng.uniform(0.5, 60)
-    drive = Drive(least, least * 1.3, rho_2 + rng.uniform(0.5, 60), rho_2 + 80)
-    estimates = EstimateBounds(*rng.uniform(0, 0.2, 2))
-    rho_3 = mu_1 + np.sqrt(m) * (
-        drive.kp_max * estimates.position + drive.kd_max * estimates.velocity
-    )
-    a, b = drive.kd_min - rho_2, (drive.kp_min - rho_1) / np.sqrt(m)
-    X = brentq(lambda x: (b * x - rho_3) * np.tanh(x) - rho_3**2 / (4 * a), rho_3 / b, 1e6)
-    Y = np.roots([a, -rho_3, -(rho_3**2) / (4 * b)]).max()
-    x, y = np.meshgrid(np.linspace(0, 2 * X, 400), np.linspace(0, 2 * Y, 400))
-    for s in (np.tanh(x), np.minimum(x, np.sqrt(m))):
-        rises = v_dot(of, drive, rho_3, x, y, s) >= 0
-        assert rises.any()
-        assert not (rises & ((x > X * (1 + 1e-9)) | (y > Y * (1 + 1e-9)))).any()
-    z = np.minimum(x, np.sqrt(m))
-    V = lambda_M * (y**2 / 2 + y * z) + drive.kp_max * x**2 / 2
-    V += drive.kd_max * np.minimum(x**2 / 2, np.sqrt(m) * x)
-    inside = (x <= X) & (y <= Y)
-    zX = min(X, np.sqrt(m))
-    W = lambda_M * (Y * Y / 2 + Y * zX) + drive.kp_max * X * X / 2
-    W += drive.kd_max * min(X * X / 2, np.sqrt(m) * X)
-    assert 0.9 * W < V[inside].max() <= W * (1 + 1e-9)
-    found = proven(of, drive, estimates)
-    assert found.position**2 * (drive.kp_min - 2 * lambda_M) / 2 == pytest.approx(W, rel=1e-9)
-    assert found.velocity**2 * lambda_m / 4 == pytest.approx(W, rel=1e-9)
-
-
-def test_without_known_masses_nothing_is_proven():
-    of = Constants(2, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    assert proven(of, Drive(9, 9, 9, 9), EstimateBounds(0.1, 0.1)) is None
 
 
 def test_the_eigenvalues_of_gains_are_those_of_their_symmetric_parts_and_of_their_norms():

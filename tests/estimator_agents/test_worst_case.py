@@ -18,7 +18,12 @@ from nrs_cosim.estimator_agents.theory.estimates import (
 )
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
-from nrs_cosim.estimator_agents.theory.worst_case import responses, worst_case_of, worst_motion
+from nrs_cosim.estimator_agents.theory.worst_case import (
+    ErrorRecursion,
+    responses,
+    worst_case_of,
+    worst_motion,
+)
 from nrs_cosim.estimator_agents.theory.worst_target import worst_targets
 from tests.bus.test_topology import PAPER
 
@@ -85,7 +90,7 @@ def test_no_target_of_a_linear_programme_is_beyond_the_worst_case_and_one_is_nea
         after = case % 2
         seen = recursion.jump if after else np.eye(2 * recursion.n)
         held = (recursion.keep - np.eye(2))[row // recursion.n, 1] * after
-        (response,) = responses(recursion, seen[[row]], held, 10_000)
+        (response,) = responses(ErrorRecursion.of(recursion), seen[[row]], held, 10_000)
         found = worst_case_of(response, gamma_1, gamma_2)
         most = programme(recursion, seen[row], held, gamma_1, gamma_2)
         assert most <= found.bound * (1 + 1e-6) + 1e-7
@@ -138,7 +143,7 @@ def test_a_response_of_one_sign_is_filled_to_the_level_of_its_longest_times():
     """W3: u = min(N, λ), of the λ above which N stays for 2 γ1/γ2."""
     gamma_1, gamma_2, h = 1.0, 1.0, 0.05
     recursion = recursion_of(FirstOrder(0.05, 0.05), ALONE, h)
-    (response,) = responses(recursion, np.array([[1.0, 0.0]]), 0.0, 10_000)
+    (response,) = responses(ErrorRecursion.of(recursion), np.array([[1.0, 0.0]]), 0.0, 10_000)
     widths, begin, end, _ = response.pieces(0.001)
     N = np.sort((begin + end) / 2)[::-1]
     order = np.argsort(-(begin + end) / 2)

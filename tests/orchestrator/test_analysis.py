@@ -9,7 +9,8 @@ import pytest
 from rich.console import Console
 
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, designed, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.accuracy import designed
+from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import (
     ComparedQuantity,
     TheoryComparison,

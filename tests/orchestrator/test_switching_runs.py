@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.matrices import as_array
-from nrs_cosim.orchestrator.analysis.bounds import designed, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.accuracy import designed
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.engine.run import past_of, run

@@ -1,0 +1,60 @@
+"""Gains and a period for which it is proven that robots stay near the target."""
+
+from functools import cache
+
+import numpy as np
+
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods
+from nrs_cosim.estimator_agents.theory.design import Design, design
+from nrs_cosim.estimator_agents.theory.estimates import (
+    EstimateBounds,
+    paper_bound,
+    worst_case_always,
+)
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.reference_filter import filtered
+from nrs_cosim.estimator_agents.theory.tracking_bounds import Filtered
+from nrs_cosim.orchestrator.analysis.convergence import (
+    lasting,
+    recursions_of,
+    rho_of,
+    spectra_of,
+)
+from nrs_cosim.orchestrator.analysis.plant_bounds import Find, plant_bounds
+from nrs_cosim.orchestrator.analysis.tracking import loop_of
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+
+@np.errstate(all="ignore")
+def designed(
+    experiment: Experiment, wanted: EstimateBounds, epsilon: float, find: Find | None = None
+) -> Design | None:
+    """Return gains and a period for a wanted accuracy; None without P3."""
+    topologies, whole = experiment.topologies, experiment.target.bounds()
+    algorithm = experiment.algorithm
+    spectra = spectra_of(topologies)
+    parts = plant_bounds(experiment, find)
+    pairs = [(part.constants, loop_of(part, experiment.target)) for part in parts]
+    robots = [(own, loop) for own, loop in pairs if own is not None and loop is not None]
+    if len(robots) < len(parts):
+        return None
+
+    def recursion_at(h: float) -> Recursion | None:
+        return lasting(recursions_of(algorithm, topologies, h), topologies)
+
+    def paper_of(h: float) -> EstimateBounds | None:
+        recursion = None if topologies.switching else recursion_at(h)
+        found = paper_bound(recursion, *whole) if recursion else None
+        return found.bound if found else None
+
+    def known(h: float) -> tuple[EstimateBounds, Filtered] | None:
+        recursion = recursion_at(h)
+        radius = rho_of(algorithm, topologies, spectra, Periods((h,))).radius
+        if recursion is None or not radius < 1:
+            return None
+        always = worst_case_always(recursion, *whole, radius)
+        if always is None:
+            return None
+        return always, cache(lambda rate: filtered(recursion, whole, always, rate))
+
+    return design(robots, wanted, epsilon, paper_of, known)
