@@ -22,7 +22,7 @@ from nrs_cosim.estimator_agents.theory.linear_step import NEAR
 
 Array = NDArray[np.float64]
 
-Heard = Sequence[tuple[int, Array]]
+Weights = Sequence[tuple[int, Array]]
 """By delay, the weights (n,) of all that is received, of the target too."""
 LEFT = 1e-13
 """The part of the sums at which they end."""
@@ -44,8 +44,8 @@ def worst_of_step(
     if radius >= 1 or not right:
         return None
     parts = late.parts()
-    heard = [(d, np.asarray(D.sum(axis=1)).ravel() + own) for d, D, own in parts]
-    slope = _given(late, heard, lambda d: np.array([-d * step.h, 1, 0]), np.array([step.h, 1, 0]))
+    weights = [(d, np.asarray(D.sum(axis=1)).ravel() + own) for d, D, own in parts]
+    slope = _given(late, weights, lambda d: np.array([-d * step.h, 1, 0]), np.array([step.h, 1, 0]))
     straight = np.zeros((2, n))
     if not np.allclose(slope, 0, atol=NEAR):
         straight = late.settled(1.0, slope, parts).real[:2]
@@ -54,7 +54,7 @@ def worst_of_step(
     recent, sums, given = [np.zeros_like(x)] * late.longest + [x], np.zeros((2, n)), x
     for k in range(int(WORK / x.size)):
         if k <= late.longest + 1:  # from then on it is the same
-            given = _of_all(late, heard, k)
+            given = _of_all(late, weights, k)
         x = late.advance(recent, parts) + given
         recent = [*recent[1:], x]
         early, end, pulse = np.moveaxis(x[:2], -1, 0)
@@ -66,14 +66,14 @@ def worst_of_step(
     return None
 
 
-def _of_all(late: LateStep, heard: Heard, k: int) -> Array:
+def _of_all(late: LateStep, weights: Weights, k: int) -> Array:
     """Return what is given at t_k by impulses at both ends of a period, and by a sample."""
     h = late.step.h
     return np.stack(
         [
-            _given(late, heard, lambda d: _moving(h, k - d, k, 0.0), _moving(h, k + 1, k, 0.0)),
-            _given(late, heard, lambda d: _moving(h, k - d, k, h), _moving(h, k + 1, k, h)),
-            _given(late, heard, lambda d: np.array([0, 0, k == d]), np.zeros(3)),
+            _given(late, weights, lambda d: _moving(h, k - d, k, 0.0), _moving(h, k + 1, k, 0.0)),
+            _given(late, weights, lambda d: _moving(h, k - d, k, h), _moving(h, k + 1, k, h)),
+            _given(late, weights, lambda d: np.array([0, 0, k == d]), np.zeros(3)),
         ],
         axis=-1,
     )
@@ -85,12 +85,12 @@ def _moving(h: float, at: int, seen: int, w: float) -> Array:
     return np.array([at * h - w - here, 1.0, 0.0]) if at >= 1 else np.array([-here, 0.0, 0.0])
 
 
-def _given(late: LateStep, heard: Heard, sampled: Callable[[int], Array], then: Array) -> Array:
+def _given(late: LateStep, weights: Weights, sampled: Callable[[int], Array], then: Array) -> Array:
     """Return what z(t_{k−d}), by d, and z(t_{k+1}) come to in the errors of a period, (s, n)."""
     step, E = late.step, late.step.truth
     found: Array = (step.own @ E @ sampled(0) - E @ then)[:, None] * np.ones(late.topology.n)
-    for d, weights in heard:
-        found = found + (step.received @ E @ sampled(d))[:, None] * weights
+    for d, by_robot in weights:
+        found = found + (step.received @ E @ sampled(d))[:, None] * by_robot
     return found
 
 

@@ -99,9 +99,9 @@ def test_of_agents_without_more_it_is_the_sharp_one_where_speed_does_not_matter(
     radius = np.abs(np.linalg.eigvals(recursion.matrix)).max()
     assume(radius < 0.9)
     late = LateStep(linear_step(law, h), topology, np.zeros(len(topology.source), np.int64))
-    found, sharp = worst_of_step(late, 1e9, 1.0, radius), worst_case(recursion, 1e9, 1.0, radius)
-    assert found.position == pytest.approx(sharp.position, rel=1e-6)
-    assert found.velocity == pytest.approx(sharp.velocity, rel=1e-6)
+    found, attained = worst_of_step(late, 1e9, 1.0, radius), worst_case(recursion, 1e9, 1.0, radius)
+    assert found.position == pytest.approx(attained.position, rel=1e-6)
+    assert found.velocity == pytest.approx(attained.velocity, rel=1e-6)
 
 
 def _dense(A):
