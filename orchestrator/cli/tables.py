@@ -1,10 +1,11 @@
 """Tables and lists for a terminal of any width: no line is longer, and none ends inside a word.
 
-A column that has no room in the terminal stands below its row, with its title. In a pipe or a file
-there is room for all.
+Where columns have no room, titles are folded, and a last column of texts; what has none even then
+stands below its row, with its title. In a pipe or a file there is room for all.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 
 from rich.console import Console
 from rich.padding import Padding
@@ -35,26 +36,64 @@ def grid(console: Console, lines: Mapping[str, str], width: int = 10) -> None:
 
 def table(console: Console, columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> None:
     """Show rows of marked-up cells under the columns' headers, which are bold."""
-    titles = [Text.from_markup(str(column.header)) for column in columns]
+    titles = [Text.from_markup(str(column.header), style="bold") for column in columns]
     cells = [[Text.from_markup(cell) for cell in row] for row in rows]
-    widths = [
-        min(max(cell.cell_len for cell in column), LONGEST)
-        for column in zip(titles, *cells, strict=True)
-    ]
-    beside = _beside(widths, console.width if console.is_terminal else sum(widths) * 2)
+    room = console.width if console.is_terminal else inf
+    gap, widths, beside, folded = _layout(columns, titles, cells, room)
     for row in (titles, *cells):
-        line = Text()
-        for i in beside:
-            line.append_text(_aligned(row[i], widths[i], columns[i].justify == "right"))
-            line.append(" " * GAP)
-        line.rstrip()
-        if row is titles:
-            line.stylize("bold")
-        console.print(line, soft_wrap=not console.is_terminal)
+        parts = {
+            i: row[i].wrap(console, widths[i]) if row is titles or i in folded else [row[i]]
+            for i in beside
+        }
+        high = max(map(len, parts.values()))
+        for number in range(high):
+            line = Text()
+            for i, part in parts.items():
+                # The lines of a title stand on the row below it; those of a cell hang from its top.
+                at = number - (high - len(part) if row is titles else 0)
+                shown = part[at] if 0 <= at < len(part) else Text()
+                shown.rstrip()  # of the blank that a fold ends with
+                line.append_text(_aligned(shown, widths[i], columns[i].justify == "right"))
+                line.append(" " * gap)
+            line.rstrip()
+            console.print(line, soft_wrap=not console.is_terminal)
         below = [i for i in range(len(columns)) if i not in beside and row[i].plain]
         if row is not titles and below:
-            parts = [Text.assemble(titles[i], ": " * bool(titles[i]), row[i]) for i in below]
-            _print_below(console, Text("; ").join(parts), GAP)
+            texts = [Text.assemble(titles[i].plain, ": " * bool(titles[i]), row[i]) for i in below]
+            _print_below(console, Text("; ").join(texts), GAP)
+
+
+def _layout(
+    columns: Sequence[Column],
+    titles: Sequence[Text],
+    cells: Sequence[Sequence[Text]],
+    room: float,
+) -> tuple[int, list[int], Sequence[int], Sequence[int]]:
+    """Return the blanks between columns, their widths, which stand in a row, which are folded.
+
+    All do, if need be with folded titles, fewer blanks between them, and a last column of texts
+    that is folded to no less than half. Else they are the first, and the next that have room.
+    """
+
+    def widths_of(folded: bool) -> list[int]:
+        least = [max(map(len, title.plain.split()), default=0) for title in titles]
+        heads = least if folded else [title.cell_len for title in titles]
+        return [
+            min(max([head, *(row[i].cell_len for row in cells)]), LONGEST)
+            for i, head in enumerate(heads)
+        ]
+
+    texts = columns[-1].justify != "right"
+    for part in (0.0, 0.5) if texts else (0.0,):
+        for gap, folded in ((GAP, False), (GAP, True), (1, True)):
+            widths = widths_of(folded)
+            over = sum(widths) + gap * (len(widths) - 1) - room
+            if over <= part * widths[-1]:
+                widths[-1] -= int(max(over, 0))
+                everything = range(len(widths))
+                return gap, widths, everything, everything[-1:] if over > 0 else ()
+    widths = widths_of(False)
+    return GAP, widths, _beside(widths, room), ()
 
 
 def findings_table(
@@ -78,7 +117,7 @@ def findings_table(
             console.print(line, soft_wrap=False)
 
 
-def _beside(widths: Sequence[int], room: int) -> list[int]:
+def _beside(widths: Sequence[int], room: float) -> list[int]:
     """Return the columns that stand beside one another: the first, and the next that have room."""
     beside, used = [0], widths[0]
     for i, width in enumerate(widths[1:], 1):

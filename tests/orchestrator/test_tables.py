@@ -36,14 +36,30 @@ def lines(screen):
     ("width", "expected"),
     [
         (34, ["what   value         paper", "a [b]    0.9  holds  159, unproven"]),
-        (33, ["what   value", "a [b]    0.9  holds", "  paper: 159, unproven"]),
+        (31, ["what  value       paper", "a [b]   0.9 holds 159, unproven"]),
+        (30, ["what   value         paper", "a [b]    0.9  holds  159,", " " * 21 + "unproven"]),
         (18, ["what   value", "a [b]    0.9", "  holds; paper:", "  159, unproven"]),
     ],
 )
-def test_a_column_that_does_not_fit_is_put_below_its_row(width, expected):
+def test_columns_that_do_not_fit_move_together_then_fold_then_stand_below(width, expected):
     screen = console(width)
     table(screen, COLUMNS, [ROW])
     assert [line.rstrip() for line in lines(screen)] == expected
+
+
+def test_titles_are_folded_before_a_column_of_numbers_stands_below_its_row():
+    columns = (
+        Column("robot"),
+        Column("largest |A - B|", justify="right"),
+        Column("rms", justify="right"),
+    )
+    screen = console(30)
+    table(screen, columns, [("1", "2.099e+04", "1.587e+03")])
+    assert [line.rstrip() for line in lines(screen)] == [
+        "         largest",
+        "robot    |A - B|        rms",
+        "1      2.099e+04  1.587e+03",
+    ]
 
 
 def test_in_a_pipe_all_columns_are_shown():
