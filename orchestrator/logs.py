@@ -26,11 +26,16 @@ def are_logs_asked() -> bool:
     return _LEVEL in os.environ
 
 
-def log_as_asked() -> None:
-    """Write what is logged, where the process that started this one does."""
+def log_as_asked(descriptor: int | None = None, who: str = "") -> None:
+    """Write what is logged as the process that started this one does: who says it, then the words.
+
+    It goes to this one's standard error, or to another open file by its descriptor.
+    """
     if level := os.environ.get(_LEVEL):
-        handler = logging.StreamHandler(sys.stderr)
-        form = "%(asctime)s.%(msecs)03d %(levelname)s %(name)s[%(process)d]: %(message)s"
+        stream = sys.stderr if descriptor is None else os.fdopen(descriptor, "w", encoding="utf-8")
+        handler = logging.StreamHandler(stream)
+        form = "%(asctime)s.%(msecs)03d %(levelname)s %(name)s[%(process)d]: "
+        form += f"{who}: %(message)s" if who else "%(message)s"
         handler.setFormatter(logging.Formatter(form, "%Y-%m-%dT%H:%M:%S"))
         logger = logging.getLogger("nrs_cosim")
         logger.handlers[:] = [handler]

@@ -218,6 +218,11 @@ def comparison(console: Console, found: "Comparison") -> None:
         here = ", as far as both are here" if found.partial else ""
         console.print(f"the same samples and states, to the last bit{here}")
         return
+    if found.ends:
+        name, tick = found.ends
+        said = f"ends at tick {tick}; up to there samples and states are the same, to the last bit"
+        prose(console, f"[bold]{name}[/] {said}")
+        return
     prose(console, f"[bold]first[/] {escape(found.first.between('A', 'B'))}")
     moved = [apart for apart in found.distances if apart.largest]
     if not moved:

@@ -173,7 +173,7 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
         put_report(signer.sign(report_key, note.written()))
 
     options.show(f"joined {welcome.name} with {named(welcome.robots)}")
-    _LOG.info("%s joined %s with %s", name, welcome.name, named(welcome.robots))
+    _LOG.info("joined %s with %s", welcome.name, named(welcome.robots))
     inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(ORDERS, name))
     for kind in (SAMPLES, RECORDS):
         bus.publisher(wire_key(kind, name))  # before it asks to begin: see there

@@ -21,9 +21,10 @@ def main() -> None:
     parser = ArgumentParser()
     for name, kind in (("connect", str), ("name", str), ("robots", str), ("wait", float)):
         parser.add_argument(f"--{name}", required=True, type=kind)
+    parser.add_argument("--log-to", type=int)
     arguments = parser.parse_args()
     follow_parent()
-    log_as_asked()
+    log_as_asked(arguments.log_to, arguments.name)
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # the orchestrator says it
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(arguments.robots, "--robots")

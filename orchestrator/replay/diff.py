@@ -67,6 +67,8 @@ class Comparison:
     """Of kinds of messages that have other fields in one than in the other: both, with shapes."""
     partial: tuple[str, ...] = ()
     """Which of the two, A and B, lack messages of their runs: nothing is known of these."""
+    ends: tuple[str, int] | None = None
+    """Which of the two ends first, and at which tick, where up to there both are the same."""
 
     @property
     def is_same(self) -> bool:
@@ -82,6 +84,7 @@ class Comparison:
             "fields": dict(self.fields),
             "schemas": dict(self.schemas),
             "first": asdict(self.first) if self.first else None,
+            "ends": {"recording": self.ends[0], "tick": self.ends[1]} if self.ends else None,
             "distances": [asdict(distance) for distance in self.distances],
             "why_not": self.why_not,
         }
@@ -98,16 +101,18 @@ def compare(a: Reader, b: Reader) -> Comparison:
     of_a, of_b = recorded_types(a).codecs, recorded_types(b).codecs
     types = {kind: (contents_of(of_a.get(kind)), contents_of(of_b.get(kind))) for kind in COUNTED}
     schemas = {kind: (one, other) for kind, (one, other) in types.items() if one != other}
-    alike = joints(a) == joints(b)
+    same_joints = joints(a) == joints(b)
     names = {kind: _fields_in_common(of_a.get(kind), of_b.get(kind)) for kind in MEASURED}
     nothing: list[Message] = []
-    both = 0
-    for tick_a, tick_b in zip_longest(_ticks(a), _ticks(b), fillvalue=nothing):
+    both, ends = 0, None
+    for k, (tick_a, tick_b) in enumerate(zip_longest(_ticks(a), _ticks(b), fillvalue=nothing)):
         if first is None and tick_a != tick_b:
             pair = next((one, two) for one, two in zip_longest(tick_a, tick_b) if one != two)
             first = difference_in(of_a, of_b, *pair)
+            if not (tick_a and tick_b):
+                ends = ("B" if tick_a else "A"), k - 1
         both += bool(tick_a and tick_b)
-        if alike and tick_a and tick_b:
+        if same_joints and tick_a and tick_b:
             for kind, those in names.items():
                 if those:
                     tables = _records(kind, of_a[kind], tick_a), _records(kind, of_b[kind], tick_b)
@@ -120,12 +125,12 @@ def compare(a: Reader, b: Reader) -> Comparison:
             apart[robot, MEASURED[kind] + name] = times, of_it
     found = [_distance(*of, *apart[of]) for of in apart]
     why_not = ""
-    if not alike:
+    if not same_joints:
         why_not = f"robots have {joints(a)} joints in A, and {joints(b)} in B"
     elif both > 1 and not any(times[-1] > 0 for times, _ in apart.values()):
         why_not = "no tick has times in common: sampling times differ"
     partial = tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None)
-    return Comparison(fields, first, tuple(found), apart, why_not, schemas, partial)
+    return Comparison(fields, first, tuple(found), apart, why_not, schemas, partial, ends)
 
 
 def _fields_in_common(a: Codec | None, b: Codec | None) -> list[str]:

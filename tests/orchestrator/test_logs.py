@@ -32,10 +32,13 @@ def test_workers_are_logged_with_time_level_and_place(tmp_path):
     lines = [LINE.fullmatch(line) for line in done.stderr.splitlines()]
     assert all(lines), done.stderr
     result = [line[3] for line in lines]
-    assert {line[2] for line in lines} == {"nrs_cosim.orchestrator.cluster.coordinator"}
+    cluster = "nrs_cosim.orchestrator.cluster"
+    loggers = {line[2] for line in lines}
+    assert loggers == {f"{cluster}.coordinator", f"{cluster}.worker_client"}
     for worker, robots in (("local-1", "robots 1-3"), ("local-2", "robots 4-6")):
         assert f"{worker} joined with {robots}" in result
         assert f"{worker} is done at tick 10" in result
+        assert f"{worker}: joined short with {robots}" in result
     assert "digest" in done.stdout
 
 

@@ -217,6 +217,19 @@ def test_compared_distances_are_those_of_the_states(tmp_path):
     assert found.first.t == pytest.approx(0.12)
 
 
+def test_a_shorter_run_that_is_the_same_is_said_to_end_at_its_last_tick(tmp_path):
+    a, b = (tmp_path / name for name in ("a.mcap", "b.mcap"))
+    run(paper(SHORT), a)
+    run(paper(SHORT, {"run.duration": 0.5}), b)
+    for one, other, name in ((a, b, "B"), (b, a, "A")):
+        done = nrs("diff", one, other)
+        same = "up to there samples and states are the same, to the last bit"
+        assert done.returncode == 1
+        assert done.stdout.splitlines()[1:] == [f"{name} ends at tick 5; {same}"]
+        result = json.loads(nrs("diff", one, other, "--json").stdout)
+        assert (result["same"], result["ends"]) == (False, {"recording": name, "tick": 5})
+
+
 JITTER = {"run.sampling_jitter": 0.2}
 ALONE = "why_not", "no tick has times in common: sampling times differ"
 
