@@ -12,7 +12,7 @@ goes by what it received last if it holds. What a Byzantine robot sends to all i
 what its algorithm says; its own state goes on without it (`lying_agents` lie by another algorithm).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 
 import numpy as np
@@ -28,10 +28,13 @@ from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
     Missing,
     class_of,
+    jumped_by,
+    jumps,
     name_of,
     overrides,
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
+from nrs_cosim.estimator_agents.estimate import Disagreement
 from nrs_cosim.estimator_agents.flow import acceleration_of, follows_lines
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.receive_buffer import EveryBuffer, ReceiveBuffer
@@ -46,6 +49,9 @@ from nrs_cosim.estimator_agents.values import (
 )
 
 Mask = NDArray[np.bool_]
+Nodes = NDArray[np.integer] | slice
+Disagree = Callable[[int, Values], Disagreement]
+"""Finds the disagreement over the edges of an exchange, from the left limits."""
 _NOTHING = Values()
 
 
@@ -101,6 +107,7 @@ class Agents:
         self.observes = self._observes = overrides(class_of(algorithm), "observe")
         """Whether they look at the target, whose sample they then need before they send."""
         self._measures = overrides(class_of(algorithm), "measure")
+        self._disagree: Disagree | None = None
         self._is_line = follows_lines(algorithm, self._sizes)
         self._acceleration = acceleration_of(algorithm, self._sizes)
 
@@ -119,8 +126,8 @@ class Agents:
         """Return the state a time dt, s, after the last t_k⁺, before the next sampling time."""
         return self._algorithm.flow(self.state, dt)
 
-    def receive(self, k: int, nodes: NDArray[np.integer], samples: Mapping[str, Array]) -> None:
-        """Take the samples of k from some nodes: (s,) node numbers, (s, *shape) by field."""
+    def receive(self, k: int, nodes: Nodes, samples: Mapping[str, Array]) -> None:
+        """Take the samples of k from (s,) nodes, or a range of them: (s, *shape) by field."""
         for name, known in self._samples.items():
             known[nodes] = samples[name]
         self._sent_at[nodes] = k
@@ -168,6 +175,11 @@ class Agents:
 
     def jump(self, k: int, left: Values) -> None:
         """Receive the samples of t_k, k after k, with the state after `send`."""
+        if self._disagree:
+            found = self._disagree(self._exchange_at(k), left)
+            self.state = jumped_by(self._algorithm, left, found)
+            expect_returned(self._algorithm, k, "receive", [(self.state, left, self.robots)])
+            return
         positions, velocities = self._edges[self._exchange_at(k)]
         if self._buffer:
             of = self._buffer.links.source > 0 if self._observes else None
@@ -186,6 +198,21 @@ class Agents:
         for name, values in links.items():
             self._links[name][place] = values  # of one that is there twice, the last
         self.state = after
+
+    def disagree_by(self, make: Callable[[Sequence[tuple[Edges, Edges]], Values], Disagree]) -> str:
+        """Let something else find disagreements, to the same bits, where these are all it takes.
+
+        It is made for the edges of positions and velocities, by exchange, and what nodes sent last.
+        Return why it is not asked, or nothing.
+        """
+        if self._buffer:
+            return "links have impairments"
+        if class_of(self._algorithm) is not type(self._algorithm):
+            return "the algorithm is a plugin's"
+        if not jumps(self._algorithm):
+            return "the algorithm does more than jump by the disagreement"
+        self._disagree = make(self._edges, self._samples)
+        return ""
 
     def measured(self, k: int) -> tuple[Mask, Values]:
         """Return who is pinned at t_k, (rows,), and what these measure of the target then.

@@ -195,13 +195,16 @@ def nominal_of(algorithm: Algorithm) -> Algorithm:
 
 def jumped(algorithm: Algorithm, x: Values, received: Received) -> Values:
     """Return the state after the `jump` of an algorithm that needs no more than that."""
-    after = algorithm.jump(
-        Estimate(x.position, x.velocity),
-        Disagreement(
-            received.disagreement("position", x.position),
-            received.disagreement("velocity", x.velocity),
-        ),
+    found = Disagreement(
+        received.disagreement("position", x.position),
+        received.disagreement("velocity", x.velocity),
     )
+    return jumped_by(algorithm, x, found)
+
+
+def jumped_by(algorithm: Algorithm, x: Values, disagreement: Disagreement) -> Values:
+    """Return the state after the `jump` of an algorithm, by a disagreement."""
+    after = algorithm.jump(Estimate(x.position, x.velocity), disagreement)
     return x.replace(position=after.position, velocity=after.velocity)
 
 

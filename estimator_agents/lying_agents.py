@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.lies import Lie
-from nrs_cosim.estimator_agents.agents import Agents, Mask
+from nrs_cosim.estimator_agents.agents import Agents, Mask, Nodes
 from nrs_cosim.estimator_agents.values import Array, Values
 
 
@@ -50,7 +49,7 @@ class LyingAgents(Agents):
         dt = seconds(self._ticks.t(k) - self._ticks.t(k - 1))
         self._lefts = [other.agent.left(dt) for other in self._others]
 
-    def receive(self, k: int, nodes: NDArray[np.integer], samples: Mapping[str, Array]) -> None:
+    def receive(self, k: int, nodes: Nodes, samples: Mapping[str, Array]) -> None:
         """Take the samples of k from some nodes, as `Agents`."""
         super().receive(k, nodes, samples)
         for other in self._others:

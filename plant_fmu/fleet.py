@@ -16,7 +16,7 @@ class Fleet:
     def __init__(self, groups: Sequence[tuple[NDArray[np.intp], DrivenPlants]], m: int) -> None:
         """Join groups, each with the rows (r,), ascending, that its plants have in the fleet."""
         rows = sum(len(rows) for rows, _ in groups)
-        self._groups = [(_slice(rows), plants) for rows, plants in groups]
+        self._groups = [(as_slice(rows), plants) for rows, plants in groups]
         self._rows = [rows.tolist() for rows, _ in groups]
         self.plants = [plants for _, plants in groups]
         """Of each group."""
@@ -63,7 +63,7 @@ class Fleet:
             self.q[rows], self.qd[rows], self.tau[rows] = plants.q, plants.qd, plants.tau
 
 
-def _slice(rows: NDArray[np.intp]) -> slice | NDArray[np.intp]:
-    """Return ascending rows as a slice, which numpy takes faster, where none is left out."""
+def as_slice(rows: NDArray[np.integer]) -> slice | NDArray[np.integer]:
+    """Return ascending rows, (r,), as a slice, which numpy takes faster, where none is left out."""
     whole = bool(rows.size) and int(rows[-1]) - int(rows[0]) == rows.size - 1
     return slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows

@@ -272,3 +272,6 @@ def profile(console: Console, profile: "Profile", wall: float) -> None:
     titles = ("plants", "bus", "recording", "waiting", "other")
     console.print()
     table(console, _columns("s of wall time", *titles), cells)
+    if profile.in_one_thread:
+        by = f"NumPy, for {profile.numpy_why}" if profile.numpy_why else "native code"
+        console.print(f"what agents disagree by is found by {by}")

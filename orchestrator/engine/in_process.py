@@ -38,6 +38,11 @@ class InProcess:
         self._robots, self._watch = robots, watch
         self._ticks: Iterator[int] = iter(())
 
+    @property
+    def numpy_why(self) -> str:
+        """Why NumPy finds what agents disagree by; nothing where native code does."""
+        return self._worker.numpy_why
+
     def wire(self) -> Wire:
         """Return the wire between the worker and the recorder."""
         return self._wire

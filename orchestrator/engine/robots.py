@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,11 @@ from nrs_cosim.bus.transport import Bus, Inbox
 from nrs_cosim.bus.validation import Nodes, Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.lying_agents import LyingAgents, OtherAlgorithm
+from nrs_cosim.orchestrator.engine.native.tick import (
+    NativeDisagreements,
+    NativeStates,
+    load_tick,
+)
 from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -81,8 +87,12 @@ class Robots:
 
     def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire) -> Worker:
         """Return the worker that runs them."""
-        run = self.experiment.scenario.run
-        return Worker(
+        run, states, why = self.experiment.scenario.run, None, "nothing can be compiled"
+        if native := load_tick():
+            why = self.agents.disagree_by(partial(NativeDisagreements, native))
+            limit = run.divergence_limit
+            states = NativeStates(native, wire.states, self.agents, self.plants, limit)
+        worker = Worker(
             name,
             bus,
             inbox,
@@ -92,7 +102,10 @@ class Robots:
             self.plants,
             run.divergence_limit,
             run.checkpoint_every,
+            states,
         )
+        worker.numpy_why = why
+        return worker
 
 
 def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:

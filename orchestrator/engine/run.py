@@ -50,6 +50,8 @@ class Profile:
     recording: float
     in_one_thread: bool
     """Whether the only worker is in the orchestrator's own thread."""
+    numpy_why: str
+    """Then: why NumPy finds what agents disagree by; nothing where native code does."""
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Return it for JSON, s by process and by what it was spent on."""
@@ -175,8 +177,9 @@ def run(
         workers.end()
         recorder.end()
         rejected = Counter(recorder.rejected) + Counter(workers.rejected)
-        in_one_thread = isinstance(workers, InProcess)
-        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, in_one_thread)
+        here = isinstance(workers, InProcess)
+        why = workers.numpy_why if isinstance(workers, InProcess) else ""
+        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, here, why)
         extra = {
             SPENT: json.dumps(profile.as_json()),
             REJECTED: json.dumps(rejected),

@@ -24,8 +24,10 @@ from nrs_cosim.bus.transport import Bus, Inbox, Item, Message
 from nrs_cosim.bus.validation import Nodes, Records, RejectedError, Tick, Wire
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.engine.native.tick import NativeStates
 from nrs_cosim.orchestrator.errors import DivergedError
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fleet import as_slice
 from nrs_cosim.plant_fmu.plants import Checkpointed, Plants
 
 Watch = Callable[[int], None]
@@ -85,7 +87,9 @@ class Worker:
         plants: WorkerPlants,
         divergence_limit: float,
         checkpoint_every: int,
+        native: NativeStates | None = None,
     ) -> None:
+        """Take what it is made of; states are recorded by NumPy unless something native does."""
         self.name = name
         self.agents = agents
         self.plants = plants
@@ -93,7 +97,7 @@ class Worker:
         """What the agents keep at the time that the plants have reached: left limits."""
         self.spent = Spent()
         self._wire, self._clock, self._limit = wire, clock, divergence_limit
-        self._every = checkpoint_every
+        self._every, self._native = checkpoint_every, native
         self._sample = wire.samples.blank(agents.robots)
         self._fields = tuple(wire.samples.kind.fields)
         self._state = wire.states.blank(agents.robots)
@@ -107,11 +111,14 @@ class Worker:
         self._received: defaultdict[int, dict[str, Records]] = defaultdict(dict)
         """Samples of this tick and later ones, by k and worker."""
         self._needed = needed(agents.in_neighbours, wire.assignment)
-        self._wanted = {
-            worker: np.flatnonzero(np.isin(wire.assignment[worker], agents.in_neighbours))
-            for worker in self._needed
-        }
-        """Which rows of a worker's samples are in-neighbours'."""
+        self._wanted = {}
+        """Which rows of a worker's samples are in-neighbours', and which nodes these are."""
+        for worker in self._needed:
+            nodes = wire.assignment[worker]
+            rows = np.flatnonzero(np.isin(nodes, agents.in_neighbours))
+            self._wanted[worker] = as_slice(rows), as_slice(nodes[rows])
+        self.numpy_why = ""
+        """Why NumPy and no native code finds what agents disagree by, if so."""
         self.now = 0
         """The tick that it is at."""
         self.place = (0, 0, 0)
@@ -145,7 +152,6 @@ class Worker:
         if self.now:
             self.interact(self.now, listening, sends=False)
         elif recorded < 0:
-            self._expect_bounded(self._clock.t(0))
             self._tell(0, self._states(0, self._clock.t(0)), ())
         yield self.now
         for k in range(self.now + 1, self._clock.ticks + 1):
@@ -181,7 +187,6 @@ class Worker:
             self.spent.plants += perf_counter() - began
             reached, before = t, left
             self.left = left
-            self._expect_bounded(t)
             batches.append(self._states(k, t))
             watch(t)
         return batches[0] if len(batches) == 1 else np.concatenate(batches)
@@ -235,12 +240,12 @@ class Worker:
         if EVERYONE in received:
             received = {EVERYONE: received[EVERYONE]}
         for worker, records in received.items():
-            rows = self._wanted.get(worker)
-            # Fewer than the worker has robots, where some are silent, or of all nodes: looked up.
-            if rows is None or len(records) != len(self._wire.assignment[worker]):
+            if worker in self._wanted and len(records) == len(self._wire.assignment[worker]):
+                rows, nodes = self._wanted[worker]
+            else:  # fewer than the worker has robots, where some are silent, or of all nodes
                 rows = np.flatnonzero(np.isin(records["robot"], self.agents.in_neighbours))
-            samples = {name: records[name][rows] for name in self._fields}
-            self.agents.receive(k, records["robot"][rows], samples)
+                nodes = records["robot"][rows]
+            self.agents.receive(k, nodes, {name: records[name][rows] for name in self._fields})
         self.spent.waiting += waited
         self.spent.bus += perf_counter() - began - waited
 
@@ -311,6 +316,10 @@ class Worker:
         return checkpoints
 
     def _states(self, k: int, t: int) -> Records:
+        """Return the states of t, ns, once it is seen that they are bounded."""
+        if self._native and (found := self._native.records(k, t, self.left)) is not None:
+            return found
+        self._expect_bounded(t)
         records = self._state.copy()
         records["k"], records["time_ns"] = k, t
         records["position"], records["velocity"] = self.plants.q, self.plants.qd

@@ -1,0 +1,120 @@
+"""The native tick gives NumPy's bits, which is the oracle, and lets NumPy do what it cannot."""
+
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from nrs_cosim.bus.clock import Clock
+from nrs_cosim.bus.codecs import Codecs
+from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.agents import Agents
+from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.dcea2 import SecondOrder
+from nrs_cosim.estimator_agents.event_triggered import EventTriggered
+from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.engine import robots as engine_robots
+from nrs_cosim.orchestrator.engine.native.tick import (
+    NativeDisagreements,
+    NativeStates,
+    load_tick,
+)
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.recordings.mcap.reader import Reader
+from tests.scenarios import paper
+
+H = 100_000_000
+
+
+@pytest.fixture(scope="module")
+def native():
+    found = load_tick()
+    assert found
+    return found
+
+
+def numbers(rng, *shape):
+    return rng.normal(size=shape) * 10.0 ** rng.integers(-6, 6, shape)
+
+
+def digraph(rng, n, density):
+    adjacency = rng.uniform(0.1, 2, (n, n)) * (rng.uniform(size=(n, n)) < density)
+    np.fill_diagonal(adjacency, 0)
+    return Topology.of(
+        adjacency, rng.uniform(0.1, 2, n) * ((adjacency.sum(1) == 0) | (np.arange(n) < 2))
+    )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_agents_jump_to_the_same_bits_on_random_networks(native, seed):
+    rng = np.random.default_rng(seed)
+    n, m = (150 if seed < 2 else int(rng.integers(2, 30))), int(rng.integers(1, 8))
+    density = 1.0 if seed < 2 else rng.uniform(0, 1)
+    graphs = [digraph(rng, n, density) for _ in range(4)]
+    turns = [InteractionGraphs.of(graphs[0]), InteractionGraphs(*graphs[1:3])]
+    topologies = TopologySchedule.of(turns, (1, 2), 2)
+    algorithm = (FirstOrder if seed % 2 else SecondOrder)(alpha=0.7, beta=0.9)
+    if isinstance(algorithm, SecondOrder):
+        topologies = TopologySchedule.of([InteractionGraphs.of(g) for g in graphs[:2]], (1, 2), 2)
+    robots = np.flatnonzero(rng.uniform(size=n) < 0.8) + 1 if n > 4 else np.arange(1, n + 1)
+    start = Values({name: numbers(rng, len(robots), m) for name in ("position", "velocity")})
+    oracle, ours = (Agents(robots, topologies, algorithm, start, Clock((H,), 1, 9)) for _ in "ab")
+    assert ours.disagree_by(partial(NativeDisagreements, native)) == ""
+    for k in range(1, 5):
+        heard = {name: numbers(rng, n + 1, m) for name in start}
+        for agents in (oracle, ours):
+            agents.receive(k, np.arange(n + 1), heard)
+            agents.jump(k, agents.left(0.1))
+        for name, expected in oracle.state.items():
+            assert ours.state[name].tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("m", [1, 2, 7, 16, 40])
+def test_states_are_recorded_in_the_same_bytes(native, m):
+    rng, codec = np.random.default_rng(m), Codecs.of(Sizes(m)).states
+    agents = SimpleNamespace(robots=np.array([2, 3, 9]))
+    plants = SimpleNamespace(q=numbers(rng, 3, m), qd=numbers(rng, 3, m), tau=numbers(rng, 3, m))
+    of = NativeStates(native, codec, agents, plants, limit := 1e7)
+    left = Values(position=numbers(rng, 3, m), velocity=numbers(rng, 3, m))
+    expected = codec.blank(agents.robots)
+    expected["k"], expected["time_ns"] = 2**32 - 1, 2**63 + 5
+    for name, value in zip(
+        ("position", "velocity", "effort", "reference_position", "reference_velocity"),
+        (plants.q, plants.qd, plants.tau, left.position, left.velocity),
+        strict=True,
+    ):
+        expected[name] = value
+    assert of.records(2**32 - 1, 2**63 + 5, left).tobytes() == expected.tobytes()
+    bounded = (plants.q, plants.qd, left.position, left.velocity)
+    wrong = [(array, bad) for array in bounded for bad in (np.nan, -2 * limit)]
+    for array, bad in [*wrong, (plants.tau, np.inf), (plants.tau, np.nan)]:
+        was, array[1, -1] = array[1, -1], bad
+        assert of.records(1, 1, left) is None
+        array[1, -1] = was
+    assert of.records(1, 1, left) is not None
+
+
+def test_what_is_more_than_a_jump_is_left_to_numpy(native):
+    topologies = TopologySchedule.constant(Topology.of(np.zeros((2, 2)), np.ones(2)))
+    start = Values({name: np.zeros((2, 1)) for name in EventTriggered.STATE})
+    algorithm = EventTriggered(1.0, 1.0, 0.1, 0.1)
+    agents = Agents(np.array([1, 2]), topologies, algorithm, start, Clock((H,), 1, 9))
+    why = agents.disagree_by(partial(NativeDisagreements, native))
+    assert why == "the algorithm does more than jump by the disagreement"
+
+
+@pytest.mark.parametrize("output_step", [0.1, 0.05])
+def test_a_run_has_the_same_digest_by_native_code_and_by_numpy(tmp_path, monkeypatch, output_step):
+    experiment = paper({"run.duration": 1.5, "run.output_step": output_step})
+    digests, why = [], []
+    for name in ("native", "numpy"):
+        outcome = run(experiment, tmp_path / f"{name}.mcap")
+        why.append(outcome.profile.numpy_why)
+        with Reader(outcome.path) as reader:
+            digests.append(reader.digest)
+        monkeypatch.setattr(engine_robots, "load_tick", lambda: None)
+    assert digests[0] == digests[1]
+    assert why == ["", "nothing can be compiled"]
