@@ -153,22 +153,22 @@ def searched(recursion, kp, kd, seed, gammas, swing=2.0, parts=20, ticks=200):
     place = rng.uniform(-3, 3, (count, 2))
     q, qd, x, most = place, speed, np.zeros((2, n, count, 2)), np.zeros(2)
 
-    def motion(q, qd, push, at, told):
-        return accelerations(q, qd, push - (q - at) @ kp - (qd - told) @ kd)
+    def motion(q, qd, push, at, rate):
+        return accelerations(q, qd, push - (q - at) @ kp - (qd - rate) @ kd)
 
     for k in range(ticks):
         x = (recursion.jump @ x.reshape(2 * n, -1)).reshape(x.shape)
         estimates, velocities = place + x[0], speed + x[1]
-        at, told = estimates[1], velocities[1]
+        at, rate = estimates[1], velocities[1]
         for part in range(parts):
             t = k * h + part * step
             pull = gammas[1] * np.sign(np.sin(2 * np.pi * (t / period + phase)))
             push = swing * np.sign(np.sin(t + late))
-            half, then = at + step / 2 * told, at + step * told
-            a = motion(q, qd, push, at, told)
-            b = motion(q + step / 2 * qd, qd + step / 2 * a, push, half, told)
-            c = motion(q + step / 2 * qd + step**2 / 4 * a, qd + step / 2 * b, push, half, told)
-            d = motion(q + step * qd + step**2 / 2 * b, qd + step * c, push, then, told)
+            half, then = at + step / 2 * rate, at + step * rate
+            a = motion(q, qd, push, at, rate)
+            b = motion(q + step / 2 * qd, qd + step / 2 * a, push, half, rate)
+            c = motion(q + step / 2 * qd + step**2 / 4 * a, qd + step / 2 * b, push, half, rate)
+            d = motion(q + step * qd + step**2 / 2 * b, qd + step * c, push, then, rate)
             q = q + step * qd + step**2 / 6 * (a + b + c)
             qd = qd + step / 6 * (a + 2 * b + 2 * c + d)
             place = place + step * speed + step**2 / 2 * pull
