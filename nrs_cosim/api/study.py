@@ -213,7 +213,8 @@ class Study:
     def dataset(self) -> "xr.Dataset":
         """Return the rows over the axes and seeds; needs the extra `analysis`.
 
-        What was not run is NaN, or an empty text. Keys of axes are dimensions, `seed` the last.
+        What was not run is NaN, or an empty text. Keys of axes are dimensions, `seed` the last; of
+        keys that go together the first is.
 
         Raises:
             InputError: xarray is not installed.
@@ -232,24 +233,25 @@ class Study:
         except ImportError:
             raise MissingExtraError("a Dataset needs xarray", "analysis") from None
         table = self._table()
-        axes = {key: table.axis(key) for key in table.keys}
+        axes = {key: table.axis(key) for key in table.leading}
         axes["seed"] = sorted({*table.columns["seed"]})
         shape = tuple(map(len, axes.values()))
         where = {key: {value: at for at, value in enumerate(found)} for key, found in axes.items()}
         at = np.empty((len(shape), len(table)), np.intp)
-        for row, cell in ((row, cell) for cell, rows in table.cells.items() for row in rows):
-            for axis, (key, value) in enumerate(
-                zip(axes, (*cell, table.columns["seed"][row]), strict=True)
-            ):
-                at[axis, row] = where[key][value]
+        for cell, rows in table.cells.items():
+            for axis, key in enumerate(table.leading):
+                at[axis, rows] = where[key][cell[table.keys.index(key)]]
+        at[-1] = [where["seed"][seed] for seed in table.columns["seed"]]
         variables = {}
-        for name, kind in COLUMNS.items():
+        together = {key: table.values[key] for key in table.keys if key not in table.leading}
+        for name, values in {**table.columns, **together}.items():
             if name in {"point", "seed"}:
                 continue
-            number = kind != "str"
+            is_text = any(isinstance(value, str | list | dict) for value in values)
+            number = COLUMNS.get(name, "str" if is_text else "float") != "str"
             data = np.full(shape, np.nan) if number else np.full(shape, "", object)
             empty = np.nan if number else ""
-            data[tuple(at)] = [empty if v is None else v for v in table.columns[name]]
+            data[tuple(at)] = [empty if value is None else value for value in values]
             variables[name] = (tuple(axes), data if number else data.astype(str))
         return xr.Dataset(variables, axes)
 

@@ -2,13 +2,15 @@
 
     plant.parameters.m1=2.0,controller.kp=[10, 20]
     robots=1-3,7,plant.variables={q={pattern="theta{i}"},qd=["w1","w2"]}
+    faults.links.0.loss=0.2
 
 A change sets the keys that it names and keeps the others, so a table in braces is the same as its
-keys with dots. A value that is no TOML is a text, as `plant.fmu=other.fmu`. A comma ends a value
-where what stands before it is TOML, or can be none. `robots` confines a change to some robots: it
-goes into their own tables. What a value excludes goes: another FMU is another plant, of whose old
-table nothing is kept, and so it is with another kind of target and another form of network. Another
-algorithm keeps the parameters that it has as well.
+keys with dots; a number in a key is a place in a list, from 0 on. A value that is no TOML is a
+text, as `plant.fmu=other.fmu`. A comma ends a value where what stands before it is TOML, or can be
+none. `robots` confines a change to some robots: it goes into their own tables. What a value
+excludes goes: another FMU is another plant, of whose old table nothing is kept, and so it is with
+another kind of target and another form of network. Another algorithm keeps the parameters that it
+has as well.
 """
 
 import re
@@ -16,6 +18,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -222,14 +225,33 @@ def _apply(table: Any, values: Mapping[Key, Any]) -> None:
     _make_room(table, values)
     for (*above, name), value in values.items():
         inner = table
-        for part in above:
-            if not isinstance(inner.get(part), dict):
-                inner[part] = tomlkit.table()
-            inner = inner[part]
-        if value is None:
-            inner.pop(name, None)
-        else:
-            inner[name] = value
+        for part, below in pairwise((*above, name)):
+            inner = _within(inner, part, below)
+        at: Any = _place(inner, name) if isinstance(inner, list) else name
+        if value is not None:
+            inner[at] = value
+        elif isinstance(inner, list) or name in inner:
+            del inner[at]
+
+
+def _within(table: Any, part: str, below: str) -> Any:
+    """Return what is at a part of a key; where there is none, a table, or a list for a number."""
+    if isinstance(table, list):
+        return table[_place(table, part)]
+    if below == "0" and part not in table:
+        table[part] = [tomlkit.table()]
+    if not isinstance(table.get(part), dict | list):
+        table[part] = tomlkit.table()
+    return table[part]
+
+
+def _place(entries: list[Any], part: str) -> int:
+    """Return the place in a list that a part of a key is; `InputError` where there is none."""
+    if not (part.isascii() and part.isdecimal() and int(part) < len(entries)):
+        raise InputError(
+            f"{shortened(part)}: expected a place in a list of {len(entries)}, from 0 on"
+        )
+    return int(part)
 
 
 def _make_room(table: Any, values: Mapping[Key, Any]) -> None:

@@ -47,6 +47,8 @@ class StudyAxis:
     keys: tuple[str, ...]
     values: Values
     """A tuple for each place on the axis, of a value for each key."""
+    drawn: bool = False
+    """Whether its keys vary independently, in spite of going together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +175,7 @@ def _drawn(ranges: Sequence[DrawnRange], draw: Draw) -> StudyAxis:
     power = max(draw.count - 1, 0).bit_length()
     unit = made.random(draw.count) if draw.kind == "lhs" else made.random_base2(power)[: draw.count]
     rows = (tuple(_at(axis, float(u)) for axis, u in zip(ranges, row, strict=True)) for row in unit)
-    return StudyAxis(tuple(axis.key for axis in ranges), tuple(rows))
+    return StudyAxis(tuple(axis.key for axis in ranges), tuple(rows), drawn=True)
 
 
 def _at(axis: DrawnRange, u: float) -> float:

@@ -187,11 +187,13 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
         }
         for name, row in zip(QUANTITIES, compared.quantities, strict=False)
     }
+    loss = checked.links.loss if checked.links else None
     return {
         "convergence": checked.convergence,
         "spectral_radius": _finite(checked.rho.upper),
         "spectral_radius_lower": _finite(checked.rho.lower),
         "margin": smallest_margin(checked),
+        "critical_loss": loss.critical if loss else None,
         "violated": ", ".join(c.name for c in checked.conditions if not c.holds),
         "why_no_bounds": ultimate.why_not,
         "bounds": json.dumps(rows),

@@ -44,7 +44,7 @@ class StudyReport:
         self._store = store
         self._table = StudyTable.of(store, *READ, *READ_OF_FAILURES)
         self._cells = statistics_of(self._table, ())
-        self._numeric = [key for key in self._table.keys if self._is_numeric(key)]
+        self._numeric = [key for key in self._table.leading if self._is_numeric(key)]
 
     def write(self, path: Path, form: str, origin: Path | None = None) -> None:
         """Write a page, or figures; links are relative to where the page is to be."""
@@ -212,7 +212,8 @@ class StudyReport:
 
     def _grouped(self, along: Sequence[str]) -> Iterator[tuple[str, list[CellStatistics]]]:
         """Yield the cells for each combination of the keys that are not drawn along, evenly few."""
-        others = [at for at, key in enumerate(self._table.keys) if key not in along]
+        table = self._table
+        others = [table.keys.index(key) for key in table.leading if key not in along]
         groups: dict[tuple[Any, ...], list[CellStatistics]] = {}
         for one in self._cells:
             groups.setdefault(tuple(one.cell[at] for at in others), []).append(one)
@@ -222,7 +223,7 @@ class StudyReport:
             if number not in chosen:
                 continue
             names = (
-                f"{self._table.keys[at]} = {_shown(value)}"
+                f"{table.keys[at]} = {_shown(value)}"
                 for at, value in zip(others, values, strict=True)
             )
             yield ", ".join(names), cells

@@ -63,6 +63,8 @@ class StudyRow:
     spectral_radius_lower: float | None = None
     margin: float | None = None
     """The smallest of the conditions, as a part of its bound; below 0 where one is violated."""
+    critical_loss: float | None = None
+    """The loss of links below which it converges in mean square, where links lose samples."""
     violated: str = ""
     """The conditions that are, by name."""
     why_no_bounds: str = ""

@@ -63,7 +63,8 @@ class StudyPlan:
                 for name, one in self.scenarios.items()
             ],
             "axes": [
-                {"keys": [*axis.keys], "values": [*map(list, axis.values)]} for axis in self.axes
+                {"keys": [*axis.keys], "values": [*map(list, axis.values)], "drawn": axis.drawn}
+                for axis in self.axes
             ],
         }
 
@@ -273,11 +274,11 @@ def joined_axes(
     mine: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return axes with the values of both, those of one first."""
-    found = [{"keys": axis["keys"], "values": [*axis["values"]]} for axis in mine]
+    found = [{**axis, "values": [*axis["values"]]} for axis in mine]
     for axis in others:
         same = next((one for one in found if one["keys"] == axis["keys"]), None)
         if same is None:
-            found.append({"keys": axis["keys"], "values": [*axis["values"]]})
+            found.append({**axis, "values": [*axis["values"]]})
         else:
             same["values"] += [value for value in axis["values"] if value not in same["values"]]
     return found

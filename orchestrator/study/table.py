@@ -29,6 +29,8 @@ class StudyTable:
 
     keys: tuple[str, ...]
     """Of the axes, without the seed."""
+    leading: tuple[str, ...]
+    """Those that tell a cell: of keys that go together the first, where its values are distinct."""
     columns: Mapping[str, Sequence[Any]]
     values: Mapping[str, Sequence[Any]]
     """By key of the axes, of each row."""
@@ -49,7 +51,8 @@ class StudyTable:
             for key in keys:
                 found = point[key] if key in point else _at(texts.get(scenario, {}), scenario, key)
                 values[key].append(found)
-        return cls(keys, columns, values)
+        leading = [key for axis in definition["axes"] for key in _leading(axis) if key != SEED]
+        return cls(keys, tuple(dict.fromkeys(leading)), columns, values)
 
     def __len__(self) -> int:
         return len(self.columns["key"])
@@ -86,6 +89,14 @@ class StudyTable:
         """Return how many rows of some converged, and how many have a result at all."""
         statuses = [self.columns["status"][place] for place in places]
         return statuses.count("converged"), sum(status in RESULTS for status in statuses)
+
+
+def _leading(axis: Mapping[str, Any]) -> list[str]:
+    """Return the keys of an axis that tell a place on it; of a draw all."""
+    firsts = [json.dumps(values[0]) for values in axis["values"]]
+    is_told = len({*firsts}) == len(firsts) and not axis.get("drawn")
+    found: list[str] = axis["keys"][:1] if is_told else axis["keys"]
+    return found
 
 
 def _at(tables: Mapping[str, Any], scenario: str, key: str) -> Any:

@@ -5,10 +5,10 @@ import tomllib
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.tables.fmus import Pattern
-from tests.scenarios import paper
+from tests.scenarios import paper, toml
 
 OTHER = {
     "plant.fmu": "own.fmu",
@@ -129,3 +129,22 @@ def test_a_file_in_a_change_is_relative_to_the_current_folder(tmp_path, monkeypa
     for text in ("plant.fmu=other.fmu", "plant.fmu='other.fmu'", "plant={fmu='other.fmu'}"):
         assert after(paper(), text).plant.fmu == str(tmp_path / "other.fmu")
     assert after(paper(), "plant.fmu=none.fmu").plant.fmu == "none.fmu"
+
+
+def test_a_number_in_a_key_is_a_place_in_a_list():
+    changed = with_changes(
+        toml({"faults.links": [{"loss": 0.1}, {"to": 2, "delay": 1}]}),
+        [Change.of("--set", "faults.links.1.delay=2,faults.links.0.loss=0.3")],
+    )
+    assert tomllib.loads(changed)["faults"]["links"] == [{"loss": 0.3}, {"to": 2, "delay": 2}]
+    new = with_changes(toml(), [Change.of("--set", "faults.links.0.loss=0.3")])
+    assert tomllib.loads(new)["faults"]["links"] == [{"loss": 0.3}]
+
+
+def test_a_place_that_a_list_does_not_have_is_told():
+    for key in ("faults.links.2.loss", "faults.links.loss", "network.pinning.6"):
+        with pytest.raises(InputError, match="expected a place in a list of"):
+            with_changes(
+                toml({"faults.links": [{"loss": 0.1}, {"delay": 1}]}),
+                [Change.of("--set", f"{key}=0.3")],
+            )

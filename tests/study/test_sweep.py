@@ -103,6 +103,26 @@ def test_several_scenarios_are_an_axis(tmp_path):
     assert names == {"paper_first_order": "dcea1", "second": "dcea2"}
 
 
+def test_keys_that_go_together_are_one_dimension(tmp_path):
+    axes = {("run.sampling_period", "run.duration"): [(0.1, 1.0), (0.2, 2.0)]}
+    study = nrs.sweep(SHORT, axes, seeds=2, out=tmp_path, jobs=0)
+    data = study.dataset()
+    assert dict(data.sizes) == {"run.sampling_period": 2, "seed": 2}
+    assert data["run.duration"].sel(seed=1).values.tolist() == [1.0, 2.0]
+    assert (data.ticks_planned == 10).all()
+
+
+def test_a_loss_of_links_is_an_axis_and_the_row_has_the_critical_one():
+    scenario = SHORT.replace({"algorithm.missing": "drop", "faults.links": [{"loss": 0.0}]})
+    study = nrs.sweep(scenario, {"faults.links.0.loss": [0.2, 0.4]}, jobs=0)
+    for row in study.rows:
+        (link,) = study.scenario(row.key)["faults.links"]
+        assert link["loss"] == json.loads(row.point)["faults.links.0.loss"]
+        theory = nrs.check(study.scenario(row.key)).as_json()
+        assert row.critical_loss == theory["links"]["loss"]["critical"]
+        assert row.convergence == theory["convergence"]
+
+
 def test_points_can_be_left_out_by_a_condition():
     axes = {"algorithm.alpha": [0.8, 0.9], "algorithm.beta": [0.8, 0.9]}
     study = nrs.sweep(
