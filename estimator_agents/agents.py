@@ -13,24 +13,22 @@ what its algorithm says; its own state goes on without it (`lying_agents` lie by
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.bus.lies import NOTHING_PRETENDED, Lies
 from nrs_cosim.bus.links.links import Links
 from nrs_cosim.bus.topologies import TopologySchedule
+from nrs_cosim.estimator_agents.agent_checkpoints import AgentCheckpoints
 from nrs_cosim.estimator_agents.algorithm import (
     Algorithm,
     Missing,
     class_of,
     jumped_by,
     jumps,
-    name_of,
     overrides,
 )
 from nrs_cosim.estimator_agents.edges import Edges, field_sizes
@@ -43,7 +41,6 @@ from nrs_cosim.estimator_agents.returned import expect_returned, wrong_return
 from nrs_cosim.estimator_agents.values import (
     Array,
     Values,
-    flattened,
     initial_values,
     unflattened,
 )
@@ -89,6 +86,7 @@ class Agents:
         self.in_neighbours = np.unique(np.concatenate([edges.source for edges in into.values()]))
         """From whom samples are received at some time, ascending."""
         self._sizes = field_sizes(topologies, initial.position.shape[1])
+        self._checkpoints = AgentCheckpoints(algorithm, self._sizes)
         sent = algorithm.SENT
         self._samples = initial_values(sent, topologies.n + 1, self._sizes)
         """The last that came of each node."""
@@ -232,19 +230,11 @@ class Agents:
         return self._buffer.link_events if self._buffer else None
 
     def save(self, row: int, left: Values) -> bytes:
-        """Return what a robot's agent goes on from at t_k, before it observes or sends there.
-
-        Little-endian doubles behind a hash of what its algorithm declares, the same for every
-        partition of the robots.
-        """
+        """Return what a robot's agent goes on from at t_k, before it observes or sends there."""
         links = slice(*self._first_link[row : row + 2])
-        kept = self._links.at(links)
-        parts = [
-            flattened(left.at(slice(row, row + 1)), 1).astype("<f8").tobytes(),
-            self._buffer.memory(int(self.robots[row])) if self._buffer else b"",
-            flattened(kept, links.stop - links.start).astype("<f8").tobytes(),
-        ]
-        return joined([self._declared, *parts])
+        memory = self._buffer.memory(int(self.robots[row])) if self._buffer else b""
+        state, kept = left.at(slice(row, row + 1)), self._links.at(links)
+        return self._checkpoints.pack(state, memory, kept, links.stop - links.start)
 
     def restore(self, checkpoints: Sequence[bytes]) -> Values:
         """Take up what each robot's agent had; return the left limits. Its next jump is at t_k.
@@ -253,12 +243,10 @@ class Agents:
         """
         rows = []
         for row, checkpoint in enumerate(checkpoints):
-            robot = int(self.robots[row])
-            parts = parted(checkpoint)
-            if parts is None or len(parts) != 4 or parts[0] != self._declared:
-                raise self._not_saved(robot)
-            _, state, memory, kept = parts
-            rows.append(np.frombuffer(state, "<f8"))
+            robot, links = int(self.robots[row]), slice(*self._first_link[row : row + 2])
+            many = links.stop - links.start
+            state, memory, kept = self._checkpoints.unpack(robot, checkpoint, many)
+            rows.append(state)
             if self._buffer:
                 self._buffer.recall(robot, memory)
             elif memory:
@@ -266,27 +254,9 @@ class Agents:
                     f"the memory of robot {robot} has {len(memory)} bytes, and without faults none "
                     f"were expected; give one that was kept under the same faults"
                 )
-            links = slice(*self._first_link[row : row + 2])
-            flat = np.frombuffer(kept, "<f8").reshape(links.stop - links.start, -1)
-            for name, values in unflattened(flat, self._algorithm.LINK, self._sizes).items():
+            for name, values in kept.items():
                 self._links[name][links] = values
         return unflattened(np.array(rows), self._algorithm.STATE, self._sizes)
-
-    def _not_saved(self, robot: int) -> InputError:
-        return InputError(
-            f"robot {robot}'s checkpoint was not saved by algorithm {name_of(self._algorithm)} "
-            "with the fields that it declares; start from t_0"
-        )
-
-    @property
-    def _declared(self) -> bytes:
-        """A hash of what the algorithm keeps, sends and receives."""
-        of = self._algorithm
-        fields = [
-            [(name, field.size(self._sizes)) for name, field in declared.items()]
-            for declared in (of.STATE, of.SENT, of.LINK)
-        ]
-        return sha256(repr((name_of(of), of.ARRIVALS, fields)).encode()).digest()[:8]
 
     def _now(self, k: int) -> Now:
         edges = self._edges[self._exchange_at(k)][0]

@@ -107,7 +107,7 @@ class LyingAgents(Agents):
             needed = [i for i, other in enumerate(self._others) if robot in other.needed_by]
             parts = parted(checkpoint) if needed else [checkpoint]
             if parts is None or len(parts) != 1 + len(needed):
-                raise self._not_saved(robot)
+                raise self._checkpoints.not_saved(robot)
             own.append(parts[0])
             for i, saved in zip(needed, parts[1:], strict=True):
                 self._lefts[i] = self._others[i].agent.restore([saved])
