@@ -27,8 +27,13 @@ Array = NDArray[np.float64]
 
 DENSE = 24
 """States of a component up to which E[A ⊗ A] is a matrix."""
+RESTARTS, ROUNDS, POWERS, SLACK = 60, 8, 20, 1e-6
+"""Of Arnoldi's method for larger ones; of powers after it, so many in each; and how near bounds
+come to one another."""
 MATRICES = 4096
 """Outcomes of a component up to which the determinants of all are taken."""
+FEW = 40
+"""States of a recursion up to which a critical loss is looked for."""
 GRID, NEAR = 8, 1e-6
 """Probabilities of loss at which it is looked for a critical one, and how near it is found."""
 
@@ -67,25 +72,36 @@ def _bracket(through: Callable[[Array], Array], p: int) -> RadiusBounds:
         X = x.reshape(p, p)
         return through((X + X.T) / 2).ravel()
 
+    X = np.eye(p) / p
+    operator = LinearOperator((p * p, p * p), matvec=flat, dtype=float)
     try:
-        operator = LinearOperator((p * p, p * p), matvec=flat, dtype=float)
-        _, vectors = eigs(operator, 1, v0=np.eye(p).ravel(), maxiter=50)
+        _, vectors = eigs(operator, 1, v0=X.ravel(), maxiter=RESTARTS, tol=SLACK)
+        found = vectors[:, 0].reshape(p, p)
+        found = (found / np.trace(found)).real
+        found = (found + found.T) / 2
+        least = float(np.linalg.eigvalsh(found)[0])
+        if least > -1 / p:  # else it is no multiple of what is positive, but for rounding
+            X = found + (SLACK + 2 * max(-least * p, 0)) * X
     except ArpackError:
-        return RadiusBounds(0.0, inf)
-    X = vectors[:, 0].reshape(p, p)
-    X = (X / np.trace(X)).real
-    # What is nearly singular would make the quotients rounding: a little of the identity is added.
-    for added in (0.0, 1e-9, 1e-6, 1e-3):
-        Y = (X + X.T) / 2 + added * np.eye(p) / p
-        if np.linalg.eigvalsh(Y)[0] > 1e-13:
-            quotients = eigh(through(Y), Y, eigvals_only=True)
-            return RadiusBounds(max(float(quotients[0]), 0.0), float(quotients[-1]))
-    return RadiusBounds(0.0, inf)
+        pass  # the bounds are so of any X > 0, if not as near
+    lower, upper = 0.0, inf
+    for _ in range(ROUNDS):
+        quotients = eigh(through(X), X, eigvals_only=True)
+        lower, upper = max(lower, float(quotients[0])), min(upper, float(quotients[-1]))
+        if upper - lower <= SLACK * upper:
+            break
+        for _ in range(POWERS):
+            X = through(X)
+            X = X / np.trace(X)
+        X = X + SLACK**2 * np.eye(p) / p  # what is nearly singular has quotients of rounding
+    return RadiusBounds(lower, upper)
 
 
-def almost_sure(lossy: LossyStep) -> RadiusBounds:
-    """Return bounds on e^λ, which errors are multiplied by in almost every run (statement L4)."""
-    upper = mean_square_radius(lossy).upper
+def almost_sure(lossy: LossyStep, upper: float) -> RadiusBounds:
+    """Return bounds on e^λ, which errors are multiplied by in almost every run (statement L4).
+
+    `upper` is the mean-square radius at most.
+    """
     least = (exp(_of_determinants(part)) for part in lossy.components())
     return RadiusBounds(min(max(least), upper), upper)  # by rounding it may be above
 
@@ -107,15 +123,18 @@ def _of_determinants(lossy: LossyStep) -> float:
 def critical_loss(lossy_at: Callable[[float], LossyStep | None]) -> float | None:
     """Return the least probability of loss from which it does not converge in mean square.
 
-    1 if it converges at all that are looked at; None if it does not without loss, or is too large.
+    0 if it does not without losses, 1 if it does at all that are tried; None of too many states.
     """
+    first = lossy_at(1 / GRID)
+    if first is None or len(first.fixed) > FEW:
+        return None
 
     def diverges(loss: float) -> bool:
         lossy = lossy_at(loss)
         return lossy is None or not mean_square_radius(lossy).upper < 1
 
     if diverges(0.0):
-        return None
+        return 0.0
     low, high = 0.0, 1.0
     for at in range(1, GRID):
         if diverges(at / GRID):

@@ -24,7 +24,7 @@ from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
 
 Array = NDArray[np.float64]
 
-STATES, IN_LINKS = 400, 8
+STATES, IN_LINKS = 80, 8
 """Of a recursion with losses, and lossy links into one robot, up to which it is looked at."""
 ROUNDING = 1e-13
 """Of deviations from the mean: singular values that are none, relative."""

@@ -76,7 +76,7 @@ class LossAnalysis:
     """e^λ, of almost every run: proven."""
     critical: float | None
     """The least loss of the links that have some, all alike, at which it does not converge in mean
-    square; 1 for none; None where it does not even without."""
+    square; 0 where it does not without, 1 where none was found; None where it is not computed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +254,9 @@ def _of_losses(
     radius = mean_square_radius(lossy) if lossy else None
     if lossy and radius and isfinite(radius.upper):
         critical = critical_loss(lambda loss: at(np.where(faults.loss > 0, loss, 0.0)))
-        found = replace(found, loss=LossAnalysis(radius, almost_sure(lossy), critical))
+        found = replace(
+            found, loss=LossAnalysis(radius, almost_sure(lossy, radius.upper), critical)
+        )
     if proof:
         return replace(found, status="converges in mean square", source=_SOMETIMES)
     if found.loss is None:

@@ -103,13 +103,15 @@ def _margin(margin: "DelayMargin") -> str:
 
 def _losses(loss: "LossAnalysis") -> str:
     if loss.critical is None:
-        critical = "they diverge without losses too"
+        critical = ""
+    elif loss.critical == 0:
+        critical = "; they diverge without losses too"
     elif loss.critical == 1:
-        critical = "no loss below 1 was found at which they diverge in mean square"
+        critical = "; no loss below 1 was found at which they diverge in mean square"
     else:
-        critical = f"in mean square they converge below a loss of {loss.critical:.4g}"
+        critical = f"; in mean square they converge below a loss of {loss.critical:.4g}"
     return (
         f"mean-square radius {_interval(loss.mean_square)} (statement L1); almost surely "
-        f"{multiple(loss.almost_sure.lower)} to {multiple(loss.almost_sure.upper)} (statement L4); "
+        f"{multiple(loss.almost_sure.lower)} to {multiple(loss.almost_sure.upper)} (statement L4)"
         f"{critical}"
     )

@@ -148,7 +148,7 @@ def test_almost_every_run_is_within_the_proven_bounds_and_near_the_simulated(mon
     rate = growing / (ticks - 200)
     far = 0
     for number, (case, one) in enumerate(zip(some, rate, strict=True)):
-        proven = almost_sure(stepped(case))
+        proven = almost_sure(stepped(case), mean_square_radius(stepped(case)).upper)
         # The growth of a Jordan block is above λ by some ln k/k.
         off = 5 * one.std(ddof=1) / runs**0.5 + 1e-2
         low, high = np.exp(one.mean() + np.array([-off, off]))
@@ -171,7 +171,7 @@ def test_of_one_robot_that_drops_all_is_known_in_closed_form():
         left = abs(1 - alpha)
         square = (p + (1 - p) * left**2) ** 0.5
         assert mean_square_radius(lossy).upper == pytest.approx(square, rel=1e-12)
-        assert almost_sure(lossy).lower == pytest.approx(left ** (1 - p), abs=1e-9)
+        assert almost_sure(lossy, square).lower == pytest.approx(left ** (1 - p), abs=1e-9)
 
 
 def test_of_the_paper_s_example_half_the_samples_lost_converge_almost_surely_alone():
@@ -194,9 +194,10 @@ def test_of_the_paper_s_example_half_the_samples_lost_converge_almost_surely_alo
 def test_what_does_not_converge_without_losses_has_no_critical_one_and_too_much_no_recursion():
     step, alone = linear_step(FirstOrder(2.5, 0.5), 0.1), Topology.of([[0.0]], [1.0])
     zero = np.array([0])
-    assert critical_loss(lambda p: lossy_step(step, alone, zero, np.array([p]), "drop")) is None
+    assert critical_loss(lambda p: lossy_step(step, alone, zero, np.array([p]), "drop")) == 0
     many = Topology.of(np.zeros((500, 500)), np.ones(500))
     assert lossy_step(step, many, np.zeros(500, int), np.full(500, 0.1), "drop") is None
+    assert critical_loss(lambda _: None) is None
 
 
 def test_second_moments_are_those_of_many_simulated_runs():
