@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.links.links import Links
+from nrs_cosim.bus.summation import Summation
 from nrs_cosim.bus.topologies import TopologySchedule, edges_among
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.summation import Summation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.estimator_agents.summation import Summation
+from nrs_cosim.bus.summation import Summation
 from nrs_cosim.estimator_agents.values import Array, Values
 
 Mask = NDArray[np.bool_]

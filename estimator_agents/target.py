@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.bus.fields import Fields
+from nrs_cosim.bus.summation import summed
 from nrs_cosim.estimator_agents.estimate import Estimate
-from nrs_cosim.estimator_agents.summation import summed
 from nrs_cosim.estimator_agents.waves import norm_supremum, supremum
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nrs_cosim.bus.summation import summed
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
 
@@ -103,5 +104,6 @@ class Law:
 
 def _times(matrices: Array, vectors: Array) -> Array:
     """Multiply row by row: (rows, a, b) by (rows, b) is (rows, a)."""
-    product: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+    # No library of linear algebra: each adds in an order of its own, some multiply and add in one.
+    product: Array = summed(matrices * vectors[:, None, :])
     return product

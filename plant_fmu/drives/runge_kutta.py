@@ -7,6 +7,7 @@ lies within a width of a few roundings.
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.summation import summed
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.fmi.calls import is_fine
@@ -74,7 +75,7 @@ class RungeKutta:
         self._slope(1, half, before + h / 2 * k[0])
         self._slope(2, half, before + h / 2 * k[1])
         self._slope(3, end, before + h * k[2])
-        states[:] = before + h * (WEIGHTS @ k)
+        states[:] = before + h * summed(WEIGHTS * k.T)
 
     def _slope(self, stage: int, time: float, states: Array) -> None:
         self._stage[:] = states

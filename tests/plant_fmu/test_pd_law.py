@@ -61,3 +61,15 @@ def test_references_are_copied():
     position[:], velocity[:], acceleration[:] = 9e9, 9e9, 9e9
     assert law.torque(0.75, state) == pytest.approx(kept, rel=1e-12)
     assert np.abs(law.reference).max() < 1e3
+
+
+def test_torques_are_added_from_left_to_right_to_the_last_bit():
+    law, state = Law(BODIES), RNG.normal(size=(ROWS, 2 * M))
+    for row, body in enumerate(BODIES):
+        for axis, torque in enumerate(law.torque(0.0, state)[row].tolist()):
+            kp, kd = body.kp[axis].tolist(), body.kd[axis].tolist()
+            held = kp[0] * body.position[0] + kp[1] * body.position[1]
+            held += kd[0] * body.velocity[0] + kd[1] * body.velocity[1]
+            q = state[row].tolist()
+            back = ((kp[0] * q[0] + kp[1] * q[1]) + kd[0] * q[2]) + kd[1] * q[3]
+            assert torque == held - back

@@ -20,7 +20,7 @@ typedef struct {
     const double *weight;
 } Edges;
 
-/* As estimator_agents/summation.py has them. */
+/* As bus/summation.py has them. */
 enum { LANES = 8, MOST = 128 };
 
 typedef struct {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nrs_cosim.estimator_agents.summation import Summation, summed
+from nrs_cosim.bus.summation import Summation, summed
 
 RNG = np.random.default_rng(17)
 

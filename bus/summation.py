@@ -1,14 +1,14 @@
 """In which order numbers are added that a digest rests on: this one, whatever library adds them.
 
-    S(x_0, …, x_n) = x_0 + P(x_1, …, x_n)                                          of in-neighbours
+    S(x_0, …, x_n) = x_0 + P(x_1, …, x_n)
     P(x_1, …, x_n) = ((x_1 + x_2) + x_3) + …                                       n < 8
                    = (((r_1 + r_2) + (r_3 + r_4)) + ((r_5 + r_6) + (r_7 + r_8))) + …     n ≤ 128
                    = P(x_1, …, x_h) + P(x_{h+1}, …, x_n)                           n > 128
 
 with r_j = (x_j + x_{j+8}) + x_{j+16} + …, after which come, one by one, those of the last n mod 8;
-and h is n/2, less what is no multiple of 8. What is far from a whole is added to what is about as
-large: rounding errors grow with log n. The terms of a target are added by P alone. These are the
-orders of NumPy 2's `add.reduceat` and `sum`, which it is free to change.
+and h is n/2, less what is no multiple of 8. What a robot receives is added by S; the terms of a
+target, of a robot's law and of a step of Runge and Kutta by P alone. These are the orders of NumPy
+2's `add.reduceat` and `sum`, which it is free to change.
 """
 
 from collections import defaultdict
@@ -58,10 +58,15 @@ class Summation:
 
 
 def summed(x: Anything) -> Anything:
-    """Return P of the last axis; 0 of none."""
-    terms = np.moveaxis(x, -1, 0).copy()
-    if not len(terms):
+    """Return P of the last axis, (…, n); 0 of none."""
+    if not x.shape[-1]:
         return np.zeros(x.shape[:-1], x.dtype)
+    if x.shape[-1] < _LANES:
+        few: Anything = x[..., 0].copy()
+        for row in range(1, x.shape[-1]):
+            few += x[..., row]
+        return few
+    terms = np.moveaxis(x, -1, 0).copy()
     for into, added in _levels(len(terms), from_first=True):
         terms[into] += terms[added]
     total: Anything = terms[0]
