@@ -1,5 +1,6 @@
 """Bundled models, built, unpacked once, and opened with FMPy."""
 
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,3 +43,12 @@ def robot(unpacked: Callable[[str, int], Path]) -> Open:
             robot.fmu.freeInstance()
 
     return opened
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder in which all temporary folders of a test lie."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder

@@ -1,8 +1,5 @@
 """The bundled models against equations of motion written once more, in numpy, and DOP853."""
 
-import re
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -12,8 +9,6 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from fmpy import fmi2
-from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
@@ -233,61 +228,6 @@ def test_a_passive_arm_conserves_energy(robot: Open, fmi: int) -> None:
 # The reference
 
 
-@each_version
-def test_a_reference_moves_with_its_velocity(robot: Open, fmi: int) -> None:
-    with robot("planar_robot", fmi) as r:
-        r.initialize(start=5.0, position_ref=[1.0, 2.0], velocity_ref=[0.5, 0.0])
-        assert r.get("position_ref").tolist() == [1.0, 2.0]
-        r.fmu.doStep(5.0, 0.5)
-        assert r.get("position_ref").tolist() == [1.25, 2.0]
-        r.set("velocity_ref", [2.0, -2.0])
-        assert r.get("position_ref").tolist() == [1.25, 2.0]
-        r.fmu.doStep(5.5, 0.5)
-        assert r.get("position_ref").tolist() == [2.25, 1.0]
-        r.set("tau", [1.0, 1.0])
-        assert r.get("reference_time") == 5.5
-
-
-@each_version
-def test_a_reference_moves_with_its_acceleration(robot: Open, fmi: int) -> None:
-    with robot("planar_robot", fmi) as r:
-        r.initialize(position_ref=[1.0, 2.0], velocity_ref=[0.5, 0.0], acceleration_ref=[4.0, -8.0])
-        r.fmu.doStep(0.0, 0.5)
-        assert r.get("position_ref").tolist() == [1.75, 1.0]
-        assert r.get("velocity_ref").tolist() == [2.5, -4.0]
-        r.set("acceleration_ref", [0.0, 2.0])
-        r.fmu.doStep(0.5, 0.5)
-        assert r.get("position_ref").tolist() == [3.0, -0.75]
-        assert r.get("velocity_ref").tolist() == [2.5, -3.0]
-        r.set("position_ref", [0.0, 0.0])
-        r.fmu.doStep(1.0, 0.5)
-        assert r.get("position_ref").tolist() == [1.25, -1.25]
-
-
-@pytest.mark.parametrize(
-    "order", [("position_ref", "velocity_ref"), ("velocity_ref", "position_ref")]
-)
-@pytest.mark.parametrize("calls", [1, 2])
-@each_version
-def test_a_position_reference_holds_in_any_order_of_setting(
-    robot: Open, fmi: int, calls: int, order: tuple[str, str]
-) -> None:
-    values = {"position_ref": [3.0, 4.0], "velocity_ref": [0.1, 0.2]}
-    with robot("planar_robot", fmi) as r:
-        r.initialize(position_ref=[1.0, 1.0], velocity_ref=[1.0, -1.0])
-        r.fmu.doStep(0.0, 0.3)
-        if calls == 2:
-            for name in order:
-                r.set(name, values[name])
-        else:
-            setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
-            references = [reference for name in order for reference in r.references(name)]
-            setter(references, [number for name in order for number in values[name]])
-        assert r.get("position_ref").tolist() == values["position_ref"]
-        r.fmu.doStep(0.3, 0.5)
-        assert np.allclose(r.get("position_ref"), [3.05, 4.1], rtol=1e-15)
-
-
 # Model exchange
 
 
@@ -335,98 +275,7 @@ def test_fmpy_integrates_with_cvode(
 # State
 
 
-@each_version
-@each_model
-def test_a_restored_state_continues_with_the_same_bits(robot: Open, model: str, fmi: int) -> None:
-    with robot(model, fmi) as r:
-        r.initialize(**SETTINGS)
-        play(r, 0, 7)
-        state = r.fmu.getFMUState()
-        first = play(r, 7, STEPS)
-        r.fmu.setFMUState(state)
-        r.fmu.freeFMUState(state)
-        assert np.array_equal(play(r, 7, STEPS), first)
-
-
-CONTINUE = """
-import sys
-from pathlib import Path
-from tests.plant_fmu.fmpy_instances import Robot
-from tests.plant_fmu.test_bundled_models import STEPS, play
-robot = Robot("two_link_arm", int(sys.argv[1]), Path(sys.argv[2]), "Slave")
-robot.fmu.setFMUState(robot.fmu.deserializeFMUState(sys.stdin.buffer.read()))
-sys.stdout.write(play(robot, 7, STEPS).tobytes().hex())
-"""
-
-
-@each_version
-def test_a_fresh_process_continues_with_the_same_bits(
-    robot: Open, unpacked: Callable[[str, int], Path], fmi: int
-) -> None:
-    with robot("two_link_arm", fmi) as r:
-        r.initialize(**SETTINGS)
-        play(r, 0, 7)
-        state = r.fmu.getFMUState()
-        serialized = r.fmu.serializeFMUState(state)
-        r.fmu.freeFMUState(state)
-        first = play(r, 7, STEPS)
-    command = [sys.executable, "-c", CONTINUE, str(fmi), str(unpacked("two_link_arm", fmi))]
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        command, input=bytes(serialized), capture_output=True, cwd=root, check=True
-    )
-    assert done.stdout.decode() == first.tobytes().hex()
-
-
-@each_version
-def test_a_state_of_another_fmu_is_refused(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r, robot("two_link_arm", fmi, "Model") as model:
-        state = r.fmu.getFMUState()
-        bytes_ = bytes(r.fmu.serializeFMUState(state))
-        r.fmu.freeFMUState(state)
-        refuse = r.fmu.deserializeFMUState
-        assert "got 9" in r.refuses(lambda: refuse(bytes_[:9]))
-        assert "not one of this FMU" in r.refuses(lambda: refuse(b"x" + bytes_[1:]))
-        assert "other kind" in model.refuses(lambda: model.fmu.deserializeFMUState(bytes_))
-        assert "no state" in r.refuses(lambda: r.fmu.setFMUState(None))
-
-
-@each_version
-def test_a_reset_restores_the_start_values(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        r.initialize(**SETTINGS)
-        first = play(r, 0, STEPS)
-        r.fmu.terminate()
-        r.fmu.reset()
-        assert r.get("kp").tolist() == [[0.0, 0.0], [0.0, 0.0]]
-        r.initialize(**SETTINGS)
-        assert np.array_equal(play(r, 0, STEPS), first)
-
-
 # Bad calls
-
-
-@each_version
-def test_undeclared_accesses_of_variables_are_refused(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
-        getter = r.fmu.getReal if fmi == 2 else r.fmu.getFloat64
-        assert r.refuses(lambda: getter([9999])) == "no variable has the value reference 9999"
-        assert r.refuses(lambda: setter([9999], [1.0])) == (
-            "no variable has the value reference 9999"
-        )
-        assert r.refuses(lambda: r.set("tau", [np.nan, 0.0])) == "setting tau to nan"
-        for name in ("time", "der(q)", "tau_applied", "reference_time"):
-            value = np.zeros(declaration("two_link_arm").variable(name).size)
-            assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
-                f"setting {name} is not allowed before initialization"
-            )
-        r.initialize()
-        for name in ("q", "m1"):
-            value = np.zeros(declaration("two_link_arm").variable(name).size)
-            assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
-                f"setting {name} is not allowed in step mode"
-            )
 
 
 def test_arrays_are_read_and_set_as_a_whole(robot: Open) -> None:
@@ -437,99 +286,4 @@ def test_arrays_are_read_and_set_as_a_whole(robot: Open) -> None:
         assert "1 values more" in r.refuses(lambda: r.set("q", [1.0, 2.0, 3.0]))
 
 
-@each_version
-def test_calls_in_the_wrong_state_are_refused(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        step = r.fmu.doStep
-        assert r.refuses(lambda: step(0.0, H)) == "a step is not allowed before initialization"
-        assert "leaving initialization" in r.refuses(r.fmu.exitInitializationMode)
-        r.initialize()
-        assert "entering init" in r.refuses(r.fmu.enterInitializationMode) or fmi == 3
-        assert "the instance is at t = 0 s" in r.refuses(lambda: step(0.5, H))
-        for h in (0.0, -H, np.nan, np.inf):
-            assert "does not advance time" in r.refuses(lambda h=h: step(0.0, h))
-        r.fmu.terminate()
-        assert r.refuses(lambda: step(0.0, H)) == "a step is not allowed after termination"
-    with robot("two_link_arm", fmi, "Model") as r:
-        assert "continuous-time" in r.refuses(r.fmu.enterContinuousTimeMode)
-        r.initialize()
-        assert "3" in r.refuses(lambda: r.fmu.getContinuousStates((fmi2.fmi2Real * 3)(), 3))
-
-
-@each_version
-def test_unknown_value_references_are_refused(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        getter = r.fmu.getInteger if fmi == 2 else r.fmu.getInt32
-        assert "no variables of type" in r.refuses(lambda: getter([0]))
-        assert "no directional" in r.refuses(
-            lambda: r.fmu.getDirectionalDerivative([1], [2], [1.0])
-        )
-        if fmi == 3:
-            assert "no clocks" in r.refuses(lambda: r.fmu.getClock([0]))
-
-
-@each_version
-def test_the_instantiation_token_of_another_fmu_is_refused(
-    unpacked: Callable[[str, int], Path], fmi: int
-) -> None:
-    with pytest.raises(Exception, match="Failed to instantiate"):
-        Robot("two_link_arm", fmi, unpacked("two_link_arm", fmi), "Slave", token="another")
-
-
-@each_version
-def test_a_null_instance_is_an_error(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        component, r.fmu.component = r.fmu.component, None
-        for call in (
-            lambda: r.fmu.doStep(0.0, H),
-            lambda: r.get("q"),
-            lambda: r.set("tau", [0.0, 0.0]),
-            r.fmu.getFMUState,
-            r.fmu.reset,
-        ):
-            with pytest.raises(FMICallException, match=r"\(error\)"):
-                call()
-        r.fmu.component = component
-
-
 # Steps that cannot be made
-
-
-@each_version
-def test_a_diverging_step_reports_the_time(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        r.initialize(J1=0.0, J2=0.0, m1=0.0, m2=0.0)
-        assert r.refuses(lambda: r.fmu.doStep(0.0, H)) == "at t = 0 s: a derivative is not finite"
-    with robot("planar_robot", fmi) as r:
-        r.initialize(d=-1e4, qd=[1.0, 1.0])
-        message = r.refuses(lambda: r.fmu.doStep(0.0, 1.0))
-        assert message.startswith("at t = 0.1")
-        assert message.endswith("a derivative is not finite")
-        assert np.isfinite(r.get("qd")).all()
-
-
-@each_version
-def test_a_step_that_never_ends_is_aborted(robot: Open, fmi: int) -> None:
-    with robot("planar_robot", fmi) as r:
-        r.initialize(kd=1e12 * np.eye(2), qd=[1.0, 1.0])
-        message = r.refuses(lambda: r.fmu.doStep(0.0, 1000.0))
-        assert "too many internal steps" in message
-        assert np.isfinite(r.get("qd")).all()
-
-
-@each_version
-def test_an_impossible_tolerance_is_refused(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi) as r:
-        assert r.refuses(lambda: r.initialize(relative_tolerance=1e-20)) == (
-            "relative_tolerance: expected 1e-14 to 1, got 1e-20"
-        )
-
-
-@each_version
-def test_a_non_finite_derivative_is_named_by_its_joint_from_one(robot: Open, fmi: int) -> None:
-    with robot("two_link_arm", fmi, "Model") as r:
-        r.initialize()
-        r.fmu.enterContinuousTimeMode()
-        x = np.array([0.0, 1.0, 0.0, 1e200])
-        message = r.refuses(lambda: r.derivatives(1.5, x))
-        assert re.fullmatch(r"at t = 1\.5 s: derivative 3 of 4 is -?(inf|nan)", message)
