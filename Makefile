@@ -42,10 +42,11 @@ benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the 
 benchmark-studies: .venv/.tested  ## what a study costs beyond its runs, and what it survives: half an hour
 	$(BIN)/python -m benchmarks.studies $(ARGS)
 
-soak: .venv/.installed  ## ten million messages over workers that are killed; a thousand runs; checkpoints' cost
+soak: .venv/.tested  ## ten million messages over workers that are killed; a thousand runs; checkpoints' cost; 320 designs
 	$(BIN)/python -m benchmarks.checkpoints
 	$(BIN)/python -m benchmarks.repeated
 	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m tests.designs
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nrs_cosim.api import errors, replay
+    from nrs_cosim.api.design import design
     from nrs_cosim.api.recording import Recording
     from nrs_cosim.api.replay import compare
     from nrs_cosim.api.run import resume, run
@@ -39,6 +40,7 @@ _HOMES = {
     "Values": "nrs_cosim.estimator_agents.values",
     "check": "nrs_cosim.api.theory",
     "compare": "nrs_cosim.api.replay",
+    "design": "nrs_cosim.api.design",
     "errors": "nrs_cosim.api",
     "parameter": "nrs_cosim.estimator_agents.parameters",
     "replay": "nrs_cosim.api",
@@ -59,6 +61,7 @@ __all__ = [
     "Values",
     "check",
     "compare",
+    "design",
     "errors",
     "parameter",
     "replay",

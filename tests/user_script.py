@@ -52,6 +52,11 @@ def theory_of(scenario: nrs.Scenario) -> dict[str, float | None]:
     return {**margins, **{bound.name: bound.steady_state for bound in theory.bounds}}
 
 
+def fastest(scenario: nrs.Scenario) -> nrs.Scenario:
+    """Return the scenario with the gains that converge fastest."""
+    return nrs.design(scenario, "fastest").scenario
+
+
 def progress(t: float, duration: float) -> None:
     """Say how far a run is."""
     assert 0 <= t <= duration

@@ -82,6 +82,8 @@ class Design:
     """None where λ_m of a robot is not known, or no gains are found."""
     paper: Gains
     """By (6.1) or (6.2): not proven."""
+    sampled: bool = False
+    """Whether it rests on P3 of some robots as it was sampled."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the design for JSON."""

@@ -1,11 +1,12 @@
 """Gains and a period for which it is proven that robots stay near the target."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods
-from nrs_cosim.estimator_agents.theory.design import Design, design
+from nrs_cosim.estimator_agents.theory.design import Design, Gains, design
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     paper_bound,
@@ -57,4 +58,33 @@ def designed(
             return None
         return always, cache(lambda rate: filtered(recursion, whole, always, rate))
 
-    return design(robots, wanted, epsilon, paper_of, known)
+    found = design(robots, wanted, epsilon, paper_of, known)
+    return replace(found, sampled=any(part.sampled for part in parts))
+
+
+def accuracy_rows(found: Design, wanted: EstimateBounds) -> dict[str, str]:
+    """Return lines of what gains and period are proven to give an accuracy, and of the paper's."""
+    proven = "sampled" if found.sampled else "proven"
+    return {
+        "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
+        f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
+        proven: _gains(found.proven) + "; as far as P3 was sampled" * found.sampled,
+        "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
+    }
+
+
+def _gains(found: Gains | None) -> str:
+    if found is None:
+        return "no gains are found"
+    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {_period(found)}"
+
+
+def _period(found: Gains) -> str:
+    if found.period is not None:
+        return f"h <= {found.period:.4g} s"
+    if found.bounds_from is None:
+        return "no bounds are known, whatever h is"
+    if found.status != "not computed":
+        return found.status
+    tried = f"{found.bounds_from:.4g} s"
+    return f"h not computed: of {tried} and more none is short enough, of less no bounds are known"

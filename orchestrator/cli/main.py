@@ -19,6 +19,7 @@ import typer
 
 from nrs_cosim.bus.errors import CosimError, InputError, MissingExtraError
 from nrs_cosim.orchestrator.cli import replay_commands, run_commands
+from nrs_cosim.orchestrator.cli.design_commands import design
 from nrs_cosim.orchestrator.cli.fmu_commands import fmu
 from nrs_cosim.orchestrator.cli.group import Commands
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
@@ -31,7 +32,6 @@ from nrs_cosim.orchestrator.cli.options import (
     ScenarioPath,
     Set,
     changes_of,
-    number,
 )
 from nrs_cosim.orchestrator.cli.report_commands import report
 from nrs_cosim.orchestrator.cli.study_commands import study, sweep
@@ -91,6 +91,7 @@ app.command()(run_commands.worker)
 app.command()(replay_commands.replay)
 app.command()(replay_commands.diff)
 app.command()(report)
+app.command()(design)
 app.command()(sweep)
 
 
@@ -202,28 +203,11 @@ def scene(
 
 
 @app.command()
-@OptionRules(
-    {"--share": ("--accuracy",), "--worst-target": ("--output",), "--output": ("--worst-target",)}
-)
+@OptionRules({"--worst-target": ("--output",), "--output": ("--worst-target",)})
 def check(
     scenario: ScenarioPath,
     as_json: AsJson = False,
     changes: Set = None,
-    accuracy: Annotated[
-        tuple[str, str] | None,
-        typer.Option(
-            metavar="POSITION VELOCITY",
-            help="Find gains and a period proven to give tracking errors of so many rad and rad/s.",
-        ),
-    ] = None,
-    share: Annotated[
-        float,
-        typer.Option(
-            metavar="PART",
-            parser=number("--share"),
-            help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
-        ),
-    ] = 0.5,
     strict: Annotated[
         bool,
         typer.Option(
@@ -242,13 +226,6 @@ def check(
     output: NewScenario = None,
 ) -> None:
     """Show what theory proves of a scenario, and whether its plants can be opened."""
-    errors = tuple(map(number("--accuracy"), accuracy or ()))
-    if min(errors, default=1) <= 0:
-        raise InputError(f"--accuracy: expected two numbers above 0, got {min(errors):g}")
-    if not 0 < share < 1:
-        raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
-    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-    from nrs_cosim.orchestrator.analysis.accuracy import designed
     from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
     from nrs_cosim.orchestrator.analysis.conclusion import theory_json
     from nrs_cosim.orchestrator.analysis.conditions import check as theory_of
@@ -261,7 +238,6 @@ def check(
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     experiment = read_scenario(scenario, changes_of(changes))
-    wanted = EstimateBounds(*errors) if errors else None
     with stages(err) as begin:
         begin("opening the plants")
         with naming_field(scenario_name(scenario)), ExitStack() as stack:
@@ -274,23 +250,17 @@ def check(
         checked = theory_of(experiment, find)
         begin("bounds of the long run")
         ultimate = ultimate_bounds(experiment, checked.rho, find)
-        if wanted:
-            begin("gains and a period for the accuracy")
-        found = designed(experiment, wanted, share, find) if wanted else None
         if worst_target and output:
             from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes
-            from nrs_cosim.orchestrator.cli.scenario_files import write_changed
+            from nrs_cosim.orchestrator.cli.scenario_files import changed_text, write_scenario
 
             begin("the worst target")
             changed = worst_target_changes(experiment, ultimate)
-            write_changed(output, experiment, changed, "--worst-target")
+            write_scenario(output, experiment, changed_text(experiment, changed, "--worst-target"))
     if as_json:
-        design = {"design": found.as_json() if found else None} if wanted else {}
-        print_json({**theory_json(checked, ultimate), **design})
+        print_json(theory_json(checked, ultimate))
     else:
         summary_text.theory_table(out, checked, ultimate, bounds(ultimate))
-        if wanted:
-            summary_text.gains_table(out, found, wanted, sampled=ultimate.sampled)
     _end_strictly(unmet_of(checked, ultimate) if strict else [])
 
 

@@ -10,10 +10,14 @@ from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
-def write_changed(
-    output: Path, experiment: Experiment, changes: Mapping[str, Any], option: str
-) -> None:
-    """Write a scenario with values by key, such as `algorithm.alpha`.
+def changed_text(experiment: Experiment, changes: Mapping[str, Any], option: str) -> str:
+    """Return a scenario's text with values by key, `algorithm.alpha`; None takes one out."""
+    values = {tuple(key.split(".")): value for key, value in changes.items()}
+    return with_changes(experiment.text, [Change(option, option, None, values)])
+
+
+def write_scenario(output: Path, experiment: Experiment, text: str) -> None:
+    """Write the text of a scenario that was changed.
 
     `InputError` for a file that is there, and where what the scenario names would not be found.
     """
@@ -23,8 +27,6 @@ def write_changed(
             f"-o {output}: the scenario names files relative to {experiment.folder}; "
             "give a name in that folder"
         )
-    values = {tuple(key.split(".")): value for key, value in changes.items()}
-    text = with_changes(experiment.text, [Change(option, option, None, values)])
     try:
         with output.open("x", encoding="utf-8") as file:
             file.write(text)

@@ -19,8 +19,6 @@ from nrs_cosim.orchestrator.terminal import prose
 
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.condition import Condition
-    from nrs_cosim.estimator_agents.theory.design import Design, Gains
-    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
     from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds
     from nrs_cosim.orchestrator.analysis.comparison import ComparedQuantity, TheoryComparison
     from nrs_cosim.orchestrator.analysis.conditions import Check
@@ -139,41 +137,6 @@ def _beside(compared: "TheoryComparison") -> dict[str, str]:
     if seen is not None and computed is not None and abs(seen - computed) > NEAR:
         rows["rho"] = "the computed one is of the long run, and this run's is not near it"
     return rows
-
-
-def gains_table(
-    console: Console, found: "Design | None", wanted: "EstimateBounds", *, sampled: bool
-) -> None:
-    """Show what gains and period are proven to give an accuracy, and what the paper has."""
-    if found is None:
-        rows = {"accuracy": "unknown: the bounds of P3 are not known of all plants"}
-    else:
-        rows = {
-            "accuracy": f"|q - eps_0|2 -> {wanted.position:g}, |qd - ups_0|2 -> "
-            f"{wanted.velocity:g}, a share of {found.epsilon:g} for the robots' own error",
-            "sampled" if sampled else "proven": _gains(found.proven)
-            + "; as far as P3 was sampled" * sampled,
-            "paper": f"{_gains(found.paper)} (equations 6.1, 6.2): unproven",
-        }
-    console.print()
-    grid(console, rows)
-
-
-def _gains(found: "Gains | None") -> str:
-    if found is None:
-        return "no gains are found"
-    return f"kp = {found.kp:.6g}, kd = {found.kd:.6g}, {_period(found)}"
-
-
-def _period(found: "Gains") -> str:
-    if found.period is not None:
-        return f"h <= {found.period:.4g} s"
-    if found.bounds_from is None:
-        return "no bounds are known, whatever h is"
-    if found.status != "not computed":
-        return found.status
-    tried = f"{found.bounds_from:.4g} s"
-    return f"h not computed: of {tried} and more none is short enough, of less no bounds are known"
 
 
 def _stated(row: "Bound") -> str:

@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
+from nrs_cosim.estimator_agents.theory.design import design
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     worst_case,
@@ -17,6 +18,7 @@ from nrs_cosim.estimator_agents.theory.linear_loop import norm_1
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.reference_filter import filtered
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
+from nrs_cosim.estimator_agents.theory.tracking import constants
 from nrs_cosim.estimator_agents.theory.tracking_bounds import Loop, tracking_ball
 from nrs_cosim.estimator_agents.waves import norm_supremum
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
@@ -209,3 +211,34 @@ def test_a_ball_is_proven_where_theorems_2_and_3_want_larger_gains_and_not_below
 
     assert found(1.01 * p3.lambda_c * 4.0) is not None
     assert found(0.99 * p3.lambda_c * 4.0) is None
+
+
+def designed_linear(rng):
+    """Return what a design promises of a linear robot, and the worst that it comes to."""
+    gamma_2, lambda_d, mass = 10 ** rng.uniform([-1, -1, -1], [0, 1, 1])
+    wanted = EstimateBounds(*10 ** rng.uniform(-2, 0, 2))
+    p3 = SimpleNamespace(lambda_m=mass, lambda_M=mass, lambda_c=0, lambda_g=0, lambda_f=0)
+    gammas, one = (1e6, gamma_2), np.eye(1)
+    loop = Loop(p3, one, one, (lambda_d,), gammas, 1e6, gamma_2)
+    algorithm, topology = FirstOrder(*rng.uniform(0.7, 1, 2)), Topology.of([[0, 0], [1, 0]], [1, 0])
+    of = constants(p3, 1, lambda_d, 1.0, gamma_2)
+
+    def known(h):
+        recursion = recursion_of(algorithm, topology, h)
+        rho = spectral_radius(algorithm.modes(spectrum_of(topology), h))
+        always = worst_case_always(recursion, *gammas, rho)
+        return always, lambda rate: filtered(recursion, gammas, always, rate)
+
+    found = design([(of, loop)], wanted, 0.5, lambda _: None, known).proven
+    recursion = recursion_of(algorithm, topology, found.period)
+    gains = mass, found.kp, found.kd
+    each = [exact(recursion, robot, *gains, gamma_2, lambda_d) for robot in range(2)]
+    return wanted, np.max(each, axis=0)
+
+
+def test_linear_robots_of_designs_keep_the_accuracy():
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        wanted, worst = designed_linear(rng)
+        assert worst[0] <= wanted.position * (1 + 1e-6)
+        assert worst[1] <= wanted.velocity * (1 + 1e-6)

@@ -112,7 +112,7 @@ STATUSES = {
         "check none.toml",
         "check bad.toml",
         "check bad.toml --strict",
-        "check good.toml --accuracy -1 1",
+        "design good.toml --accuracy -1 1",
         "doctor --listen 7447",
         "schema more",
         "fmu list more",

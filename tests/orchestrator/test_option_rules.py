@@ -55,7 +55,11 @@ def with_value(option):
             (*REPLAY, "--publish", "--as-fast-as-possible", "--speed", "2"),
             "--speed and --as-fast-as-possible exclude one another; leave one of them out",
         ),
-        (("check", "no.toml", "--share", "0.5"), "--share requires --accuracy"),
+        (("design", "no.toml", "--share", "0.5"), "--share requires --accuracy"),
+        (
+            ("design", "no.toml", "--fastest", "--period"),
+            "nrs design requires one of --fastest, --period, --jitter, --pin or --accuracy",
+        ),
         (("run", "no.toml", "--stay"), "--stay requires --live"),
         (("run", "no.toml", "--port", "0"), "--port requires --live"),
         (("run", "no.toml", "--expect", "1"), "--expect requires --listen or --connect"),
@@ -87,11 +91,11 @@ def test_an_option_without_its_required_option_exits_2(arguments, message):
             "--fmi: expected a whole number, 2 to 3, got '3.0'",
         ),
         (
-            ("check", "a.toml", "--accuracy", "0,5", "1"),
+            ("design", "a.toml", "--accuracy", "0,5", "1"),
             "--accuracy: expected a number, got '0,5'",
         ),
         (
-            ("check", "a.toml", "--accuracy", "1", "-2"),
+            ("design", "a.toml", "--accuracy", "1", "-2"),
             "--accuracy: expected two numbers above 0, got -2",
         ),
         (

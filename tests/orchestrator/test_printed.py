@@ -47,15 +47,17 @@ def test_check_prints_its_snapshot(tmp_path, snapshot, name):
     snapshot(name, session(tmp_path, "check s.toml"))
 
 
-def test_check_for_an_accuracy_prints_its_snapshot(tmp_path, snapshot):
+def test_designs_print_their_snapshot(tmp_path, snapshot):
     write(tmp_path / "first.toml")
     write(tmp_path / "second.toml", base="paper_example_3a")
     snapshot(
-        "check_accuracy",
+        "design",
         session(
             tmp_path,
-            "check first.toml --accuracy 0.5 0.5",
-            "check second.toml --accuracy 0.1 0.5",
+            "design first.toml --accuracy 0.5 0.5",
+            "design second.toml --fastest",
+            "design second.toml --period",
+            "design second.toml --pin 2",
         ),
     )
 
@@ -95,5 +97,5 @@ def test_fmu_commands_print_their_snapshot(tmp_path, snapshot):
 
 
 def test_every_snapshot_is_that_of_a_test():
-    others = {"check_accuracy", "comparison", "fmu", "run", "run_failed", "run_link_faults"}
+    others = {"design", "comparison", "fmu", "run", "run_failed", "run_link_faults"}
     assert {path.stem for path in SNAPSHOTS.iterdir()} == CHECKS.keys() | others

@@ -1,0 +1,138 @@
+"""`nrs design`: the scenario that is best in one way, with what theory says of it."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.cli.option_rules import OptionRules
+from nrs_cosim.orchestrator.cli.options import (
+    NewScenario,
+    ScenarioPath,
+    Set,
+    changes_of,
+    number,
+    whole_number,
+)
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
+
+if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.analysis.designs import ScenarioDesign
+    from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
+    from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+_GOALS = "--fastest, --period, --jitter, --pin or --accuracy"
+
+
+@OptionRules({"--share": ("--accuracy",)})
+def design(
+    scenario: ScenarioPath,
+    *,
+    fastest: Annotated[
+        bool,
+        typer.Option("--fastest", help="Gains alpha and beta of the least spectral radius."),
+    ] = False,
+    period: Annotated[
+        bool, typer.Option("--period", help="The longest sampling period that converges.")
+    ] = False,
+    jitter: Annotated[
+        bool,
+        typer.Option("--jitter", help="The largest jitter under which convergence is proven."),
+    ] = False,
+    pin: Annotated[
+        int | None,
+        typer.Option(
+            metavar="K",
+            parser=whole_number("--pin", 1),
+            help="The K robots to hear the target for the least spectral radius.",
+        ),
+    ] = None,
+    accuracy: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="POSITION VELOCITY",
+            help="Gains and a period proven to give tracking errors of so many rad and rad/s.",
+        ),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(
+            metavar="PART",
+            parser=number("--share"),
+            help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
+        ),
+    ] = 0.5,
+    output: NewScenario = None,
+    as_json: AsJson = False,
+    changes: Set = None,
+) -> None:
+    """Find the gains, period, jitter or pinned robots that are best, and check the result."""
+    errors = tuple(map(number("--accuracy"), accuracy or ()))
+    if min(errors, default=1) <= 0:
+        raise InputError(f"--accuracy: expected two numbers above 0, got {min(errors):g}")
+    if not 0 < share < 1:
+        raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
+    if sum((fastest, period, jitter, pin is not None, accuracy is not None)) != 1:
+        raise InputError(f"nrs design requires one of {_GOALS}")
+    from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+    from nrs_cosim.orchestrator.analysis import designs
+    from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
+
+    experiment = read_scenario(scenario, changes_of(changes))
+    with stages(err) as begin:
+        find = Sampling(experiment)
+        begin("the design")
+        if fastest:
+            found = designs.fastest(experiment)
+        elif period:
+            found = designs.longest_period(experiment)
+        elif jitter:
+            found = designs.largest_jitter(experiment)
+        elif pin is not None:
+            found = designs.best_pinning(experiment, pin)
+        else:
+            found = designs.accurate(experiment, EstimateBounds(*errors), share, find)
+    _show(experiment, found, find, as_json=as_json, output=output)
+
+
+def _show(
+    experiment: "Experiment",
+    found: "ScenarioDesign",
+    find: "Sampling",
+    *,
+    as_json: bool,
+    output: NewScenario,
+) -> None:
+    """Show a design and the check of the scenario that it makes, which is written where asked."""
+    from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
+    from nrs_cosim.orchestrator.analysis.conclusion import theory_json
+    from nrs_cosim.orchestrator.analysis.conditions import check
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.scenario_files import changed_text, write_scenario
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.scenario.file import resolve_scenario
+
+    text = changed_text(experiment, found.changes, "design")
+    name = experiment.name
+    changed = resolve_scenario(text, name, experiment.folder, name, experiment.assets)
+    if output is not None:
+        if not found.changes:
+            raise InputError(f"-o {output}: nothing is found that would be written")
+        write_scenario(output, experiment, text)
+    checked = check(changed, find)
+    ultimate = ultimate_bounds(changed, checked.rho, find)
+    if as_json:
+        print_json(
+            {
+                "goal": found.goal,
+                "design": found.values,
+                "changes": found.changes,
+                "check": theory_json(checked, ultimate),
+            }
+        )
+        return
+    grid(out, found.rows)
+    out.print()
+    summary_text.theory_table(out, checked, ultimate, bounds(ultimate))
