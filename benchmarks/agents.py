@@ -1,10 +1,12 @@
 """What agents do at a sampling time, beside the bare arithmetic of the same estimates.
 
 First-order DCEA of a thousand robots, of which each receives from four: the bare loop gathers what
-is sent, sums it by robot, and adds; agents do that behind what an algorithm declares.
+is sent, sums it by robot, and adds; agents do that behind what an algorithm declares, by a native
+call as in a run.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.engine.native.tick import NativeDisagreements, load_tick
 
 N, IN_NEIGHBOURS, M, H, TICKS = 1000, 4, 2, 0.1, 60
 ALPHA, BETA = 0.7, 0.6
@@ -58,9 +61,12 @@ def prepared() -> Callable[[], Values]:
     topologies = TopologySchedule.constant(TOPOLOGY)
     robots, clock = np.arange(1, N + 1), Clock((round(H * 1e9),), 1, TICKS)
     still = {name: np.zeros((1, M)) for name in START}
+    native = load_tick()
 
     def run() -> Values:
         agents = Agents(robots, topologies, FirstOrder(ALPHA, BETA), START, clock)
+        if native:
+            agents.disagree_by(partial(NativeDisagreements, native))
         for k in range(1, TICKS + 1):
             agents.receive(k, np.array([0]), still)
             left, messages, _ = agents.send(k, agents.left(H))
