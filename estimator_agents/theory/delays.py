@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 WORK = 2e8
 """Of eigenvalues of many small matrices: the cubes of their orders, added up."""
-MARGIN_WORK, MOST = 1e7, 50
+MARGIN_WORK, MOST = 1e7, 20
 """The same of all delays that are tried for the margin; and the longest of these."""
 ORDERS = 8
 """Of delays that are drawn: combinations of ages up to which they are looked at."""

@@ -154,7 +154,7 @@ class Check:
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
-            "links": self.links.as_json(),
+            "links": {**self.links.as_json(), "rate": self.links.rate(self.periods.mean)},
             "rate": finite(self.rate),
             "settling_time": None if self.premise else self.settling_time,
         }

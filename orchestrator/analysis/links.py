@@ -8,7 +8,7 @@ noise, rounding and duplicates do not decide convergence.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from math import isfinite, isnan, nan
+from math import isfinite, isnan, log, nan
 from typing import Any, Literal
 
 import numpy as np
@@ -102,6 +102,14 @@ class LinkAnalysis:
     def proven(self) -> bool:
         """Whether the status does not rest on the simulation."""
         return self.source != _OFTEN or bool(self.loss and self.loss.almost_sure.lower >= 1)
+
+    def rate(self, h: float) -> float | None:
+        """Return how fast errors fall in the long run, per s, at least; None where not known.
+
+        It is of their mean squares' roots where samples are lost.
+        """
+        of = self.loss.mean_square if self.source == "statement L1" and self.loss else self.radius
+        return -log(of.upper) / h if of and 0 < of.upper < 1 else None
 
     def as_json(self) -> dict[str, Any]:
         """Return the analysis for JSON."""

@@ -34,6 +34,8 @@ class RootMeanSquare:
 
 def root_mean_squares(reader: Reader, experiment: Experiment) -> tuple[RootMeanSquare, ...]:
     """Return those of positions and velocities; none where nothing is expected of a run."""
+    if not experiment.impaired:
+        return ()
     target, clock, end = experiment.target, experiment.clock, reader.ticks
     faults, periods = link_faults_of(experiment), periods_of(experiment)
     known = lossy_recursion(experiment, faults, periods)

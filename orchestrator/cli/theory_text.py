@@ -53,7 +53,10 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
             f"{periods.mean:g} s in the mean"
         )
-    if checked.rate > 0:
+    over_links = checked.links.rate(periods.mean)
+    if over_links is not None:
+        rows["rate"] = f"{over_links:.4g} per s in the long run, at least"
+    elif checked.rate > 0 and checked.links.status != "diverges":
         rows["rate"] = _rate(checked)
     if liars := checked.byzantine:
         by = "".join(f", robot {robot} by {other}" for robot, other in checked.lying_by)

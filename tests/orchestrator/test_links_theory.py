@@ -1,6 +1,7 @@
 """What `check` says of links that are late or lose samples, and what a run over them comes to."""
 
 import json
+from math import log
 
 import pytest
 
@@ -59,7 +60,13 @@ def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, s
     proven = decided.get(status, status) if checked.links.proven else "unknown"
     assert checked.convergence == proven
     assert checked.links.proven == (source != "statement L4" or "2.5" in str(changes))
-    assert source in convergence_rows(checked)["rho"]
+    rows = convergence_rows(checked)
+    assert source in rows["rho"]
+    rate = checked.links.rate(checked.periods.mean)
+    assert (rate is not None) == (source in ("statement D1", "statement D4", "statement L1")) * (
+        status != "diverges"
+    )
+    assert ("rate" in rows) == (status != "diverges")
     found = json.loads(json.dumps(checked.as_json()["links"], allow_nan=False))
     assert (found["loss"] is not None) == ("loss" in str(changes) and "uniform" not in str(changes))
 
@@ -141,3 +148,9 @@ def test_nothing_is_expected_of_errors_in_short_runs_and_beside_noise(tmp_path):
         run(experiment, path)
         with Reader(path) as reader:
             assert root_mean_squares(reader, experiment) == ()
+
+
+def test_the_rate_over_links_is_that_of_their_radius():
+    late, lossy = (check(paper(SECOND_ORDER, faults)).links for faults in (LATE, HALF))
+    assert late.rate(0.1) == pytest.approx(-10 * log(late.radius.upper))
+    assert lossy.rate(0.1) == pytest.approx(-10 * log(lossy.loss.mean_square.upper))
