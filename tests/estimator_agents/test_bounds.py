@@ -231,6 +231,39 @@ def test_a_sliding_robot_that_only_hears_the_target_follows_it(h, gamma_2, share
     assert left >= 400 * (1 - share) * most * (1 - 1e-9)
 
 
+def test_sliding_robots_without_loops_stay_within_their_depth():
+    """|ῡ_i| ≤ ℓ_i (β + h γ2), with the longest path to i of ℓ_i edges, is never left again."""
+    rng = np.random.default_rng(11)
+    for case in range(300):
+        n, beta = int(rng.integers(1, 6)), 1.0
+        most = beta * rng.uniform(0.05, 0.95)
+        weights = np.tril(rng.random((n, n + 1)) * (rng.random((n, n + 1)) < 0.6))
+        weights[~weights.any(axis=1), 0] = 1.0
+        weights /= weights.sum(axis=1, keepdims=True)
+        depth = np.zeros(n + 1)
+        for i in range(n):
+            depth[i + 1] = 1 + depth[: i + 1][weights[i, : i + 1] > 0].max()
+        bound = depth[1:] * (beta + most)
+        x = rng.uniform(-1, 1, (50, n)) * bound
+        for _ in range(30):
+            apart = np.column_stack([np.zeros(50), x]) @ weights.T - x
+            zero = np.zeros_like(x)
+            jumped = Sliding(1.0, beta).jump(Estimate(zero, x), Disagreement(zero, apart)).velocity
+            x = jumped - most * rng.choice([-1, 1, rng.uniform(-1, 1)], (50, 1))
+            assert np.all(np.abs(x) <= bound * (1 + 1e-9)), case
+
+
+def test_two_sliding_robots_in_a_row_are_driven_to_twice_what_one_comes_to():
+    """ῡ just below 0 in both, robot 2 lower: up by β, by h γ2, and by both again."""
+    beta, most, near = 0.11, 0.1, 1e-9
+    x, largest = np.array([-near, -2 * near]), 0.0
+    for change in [-most, most] * 50 + [-most, -most]:
+        apart, zero = np.array([-x[0], x[0] - x[1]]), np.zeros(2)
+        x = Sliding(1.0, beta).jump(Estimate(zero, x), Disagreement(zero, apart)).velocity - change
+        largest = max(largest, x[1])
+    assert largest == pytest.approx(2 * (beta + most), abs=1e-6)
+
+
 @quick
 @given(digraphs(), gains)
 def test_pd_like_has_the_condition_of_its_article(topology, alpha):
