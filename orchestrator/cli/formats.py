@@ -47,11 +47,11 @@ def expect_ending(option: str, output: Path, ending: str) -> None:
         )
 
 
-def expect_folder_name(option: str, output: Path) -> None:
+_TABLES = "tables go into a folder; give the folder's name, and the format by --format"
+
+
+def expect_folder_name(option: str, output: Path, instead: str = _TABLES) -> None:
     """Raise `InputError` for a folder whose name is that of a file, so that a file is meant."""
     kind = _KINDS.get(output.suffix.lower())
     if kind and not output.is_dir():
-        raise InputError(
-            f"{option} {output}: is the name of {kind}, and tables go into a folder; give the "
-            f"folder's name, and the format by --format"
-        )
+        raise InputError(f"{option} {output}: is the name of {kind}, and {instead}")

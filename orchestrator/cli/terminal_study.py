@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.orchestrator.cli.formats import expect_folder_name
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions
 from nrs_cosim.orchestrator.cli.output_paths import locked, make_folder
 from nrs_cosim.orchestrator.cli.progress import status_lines
@@ -110,6 +111,7 @@ class SweepOptions:
 
 def perform_sweep(options: SweepOptions, *, dry_run: bool) -> None:
     """Run a study with what a person sees of it, and exit: 1 where a point failed."""
+    expect_folder_name("-o", options.output, "a study is a folder; give the folder's name")
     plan = options.plan()
     _tell_followed(plan)
     if dry_run:
@@ -262,6 +264,8 @@ def _following(
         return f", about {seconds:.0f} s left"
 
     def status() -> str:
+        if not latest.points:
+            return "reading the points"
         failed = sum(latest.counts.get(status, 0) for status in FAILURES)
         lost = f", {failed} failed" if failed else ""
         return f"{latest.done} of {count_of(latest.points, 'point')}{lost}{left()}"

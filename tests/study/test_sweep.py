@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import nrs_cosim as nrs
+from nrs_cosim.orchestrator.cli.output_paths import locked
 from nrs_cosim.orchestrator.study.point_run import NeedsFmus, run_point
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, STATUSES
 from nrs_cosim.orchestrator.study.store import StudyStore
@@ -101,6 +102,15 @@ def test_several_scenarios_are_an_axis(tmp_path):
     assert study.keys == ("scenario",)
     names = {row.scenario: study.scenario(row.key)["algorithm.name"] for row in study.rows}
     assert names == {"paper_first_order": "dcea1", "second": "dcea2"}
+
+
+def test_a_study_that_another_process_writes_is_refused(tmp_path):
+    write(tmp_path / "s.toml", {"run.duration": 1.0})
+    (tmp_path / "study").mkdir()
+    with locked(StudyStore(tmp_path / "study").journal):
+        done = command("sweep", tmp_path / "s.toml", "-o", tmp_path / "study", "--jobs", "0")
+    assert done.returncode == 2
+    assert "is being written by" in done.stderr
 
 
 def test_keys_that_go_together_are_one_dimension(tmp_path):
@@ -196,6 +206,7 @@ def test_a_dry_run_says_how_much_it_would_be_and_writes_nothing(tmp_path):
         (("--width", "0.1"), "--width requires --refine"),
         (("--refine", "algorithm.alpha"), "expected a key with an axis of its own"),
         (("--timeout", "0"), "--timeout: expected more than 0"),
+        (("-o", "map.mcap"), "is the name of a recording, and a study is a folder"),
     ],
 )
 def test_a_wrong_option_is_one_message_and_makes_no_study(tmp_path, options, said):
