@@ -34,7 +34,7 @@ PAPER = Path(__file__).parents[1] / "scenarios/paper_first_order.toml"
 NRS = Path(sys.executable).with_name("nrs")
 POINTS = 24
 MEMORY = int(os.environ.get("NRS_STUDY_POINTS", "10000"))
-KILLS = 20
+KILLS = int(os.environ.get("NRS_STUDY_KILLS", "20"))
 
 
 def overhead() -> None:

@@ -6,11 +6,13 @@ algorithms that are not linear, of estimates that diverge. With s(a, b) the larg
 
     (s(¾, 1) / s(½, ¾)) ^ (4 / ticks),
 
-by what errors are multiplied at a sampling time. They have grown when the last quarter's are more
-than `GROWN` times the quarter's before: noise and a target that turns make quarters unequal.
+by what errors are multiplied at a sampling time. They have grown when each of the last two quarters
+has more than `GROWN` times the errors of the quarter before it: what grows does so again and again,
+while noise, losses and a target that turns make single quarters unequal.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -26,8 +28,9 @@ _FEWEST = 8
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """The largest errors of the third and of the fourth quarter of so many ticks."""
+    """The largest errors of the second, third and fourth quarter of so many ticks."""
 
+    earlier: float
     before: float
     after: float
     ticks: int
@@ -41,8 +44,8 @@ class Growth:
 
     @property
     def has_grown(self) -> bool:
-        """Whether they are larger than before by more than chance."""
-        return self.after > GROWN * self.before
+        """Whether they grow by more than chance."""
+        return self.after > GROWN * self.before > GROWN**2 * self.earlier
 
 
 def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
@@ -56,4 +59,6 @@ def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
     n = len(sizes)
     if n < _FEWEST:
         return None
-    return Growth(max(sizes[n // 2 : n - n // 4]), max(sizes[n - n // 4 :]), n)
+    cuts = n // 4, n // 2, n - n // 4, n
+    earlier, before, after = (max(sizes[a:b]) for a, b in pairwise(cuts))
+    return Growth(earlier, before, after, n)
