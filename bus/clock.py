@@ -99,6 +99,8 @@ class Clock:
 
     def t(self, k: int) -> int:
         """Return t_k."""
+        if len(self.times) == 1 and not self.jitter:
+            return k * self.times[0]
         turns, i = divmod(k, len(self.times))
         t = turns * self.times[-1] + (self.times[i - 1] if i else 0)
         return t - self.jitter.at(k) if self.jitter else t

@@ -127,6 +127,8 @@ class Writer:
             raise
         self._stored = replace(self._stored, offset=offset, crc=crc)
         self._last: Tick = ()
+        self._last_time = -1
+        """ns: of the last of its messages."""
         self._ticks: dict[int, list[Tick]] = {0: []}
         """Of each chunk that is not in the file; the last one is open."""
         self._open, self._open_bytes = 0, 0
@@ -158,12 +160,12 @@ class Writer:
         tick = [part for part in tick if len(part.channel)]
         if not tick:
             return
-        self._expect_later(tick)
+        self._expect_later(tick, min(int(part.time.min()) for part in tick))
         size = sum(HEAD.itemsize * len(part.channel) + len(part.data) for part in tick)
         if self._open_bytes + size > LIMIT:
             raise ValueError(f"a tick of {size} bytes exceeds {LIMIT}")
         self._ticks[self._open].append(tick)
-        self._last = tick
+        self._last, self._last_time = tick, max(int(part.time.max()) for part in tick)
         self._open_bytes += size
         due = self._closed_at + self._chunk_seconds
         if self._open_bytes >= self._chunk_bytes or time.monotonic() >= due:
@@ -226,9 +228,8 @@ class Writer:
                 raise
             error.add_note(str(refused))
 
-    def _expect_later(self, tick: Tick) -> None:
-        first = min(int(part.time.min()) for part in tick)
-        last = max((int(part.time.max()) for part in self._last), default=-1)
+    def _expect_later(self, tick: Tick, first: int) -> None:
+        last = self._last_time
         if first > last:
             return
         begin = min(self._ranks(tick, first))
