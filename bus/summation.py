@@ -29,26 +29,50 @@ class Summation:
 
     def __init__(self, start: Indices, total: int) -> None:
         """Know where stretches begin, ascending; each ends where the next begins, or at `total`."""
-        self._start, self._count = start, np.diff(np.append(start, total))
+        count = np.diff(np.append(start, total))
+        self._rows = len(start)
+        # The longest first: those that have a further number are then the first so many.
+        short = np.flatnonzero((count > 0) & (count <= _LANES))
+        self._short = short[np.argsort(-count[short], kind="stable")]
+        self._long = np.flatnonzero(count > _LANES)
+        self._start, self._count = start, count
 
     def __call__(self, x: Anything) -> Anything:
         """Return the sums of (total, …), a row a stretch; 0 of one that is empty."""
-        partial = x.copy()
-        for into, added in self._steps:
-            partial[into] += partial[added]
-        full = self._count > 0
-        if full.all():
-            return partial[self._start]
-        sums = np.zeros((len(self._start), *x.shape[1:]), x.dtype)
-        sums[full] = partial[self._start[full]]
+        sums = np.zeros((self._rows, *x.shape[1:]), x.dtype)
+        if len(self._short):
+            sums[self._short] = self._added(x)
+        if len(self._long):
+            partial = x.copy()
+            for into, added in self._steps:
+                partial[into] += partial[added]
+            sums[self._long] = partial[self._start[self._long]]
+        return sums
+
+    def _added(self, x: Anything) -> Anything:
+        """Return the sums of short stretches: x_0 + ((x_1 + x_2) + …)."""
+        first, *further = self._places
+        sums: Anything = x.take(first, axis=0)
+        if further:
+            rest = x.take(further[0], axis=0)
+            for place in further[1:]:
+                rest[: len(place)] += x.take(place, axis=0)
+            sums[: len(rest)] += rest
         return sums
 
     @cached_property
+    def _places(self) -> list[Indices]:
+        """Where the first, second … numbers of short stretches are, of those that have one."""
+        start, count = self._start[self._short], self._count[self._short]
+        return [start[count > place] + place for place in range(count[0])]
+
+    @cached_property
     def _steps(self) -> list[tuple[Indices, Indices]]:
-        """Which partial sums are added to which, those at once that do not need one another."""
+        """Which partial sums of long stretches are added to which, at once where that can be."""
         steps: defaultdict[int, list[tuple[Indices, Indices]]] = defaultdict(list)
-        for count in sorted(set(self._count.tolist())):
-            starts = self._start[self._count == count][:, None]
+        counts = self._count[self._long]
+        for count in sorted(set(counts.tolist())):
+            starts = self._start[self._long][counts == count][:, None]
             for level, (into, added) in enumerate(_levels(count)):
                 steps[level].append(((starts + into).ravel(), (starts + added).ravel()))
         return [
