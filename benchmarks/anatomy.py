@@ -35,8 +35,7 @@ PARTS: Mapping[str, Sequence[str]] = {
         "nrs_cosim.estimator_agents.agents:Agents.receive",
         "nrs_cosim.estimator_agents.agents:Agents.jump",
     ],
-    "worker: bounds looked at": ["nrs_cosim.orchestrator.engine.worker:Worker._expect_bounded"],
-    "worker: states as records": ["nrs_cosim.orchestrator.engine.worker:Worker._states"],
+    "worker: states looked at, recorded": ["nrs_cosim.orchestrator.engine.worker:Worker._states"],
     "worker: samples as records": ["nrs_cosim.orchestrator.engine.worker:Worker._publish"],
     "worker: what it needs": ["nrs_cosim.orchestrator.engine.worker:Worker._await"],
     "wire: batches packed": [
