@@ -14,8 +14,8 @@ from nrs_cosim.estimator_agents.lying_agents import LyingAgents, OtherAlgorithm
 from nrs_cosim.estimator_agents.values import Values
 from tests.estimator_agents.agents_without_bus import agents_at, meet
 
-CLOCK = Clock((100_000_000, 400_000_000), 1, 100)
-"""Periods of 0.1 s and 0.3 s in turn."""
+CLOCK = Clock((100_000_000, 400_000_000, 900_000_000), 1, 100)
+"""Periods of 0.1 s, 0.3 s and 0.5 s in turn."""
 SEEN, WEIGHTS = 7.0, {"position": 1.0, "velocity": 0.5}
 
 
@@ -35,14 +35,21 @@ class Looking(Still):
         return x.replace(position=np.where(pinned[:, None], measured.position, x.position))
 
 
-def lying(own, other):
-    """Return two robots, of which 1 alone hears the target, and lies to 2 by another algorithm."""
+def lying(own, *by):
+    """Return two robots, of which 1 alone hears the target, and lies to 2 by other algorithms."""
     topologies = TopologySchedule.constant(Topology.of_edges(2, [0, 1], [1, 2], np.ones(2)))
     start = Values(position=np.array([[1.0], [2.0]]), velocity=np.array([[0.5], [0.0]]))
-    lie, robots = Lie(0, "algorithm", {}), np.array([1, 2])
-    beside = agents_at([1], topologies, other, start.at([0]), ticks=CLOCK)
-    others = [OtherAlgorithm(lie, beside, True, frozenset({1}))]
-    lies = Lies(0, [[lie], []], robots)
+    mine, robots = [Lie(number, "algorithm", {}) for number in range(len(by))], np.array([1, 2])
+    others = [
+        OtherAlgorithm(
+            lie,
+            agents_at([1], topologies, other, start.at([0]), ticks=CLOCK),
+            True,
+            frozenset({1}),
+        )
+        for lie, other in zip(mine, by, strict=True)
+    ]
+    lies = Lies(0, [mine, []], robots)
     return LyingAgents(others, robots, topologies, own, start, CLOCK, None, "hold", 0, lies)
 
 
@@ -60,9 +67,13 @@ def test_each_of_its_algorithms_looks_if_it_does(own, other):
     assert who is None
 
 
+def test_one_of_several_that_looks_is_waited_for():
+    assert lying(Still(), Still(), Looking()).observes
+
+
 def test_it_moves_on_by_the_periods_as_they_are():
     agents, t = lying(Still(), Still()), 0.0
-    for k, h in enumerate((0.1, 0.3, 0.1, 0.3), 1):
+    for k, h in enumerate((0.1, 0.3, 0.5, 0.1, 0.3), 1):
         t += h
         left = agents.left(h)
         _, messages, _ = agents.send(k, left)
