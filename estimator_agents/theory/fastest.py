@@ -1,8 +1,9 @@
 """The gains for which errors of estimates shrink fastest, and the robots to pin (G1 to G4).
 
 Each mode of `dcea1` is |1 − α z|, z = 1 − s: convex in α, so that the largest of them has one
-minimum; of real z it is 2/(z_min + z_max). Of two gains that act together nothing is convex, and
-the best of a grid is looked at ever more closely.
+minimum; of real z it is 2/(z_min + z_max). Of `dcea2` two modes have the product 1 − β z, so that
+no ρ is below r = max |1 − β z|^½, and α h = β (1 − r²)/(1 + r²) attains it. Of other gains that act
+together nothing is convex, and the best of a grid is looked at ever more closely.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,6 +42,16 @@ def fastest_alone(spectrum: Spectrum) -> float:
         else:
             low += third
     return (low + high) / 2
+
+
+def fastest_together(
+    spectrum: Spectrum, h: float, beta: float | None = None
+) -> tuple[float, float]:
+    """Return α and β of least ρ(Γ); α at a β below θ where that is given."""
+    if beta is None:
+        beta = fastest_alone(spectrum)
+    squared = float(np.abs(1 - beta * (1 - spectrum)).max())
+    return beta * (1 - squared) / ((1 + squared) * h), beta
 
 
 def least(radius: Callable[[Array], float], low: Array, high: Array) -> Array:

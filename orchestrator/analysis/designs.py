@@ -6,14 +6,20 @@ from math import ceil, floor, isfinite, isnan, log10
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.topology import Topology
-from nrs_cosim.estimator_agents.algorithm import Algorithm
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra
 from nrs_cosim.estimator_agents.parameters import Declared
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
-from nrs_cosim.estimator_agents.theory.fastest import best_pins, fastest_alone, least
+from nrs_cosim.estimator_agents.theory.fastest import (
+    best_pins,
+    fastest_alone,
+    fastest_together,
+    least,
+)
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from nrs_cosim.estimator_agents.theory.spectrum import spectrum_of
 from nrs_cosim.orchestrator.analysis.accuracy import accuracy_rows, designed
@@ -67,27 +73,47 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
         rho = rho_alone(with_gains([float(gain) for gain in gains]), spectra, Periods((h,))).radius
         return float("inf") if isnan(rho) else rho
 
-    keep, gain = found
-    alone = np.array_equal(keep, np.eye(2)) and not gain[0, 1] and not gain[1, 0]
-    if alone and names == ["alpha", "beta"]:
-        best = [fastest_alone(spectra[0]), fastest_alone(spectra[-1])]
-    else:
+    best = _in_closed_form(*found, [getattr(algorithm, name) for name in names], spectra, h)
+    closed = bool(best)
+    if not closed:
         low = np.array([1e-3 if name == "alpha" else 1e-2 for name in names])
         high = np.array([20 / h if name == "alpha" else 4.0 for name in names])
         best = least(radius, low, high).tolist()
     best = [float(f"{value:.{DIGITS}g}") for value in best]
     rho, before = radius(best), radius([getattr(algorithm, name) for name in names])
     gains = dict(zip(names, best, strict=True))
-    how = "the least there is" if alone else "the least that a search finds"
+    how = "the least there is" if closed else "the least that a search finds"
     return ScenarioDesign(
         "fastest",
-        {**gains, "spectral_radius": rho, "before": before, "searched": not alone},
+        {**gains, "spectral_radius": rho, "before": before, "searched": not closed},
         {
             "fastest": ", ".join(f"{name} = {value:g}" for name, value in gains.items())
             + f": spectral radius {rho:.6g}, {how}; {before:.6g} before"
         },
         {f"algorithm.{name}": value for name, value in gains.items()},
     )
+
+
+def _in_closed_form(
+    keep: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    given: Sequence[float],
+    spectra: Spectra,
+    h: float,
+) -> list[float]:
+    """Return the gains of least ρ in place of those given (G1, G2); none where it is no DCEA.
+
+    K and G, (2, 2), are what the algorithm does with those.
+    """
+    if not np.array_equal(keep, np.eye(2)):
+        return []
+    if np.array_equal(gain, np.diag(np.resize(given, 2))) and len(given) == 2:
+        return [fastest_alone(spectra[0]), fastest_alone(spectra[-1])]
+    together = not gain[0].any() and np.array_equal(gain[1, : len(given)], given)
+    if together and len(spectra) == 1:
+        beta = None if len(given) == 2 else float(gain[1, 1])
+        return [*fastest_together(spectra[0], h, beta)][: len(given)]
+    return []
 
 
 def longest_period(experiment: Experiment) -> ScenarioDesign:
