@@ -268,7 +268,10 @@ def _of_losses(
     if proof:
         return replace(found, status="converges in mean square", source=_SOMETIMES)
     if found.loss is None:
-        return replace(found, why="of such losses and delays together it is not computed")
+        return replace(
+            found,
+            why="of so many links that lose samples, or of delays drawn beside, it is not computed",
+        )
     if found.loss.mean_square.status == "proven":
         return replace(found, status="converges in mean square", source="statement L1")
     return replace(found, why="it is not decided in mean square, nor by simulation")

@@ -5,6 +5,8 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -21,7 +23,7 @@ from nrs_cosim.estimator_agents.theory.delays import (
 )
 from nrs_cosim.estimator_agents.theory.late_states import block_radius
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
-from tests.estimator_agents.digraphs import drawn, ring
+from tests.estimator_agents.digraphs import digraphs, drawn, ring
 from tests.estimator_agents.paper import ADJACENCY, PINNING, D
 from tests.estimator_agents.powers import growth
 
@@ -232,3 +234,14 @@ def test_delays_that_are_drawn_lie_between_the_bounds_of_switching_ages():
         switching_radius(step, ring(10, both=True), *np.array([[0], [1]]) * np.ones(21, int))
         is None
     )
+
+
+@given(digraphs(most=3), st.floats(0.05, 1.5), st.floats(0.05, 1.5), st.floats(0.01, 1), st.data())
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+def test_on_any_digraph_with_any_delays_the_radius_is_the_growth(topology, alpha, beta, h, data):
+    edges = len(topology.source)
+    delay = np.array(data.draw(st.lists(st.integers(0, 2), min_size=edges, max_size=edges)))
+    flow, gain = np.array([[1, h], [0, 1]]), np.array([[0, 0], [alpha, beta]])
+    late = LateStep(linear_step(SecondOrder(alpha, beta), h), topology, delay)
+    expected = growth(by_edges(flow, gain, topology, delay, 2))
+    assert late.radius(eigenvalues(late)) == pytest.approx(expected, abs=2e-6)
