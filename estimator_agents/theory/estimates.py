@@ -128,7 +128,7 @@ def _attained(
     if most is None:
         return None
     most += np.repeat(np.abs(held) * gamma_1, recursion.n)
-    periods = 4 * _periods_of_work(recursion.matrix)
+    periods = _periods_of_work(recursion.matrix) * (4 if seen.shape[1] <= DENSE else 1)
     if radius > 0 and log(LEFT) / log(radius) > periods:
         return largest(most)
     found, _ = attained(ErrorRecursion.of(recursion), seen, most, (gamma_1, gamma_2), held, periods)

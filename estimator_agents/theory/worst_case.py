@@ -27,7 +27,7 @@ from nrs_cosim.estimator_agents.theory.slow_modes import modulus
 Array = NDArray[np.float64]
 Reals = NDArray[np.floating[Any]]
 
-DENSE, BLOCK = 200, 64
+DENSE, BLOCK = 400, 64
 """Rows of A up to which so many of its powers are made at once."""
 LEFT = 1e-13
 """The part of a response at which the past ends."""
