@@ -56,10 +56,11 @@ figures: .venv/.installed  ## draw the documents' figures
 reference: .venv/.installed  ## write docs/scenario.md and docs/cli.md from the code
 	$(BIN)/python -m docs.reference docs
 
-paper: .venv/.installed  ## run the paper's cases; its figures and numbers beside ours in docs/paper
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'
+paper: .venv/.installed  ## run the paper's cases and studies; its figures and numbers beside ours in docs/paper
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[analysis,figures]'
 	$(BIN)/python -m docs.paper_tables $(DATA) docs/paper
 	$(BIN)/python -m docs.comparison $(DATA) docs/paper
+	$(BIN)/python -m docs.paper_studies $(DATA) docs/paper
 
 lint: .venv/.tested  ## format and lint
 	$(BIN)/ruff format .
