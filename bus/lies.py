@@ -1,4 +1,4 @@
-"""What a Byzantine robot sends in place of its sample: to all alike, or to some receivers only.
+"""What a Byzantine robot sends in place of its sample: to all the same, or to some receivers only.
 
 A lie follows from the sample, from the time, and from chance that is keyed by (seed, which lie,
 field, sender, receiver, k). It has no memory: whoever tells it, and whenever, it is the same. One
@@ -23,7 +23,7 @@ LieKind = Literal["stuck", "offset", "ramp", "noise", "algorithm"]
 LIE_KINDS: tuple[LieKind, ...] = get_args(LieKind)
 NOTHING_PRETENDED: Pretended = {}
 _TO_ALL = 0
-"""The receiver, in the key of chance, of what is told to all alike."""
+"""The receiver, in the key of chance, of what is sent to all the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The matrix of a digraph is dense for few robots, sparse for many: products and sums are alike.
+"""The matrix of a digraph is dense for few robots, sparse for many: products and sums are the same.
 
 SciPy takes longer to load than all that is computed of few robots: it is loaded for many alone.
 """

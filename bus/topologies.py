@@ -1,7 +1,7 @@
-"""Who hears whom at t_k: digraphs that take turns, and one for positions apart from velocities'.
+"""Who receives from whom at t_k: digraphs by phase, and one for positions apart from velocities'.
 
 Entry e holds from tick since[e] on, until the next does; the last one for ever or, where the
-turns repeat after T ticks, up to T, and tick k is then as tick (k − 1) mod T + 1. A sample carries
+phases repeat after T ticks, up to T, and tick k is then as tick (k − 1) mod T + 1. A sample carries
 position and velocity: it travels at t_k over each edge that either digraph of t_k has, and a robot
 takes of it what its own digraphs have the edge for.
 """
@@ -18,14 +18,14 @@ from nrs_cosim.bus.topology import Topology
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InteractionGraphs:
-    """Over which digraph positions are heard, and over which velocities; mostly they are one."""
+    """Over which digraph positions are received, and over which velocities; mostly they are one."""
 
     position: Topology
     velocity: Topology
 
     @classmethod
     def of(cls, topology: Topology) -> "InteractionGraphs":
-        """Return what hears both over one digraph."""
+        """Return what receives both over one digraph."""
         return cls(topology, topology)
 
     @property
@@ -42,7 +42,7 @@ class TopologySchedule:
     since: tuple[int, ...]
     """The tick from which each holds, ascending from 1."""
     repeat: int | None
-    """After how many ticks the turns come again; None where the last one stays."""
+    """After how many ticks the phases come again; None where the last one stays."""
     links: Topology
     """The edges that some digraph has, each with its largest weight."""
 
@@ -78,7 +78,7 @@ class TopologySchedule:
 
     @property
     def switching(self) -> bool:
-        """Whether exchanges take turns for ever."""
+        """Whether the phases change for ever."""
         return self.repeat is not None and not self.is_constant
 
     def at(self, k: int) -> int:

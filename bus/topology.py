@@ -1,4 +1,4 @@
-"""Who hears whom: the digraph of the paper's section 2.2, kept as a list of edges j → i.
+"""Who receives from whom: the digraph of the paper's section 2.2, kept as a list of edges j → i.
 
 Node 0 is the target, nodes 1 … n are the robots. Edges are sorted by (i, j): a robot's sum over
 its in-neighbours is always taken in the order of their numbers, whoever computes it.
@@ -39,14 +39,14 @@ class Topology:
         return cls(n, j[order], i[order], np.asarray(weight, float)[order])
 
     def in_neighbours(self, robot: int) -> NDArray[np.intp]:
-        """Return the nodes that a robot hears, ascending: (d,), 0 for the target."""
+        """Return the nodes that a robot receives from, ascending: (d,), 0 for the target."""
         first, end = np.searchsorted(self.sink, [robot, robot + 1])
         received: NDArray[np.intp] = self.source[first:end]
         return received
 
     @property
     def pinned(self) -> NDArray[np.intp]:
-        """(p,) the robots that hear the target, ascending."""
+        """(p,) the robots that receive from the target, ascending."""
         robots: NDArray[np.intp] = self.sink[self.source == 0]
         return robots
 
@@ -57,7 +57,7 @@ class Topology:
 
     @property
     def normalised(self) -> NDArray[np.float64]:
-        """(E,) w_ij / ϖ_i, what the algorithms weigh a heard sample with."""
+        """(E,) w_ij / ϖ_i, what the algorithms weigh a received sample with."""
         return self.weight / self.in_degree[self.sink - 1]
 
     @property

@@ -68,7 +68,7 @@ class JointRecord(_Record):
 
 
 class PlantGroup(_Record):
-    """Robots whose plants are of one FMU, and driven alike."""
+    """Robots whose plants are of one FMU, and driven the same way."""
 
     fmu: Words
     name: str

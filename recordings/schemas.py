@@ -151,8 +151,8 @@ def _codec(
 def _lacks(kind: str, found: MessageType) -> str | None:
     """Return what a kind of message must have, and this type has not."""
     if kind == "state":
-        alike = {name: field.shape for name, field in found.fields.items()}
-        return next((n for n, field in STATE.fields.items() if alike.get(n) != field.shape), None)
+        shapes = {name: field.shape for name, field in found.fields.items()}
+        return next((n for n, field in STATE.fields.items() if shapes.get(n) != field.shape), None)
     if kind == "link_event":
         if next(iter(found.entries), None) != "source":
             return "source in the first place"

@@ -57,8 +57,8 @@ def design(
     Args:
         scenario: What is to be changed.
         goal: `fastest` gains alpha and beta; the longest `period` that converges; the largest
-            `jitter` under which convergence is proven; `pinning`, the robots that should hear the
-            target; or gains and a period for an `accuracy` that is proven.
+            `jitter` under which convergence is proven; `pinning`, the robots that
+            should receive from the target; or gains and a period for an `accuracy` that is proven.
         robots: Of `pinning`, how many.
         position: Of `accuracy`, the largest ‖q − ε_0‖₂ in the long run, rad.
         velocity: Of `accuracy`, the largest ‖q̇ − υ_0‖₂, rad/s.

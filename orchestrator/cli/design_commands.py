@@ -44,7 +44,7 @@ def design(
         typer.Option(
             metavar="K",
             parser=whole_number("--pin", 1),
-            help="The K robots to hear the target for the least spectral radius.",
+            help="The K robots to receive from the target for the least spectral radius.",
         ),
     ] = None,
     accuracy: Annotated[

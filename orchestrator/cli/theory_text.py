@@ -90,7 +90,7 @@ def _of(checked: "Check") -> str:
 
 
 def _networks(checked: "Check") -> dict[str, str]:
-    """Return lines of who hears whom: one digraph in whole, several in short."""
+    """Return lines of who receives from whom: one digraph in whole, several in short."""
     if checked.network:
         (heard,) = checked.phases[0].digraphs
         return {
@@ -120,7 +120,8 @@ def _ways(network: "NetworkSummary") -> str:
     """Say how the target comes to all."""
     return (
         f"a path of at most {count_of(network.depth, 'link')} leads from the target to every robot "
-        f"(assumption A2); {_robots(network.pinned)} hear{'s' * (len(network.pinned) == 1)} it"
+        f"(assumption A2); {_robots(network.pinned)} "
+        f"receive{'s' * (len(network.pinned) == 1)} from it"
     )
 
 
@@ -195,7 +196,7 @@ def _components(network: "NetworkSummary") -> str:
     """Say which robots depend on one another."""
     loops = [part for part in network.components if len(part) > 1]
     if not loops:
-        return "no robots hear one another in a loop"
+        return "no robots receive from one another in a loop"
     shown = "; ".join(_robots(part) for part in loops[:4]) + ("; …" if len(loops) > 4 else "")
     return f"{len(network.components)}, strongly connected; of several robots: {shown}"
 

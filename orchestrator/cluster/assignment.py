@@ -145,8 +145,8 @@ class Assignment(dict[str, WorkerSlot]):
         merged: dict[str, dict[str, Any]] = {}
         for slot in self.values():
             for plant in slot.plants:
-                alike = str({**plant, "robots": None})
-                merged.setdefault(alike, {**plant, "robots": []})["robots"] += plant["robots"]
+                same = str({**plant, "robots": None})
+                merged.setdefault(same, {**plant, "robots": []})["robots"] += plant["robots"]
         for plant in merged.values():
             plant["robots"].sort()
         return sorted(merged.values(), key=lambda plant: plant["robots"][0])

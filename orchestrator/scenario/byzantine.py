@@ -1,4 +1,4 @@
-"""What the Byzantine robots of a scenario say, to all alike or to some that hear them.
+"""What the Byzantine robots of a scenario say, to all the same or to some that receive from them.
 
 One that lies by another algorithm runs it beside its own, with a state of its own. Where it is told
 to some robots, what it receives may itself be told to it by such a lie, and so on.
@@ -27,7 +27,7 @@ InitialSample = Callable[[int], Mapping[str, NDArray[np.float64]]]
 
 @dataclass(frozen=True, slots=True)
 class OwnLie:
-    """A lie, who tells it, and to whom: to all alike where nobody is named."""
+    """A lie, who tells it, and to whom: to all the same where nobody is named."""
 
     robot: int
     to: tuple[int, ...]
@@ -103,15 +103,15 @@ def wrong_byzantine(
 
 
 def _wrong_receivers(here: str, entry: ByzantineRobot, topology: Topology) -> Iterator[str]:
-    hear = topology.sink[topology.source == entry.robot].tolist()
+    receivers = topology.sink[topology.source == entry.robot].tolist()
     known: set[int] = set()
     for place, robot in enumerate(entry.to or ()):
         if robot in known:
             yield f"{here}.to[{place}]: robot {robot} has been given before"
-        elif robot not in hear:
-            one = f"one of {', '.join(map(str, hear))}, who" if hear else "a robot that"
-            none = "" if hear else ", but none does"
-            end = f"hear{'s' * (not hear)} robot {entry.robot}{none}"
+        elif robot not in receivers:
+            one = f"one of {', '.join(map(str, receivers))}, who" if receivers else "a robot that"
+            none = "" if receivers else ", but none does"
+            end = f"receive{'s' * (not receivers)} from robot {entry.robot}{none}"
             yield f"{here}.to[{place}]: expected {one} {end}, got {robot}"
         known.add(robot)
 

@@ -1,4 +1,4 @@
-"""Edges in tables (CSV): who is heard, who hears, by what weight, and where that is written."""
+"""Edges in tables (CSV): who sends, who receives, by what weight, and where that is written."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -53,7 +53,8 @@ def expect_distinct(arrows: Iterable[Arrow], where: str) -> list[Arrow]:
     for arrow in arrows:
         source, sink, here = arrow.source, arrow.sink, f"{where}: line {arrow.line}"
         if source == sink:
-            raise ScenarioError(f"{here}: expected another source, robot {sink} cannot hear itself")
+            why = f"expected another source, robot {sink} cannot receive from itself"
+            raise ScenarioError(f"{here}: {why}")
         before = lines.get((source, sink))
         if before is not None:
             raise ScenarioError(

@@ -1,6 +1,6 @@
 """An experiment is a scenario resolved once: everything that a run, and what is said of it, needs.
 
-A scenario is what its user wrote. What follows from it (when samples are taken, who hears whom, how
+A scenario is what its user wrote. What follows from it (sampling times, who receives from whom, how
 the target moves, what links do to samples, which estimator the agents have, what robots start with)
 is here, made when it is first asked for and then kept, and nothing else derives it. It never
 changes, and its parts are shared by whoever asks: arrays among them are not to be written.
@@ -97,7 +97,7 @@ class Experiment:
 
     @cached_property
     def topologies(self) -> TopologySchedule:
-        """Who hears whom, and when; its arrays cannot be written."""
+        """Who receives from whom, and when; its arrays cannot be written."""
         return topologies_of(self.scenario.network, self.seed)
 
     @cached_property

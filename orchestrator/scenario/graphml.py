@@ -1,8 +1,8 @@
 """A network in GraphML: what the standard says of it is applied, or refused by name and line.
 
-Nodes are 0, the target, to n; an edge leads from who is heard to who hears, and an edge without
-direction is one each way, but that the target hears nobody. `weight`, an edge's number of that
-name, is 1 unless the file's key says otherwise. Text says nothing of who hears whom and is passed
+Nodes are 0, the target, to n; an edge leads from who sends to who receives, and an edge without
+direction is one each way, but that the target receives from nobody. `weight`, an edge's number of
+that name, is 1 unless the file's key says otherwise. Text says nothing of the digraph and is passed
 over, as is what an editor draws by; any other attribute might, so that it is refused.
 
 The standard: http://graphml.graphdrawing.org/specification.html
@@ -41,7 +41,7 @@ _CHILDREN = {
 _WHY_NOT = {
     "graph": "a network is one graph, and none within another",
     "hyperedge": "a sample goes from one node to one other; give edges",
-    "port": "a robot hears over edges between nodes; leave ports out",
+    "port": "a robot receives over edges between nodes; leave ports out",
     "locator": "what is elsewhere is not fetched; give its content here",
 }
 _SCOPES = ("all", "graphml", "graph", "node", "edge", "hyperedge", "port", "endpoint")
@@ -72,7 +72,7 @@ class _Key:
 
     @property
     def says_nothing(self) -> bool:
-        """Whether it cannot be meant as a part of who hears whom."""
+        """Whether it cannot be meant as a part of the digraph."""
         if _OURS.search(self.name):
             return False
         return self.kind == "string" or self.name.lower() in _DRAWING
@@ -194,7 +194,7 @@ def _unknown(element: str, key: _Key, ident: str) -> str:
     if element == "edge":
         return f"{named}: an edge has a number 'weight' and no other; rename it, or leave it out"
     if element == "node":
-        return f"{named}: an edge from node 0 is how a robot hears the target; leave it out"
+        return f"{named}: an edge from node 0 is how a robot receives from the target; leave it out"
     return f"{named}: a {element} has none; leave it out"
 
 
@@ -224,14 +224,15 @@ def _arrows(graph: Any, keys: Mapping[str, _Key], where: str) -> list[Arrow]:
     arrows = [arrow for edge in edges for arrow in _ways(edge, nodes, by_default, keys, where)]
     alone = {*nodes.values()} - {0, *(arrow.sink for arrow in arrows)}
     if alone:
-        raise ScenarioError(f"{where}: no edge leads to robot {min(alone)}, which hears no other")
+        why = f"no edge leads to robot {min(alone)}, which receives from no other"
+        raise ScenarioError(f"{where}: {why}")
     return arrows
 
 
 def _ways(
     element: Any, nodes: Mapping[str, int], by_default: bool, keys: Mapping[str, _Key], where: str
 ) -> Iterator[Arrow]:
-    """Yield the directed edges that an edge is, those from which somebody hears."""
+    """Yield the directed edges that an edge is, those from which somebody receives."""
     here, line = f"{where}: line {element.sourceline}: edge", element.sourceline
     text = _values(element, keys, where)
     named = [_given(element, end, here) for end in ("source", "target")]
@@ -245,7 +246,7 @@ def _ways(
     if "directed" in element.attrib:
         directed = _either(element, "directed", _TRUTH, where)
     if not sink and (directed or not source):
-        raise ScenarioError(f"{here}: the target, 0, hears none; turn it round")
+        raise ScenarioError(f"{here}: the target, 0, receives from none; turn it round")
     for j, i in ((source, sink),) if directed else ((source, sink), (sink, source)):
         if i:
             yield Arrow(j, i, weight, line)

@@ -31,10 +31,10 @@ def generated(generator: Generator, seed: int, where: str = "network") -> tuple[
 
     `where` the generator stands in the scenario is part of the key of what it draws. A directed
     path leads from the first pinned robot to every other, by construction:
-    - ring: robot i hears i − 1, and robot 1 hears n;
-    - path: robot i hears i − 1, from robot 1; star: all hear robot 1. Robot 1 must be pinned;
+    - ring: robot i receives from i − 1, and robot 1 receives from n;
+    - path: robot i > 1 receives from i − 1; star: all receive from robot 1. Robot 1 must be pinned;
     - random_k_in: robots are ranked in the order of their numbers from the first that is pinned,
-      round through n. Each hears k others, of which one is drawn from those of lower rank, the
+      round through n. Each receives from k others, one of them drawn from those of lower rank, the
       others from all: by induction over the ranks, a path leads from the first to each;
     - small_world: a ring lattice of k neighbours on each side, both ways. Of the edges i – i + d
       those with d = 1 stay, which hold all robots together; each other one, with probability
@@ -104,12 +104,12 @@ def _small_world(generator: Generator, seed: int, where: str) -> tuple[Nodes, No
 
 
 def topologies_of(network: Network, seed: int) -> TopologySchedule:
-    """Return who hears whom, and when; arrays of a topology cannot be written."""
+    """Return who receives from whom, and when; arrays of a topology cannot be written."""
     exchanges = []
     for where, given in phases_of(network):
         digraphs = [_topology(digraph, seed, here) for here, digraph in digraphs_of(where, given)]
         exchanges.append(InteractionGraphs(digraphs[0], digraphs[-1]))
-    since = [turn.from_ for turn in network.switching or ()]
+    since = [phase.from_ for phase in network.switching or ()]
     return TopologySchedule.of(exchanges, since or (1,), network.repeat)
 
 
@@ -134,10 +134,10 @@ def _weight(edge: Edge) -> float:
 
 
 def phases_of(network: Network) -> list[tuple[str, InteractionTable]]:
-    """Return what holds in turn, and where it stands in the scenario."""
+    """Return what holds by phase, and where it stands in the scenario."""
     if network.switching is None:
         return [("network", network)]
-    return [(f"network.switching[{i}]", turn) for i, turn in enumerate(network.switching)]
+    return [(f"network.switching[{i}]", phase) for i, phase in enumerate(network.switching)]
 
 
 def digraphs_of(where: str, given: InteractionTable) -> list[tuple[str, Digraph]]:

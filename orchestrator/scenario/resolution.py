@@ -183,7 +183,7 @@ def _edges(asset: Asset) -> tuple[Edge, ...]:
 
 def _distinct(arrows: list[Arrow], name: str) -> list[Arrow]:
     if not arrows:
-        raise ScenarioError(f"{name}: has no edge; robot 1 at least must hear the target, 0")
+        raise ScenarioError(f"{name}: has no edge; robot 1, say, must receive from the target, 0")
     return expect_distinct(arrows, name)
 
 

@@ -1,4 +1,4 @@
-"""What may be wrong with a scenario's network: its form, its turns, its digraphs, and A2 for each.
+"""What may be wrong with a scenario's network: its form, its phases, its digraphs, and A2 for each.
 
 A2 is asked of every digraph, as the paper has it: a spanning tree rooted at the target at each t_k.
 """
@@ -22,7 +22,7 @@ _FORMS = "adjacency (with pinning), generator, edge_list, edges"
 
 
 def wrong_form(network: Network) -> str:
-    """Return why it cannot be told who hears whom, and when; empty where it can."""
+    """Return why it cannot be told who receives from whom, and when; empty where it can."""
     return next(_wrong_forms(network), "")
 
 
@@ -61,7 +61,7 @@ def _wrong_digraph_form(where: str, digraph: Digraph) -> Iterator[str]:
 def wrong_network(experiment: Experiment) -> Iterator[str]:
     """Yield what is wrong with a network whose form is right."""
     network = experiment.scenario.network
-    yield from _wrong_turns(network)
+    yield from _wrong_phases(network)
     digraphs = [pair for where, given in phases_of(network) for pair in digraphs_of(where, given)]
     shapes = [wrong for where, digraph in digraphs for wrong in _wrong_shape(where, digraph)]
     yield from shapes
@@ -81,29 +81,29 @@ def wrong_network(experiment: Experiment) -> Iterator[str]:
         yield from _wrong_topology(where, digraph, topology)
 
 
-def _wrong_turns(network: Network) -> Iterator[str]:
-    turns = network.switching or ()
-    for i, turn in enumerate(turns):
-        here, before = f"network.switching[{i}].from", turns[i - 1].from_
-        if i == 0 and turn.from_ != 1:
-            yield f"{here}: expected 1, the first tick, in the first entry, got {turn.from_}"
-        elif i and turn.from_ <= before:
-            yield f"{here}: expected more than {before}, as entries follow, got {turn.from_}"
-    if turns and network.repeat is not None and network.repeat < turns[-1].from_:
+def _wrong_phases(network: Network) -> Iterator[str]:
+    phases = network.switching or ()
+    for i, phase in enumerate(phases):
+        here, before = f"network.switching[{i}].from", phases[i - 1].from_
+        if i == 0 and phase.from_ != 1:
+            yield f"{here}: expected 1, the first tick, in the first entry, got {phase.from_}"
+        elif i and phase.from_ <= before:
+            yield f"{here}: expected more than {before}, as entries follow, got {phase.from_}"
+    if phases and network.repeat is not None and network.repeat < phases[-1].from_:
         yield (
-            f"network.repeat: expected at least {turns[-1].from_}, where the last entry begins, "
+            f"network.repeat: expected at least {phases[-1].from_}, where the last entry begins, "
             f"got {network.repeat}"
         )
 
 
-def unused_turns(experiment: Experiment) -> Iterator[str]:
-    """Yield which turns a run ends before, where its network and its times are right."""
+def unused_phases(experiment: Experiment) -> Iterator[str]:
+    """Yield which phases a run ends before, where its network and its times are right."""
     ticks = experiment.clock.ticks
-    for i, turn in enumerate(experiment.scenario.network.switching or ()):
-        if turn.from_ > ticks:
+    for i, phase in enumerate(experiment.scenario.network.switching or ()):
+        if phase.from_ > ticks:
             yield (
                 f"network.switching[{i}].from: expected at most {ticks}, the last tick of the run, "
-                f"got {turn.from_}; leave the entry out, or make run.duration longer"
+                f"got {phase.from_}; leave the entry out, or make run.duration longer"
             )
 
 
@@ -113,7 +113,7 @@ def _wrong_topology(where: str, digraph: Digraph, topology: Topology) -> Iterato
         for row in np.flatnonzero(~np.isfinite(topology.in_degree))[:SHOWN]:
             yield (
                 f"{where}.{form}: expected weights whose sum is a finite number, "
-                f"but that of what robot {row + 1} hears is not; make them smaller"
+                f"but that of what robot {row + 1} receives is not; make them smaller"
             )
     unreached = topology.unreached()
     if unreached:
@@ -122,8 +122,8 @@ def _wrong_topology(where: str, digraph: Digraph, topology: Topology) -> Iterato
         yield (
             f"{where}: expected a spanning tree rooted at the target (assumption A2), but no path "
             f"leads from the target to {numbered('robot', unreached, SHOWN)}{more}; let "
-            f"one of them hear the target ({pinned.get(form, 'an edge from 0')}) or a robot that "
-            f"does"
+            f"one of them receive from the target ({pinned.get(form, 'an edge from 0')}) "
+            f"or from a robot that does"
         )
 
 
@@ -151,7 +151,8 @@ def _wrong_matrix(
         if not isfinite(sum(row, pin)):
             yield f"{where}.adjacency[{i}]: expected weights whose sum is a finite number"
         if row[i]:
-            yield f"{where}.adjacency[{i}][{i}]: expected 0, robot {i + 1} cannot hear itself"
+            here = f"{where}.adjacency[{i}][{i}]"
+            yield f"{here}: expected 0, robot {i + 1} cannot receive from itself"
 
 
 def _wrong_edges(where: str, edges: Sequence[Edge]) -> Iterator[str]:
@@ -160,7 +161,7 @@ def _wrong_edges(where: str, edges: Sequence[Edge]) -> Iterator[str]:
         source, sink = edge[:2]
         here = f"{where}[{number}]"
         if source == sink:
-            yield f"{here}: expected another source, robot {sink} cannot hear itself"
+            yield f"{here}: expected another source, robot {sink} cannot receive from itself"
         before = first.setdefault((source, sink), number)
         if before != number:
             yield (

@@ -22,7 +22,7 @@ from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenari
 from nrs_cosim.orchestrator.scenario.targets import unsampled_times
 from nrs_cosim.orchestrator.scenario.times import wrong_times
 from nrs_cosim.orchestrator.scenario.wrong_initial import AXES, length_fault, wrong_initial
-from nrs_cosim.orchestrator.scenario.wrong_networks import unused_turns, wrong_form, wrong_network
+from nrs_cosim.orchestrator.scenario.wrong_networks import unused_phases, wrong_form, wrong_network
 from nrs_cosim.plant_fmu.archives.quantities import MOTION, UNITS
 
 SHORTEST = 1e-6
@@ -56,7 +56,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
     yield from _plant_faults("plant", scenario.plant)
     yield from network_faults
     if not (time_faults or network_faults):
-        yield from unused_turns(experiment)
+        yield from unused_phases(experiment)
     yield from _gain_faults("controller", scenario.controller, m)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     yield from wrong_initial(experiment, sized=not network_faults)

@@ -1,4 +1,4 @@
-"""A reset leaves nothing of what was: started again alike, an FMU is and moves as it did at first.
+"""A reset leaves nothing of what was: started again, an FMU is and moves as it did at first.
 
 fmi2Reset and fmi3Reset return an instance to where it was when it was instantiated (FMI 2.0.4,
 section 2.1.5; FMI 3.0.2, section 2.3.1). What equations are looked for by starting it anew at

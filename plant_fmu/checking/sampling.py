@@ -32,7 +32,7 @@ FIRST, LAST = np.pi / 8, 1e-3
 """rad: a climb's steps."""
 TOLERANCE = 1e-2
 """Relative: of what is to be symmetric, or in proportion."""
-TURNS = 8
+DRAWN = 8
 """Directions of η from which the largest ‖C(η, q)‖₂ is sought."""
 
 Measure = Callable[[Array], float]
@@ -159,7 +159,7 @@ def _inverse(mobility: Array) -> Array:
 def _largest(swings: Array) -> float:
     """Return the largest ‖Σ η_i swings[:, i]‖₂ over |η| = 1, by turning η to where it grows."""
     m = len(swings)
-    starts = np.random.Generator(np.random.Philox(SEED)).normal(size=(TURNS, m))
+    starts = np.random.Generator(np.random.Philox(SEED)).normal(size=(DRAWN, m))
     largest = 0.0
     for eta in [*np.eye(m), *starts]:
         turned, before = eta / np.linalg.norm(eta), -1.0

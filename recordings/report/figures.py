@@ -280,7 +280,7 @@ def _link_events(stories: Sequence[Story]) -> Figure:
     for story, said in zip(stories, run_names(stories), strict=True):
         if len(story.link_events.k):
             label = f"{said}: " if several else ""
-            panels.append(_fault_panel(story, f"{label}robot ← whom it hears"))
+            panels.append(_fault_panel(story, f"{label}robot ← whom it receives from"))
     return Figure(
         "link_events",
         "Link events",

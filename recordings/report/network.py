@@ -1,7 +1,7 @@
 """The network as a picture: the target in the middle, the robots on a circle, an arrow a link.
 
-An arrow goes from whom is heard to who hears, bent to its left, so that a pair that hears one
-another has two; it is as wide as its weight. Only inline SVG is written: the page's style sheet
+An arrow goes from who sends to who receives, bent to its left, so that there are two
+where both receive; it is as wide as its weight. Only inline SVG is written: the page's style sheet
 colours it, by class.
 """
 
@@ -39,7 +39,7 @@ def drawn(story: Story) -> str:
     body = [*_links(story, nodes, node), *_nodes(story, nodes, node)]
     return (
         f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" style="--ring: {node / 3.2:.2g}px" role="img" '
-        f'aria-label="Who hears whom">{"".join(body)}</svg>{phases}'
+        f'aria-label="Who receives from whom">{"".join(body)}</svg>{phases}'
     )
 
 
@@ -71,7 +71,8 @@ def _links(story: Story, nodes: Array, node: float) -> Iterator[str]:
         base = tip - into * head
         wings = [base + aside * head * 0.45, base - aside * head * 0.45]
         kind = "link pinning" if j == 0 else "link"
-        lines = [f"robot {i} hears {f'robot {j}' if j else 'the target'}, weight {weight:g}"]
+        sender = f"robot {j}" if j else "the target"
+        lines = [f"robot {i} receives from {sender}, weight {weight:g}"]
         lines += [f"{met[j, i, at]} {name}" for at, name in enumerate(KINDS) if met[j, i, at]]
         middle = (start + 2 * control + tip) / 4
         label = (
@@ -97,7 +98,7 @@ def _nodes(story: Story, nodes: Array, node: float) -> Iterator[str]:
         else:
             kind = "node pinned" if number in pinned else "node"
             name, label = f"robot {number}", str(number)
-            name += ": it hears the target" if number in pinned else ""
+            name += ": it receives from the target" if number in pinned else ""
         text = f'<text x="{_n(x)}" y="{_n(y)}">{label}</text>' if node > 8 else ""
         yield (
             f'<g class="{kind}" data-robot="{number}"><title>{name}</title>'

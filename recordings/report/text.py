@@ -30,8 +30,9 @@ def lead(story: Story) -> str:
     robots, joints = count_of(story.n, "robot"), count_of(story.m, "joint")
     who = numbered("robot", pinned, 8) if pinned else "nobody"
     sentences = [
-        f"{robots} with {joints} each follow a target that {who} hear{'s' * (len(pinned) == 1)}; "
-        f"their estimates of it spread over {count_of(among, 'link')} among the robots.",
+        f"{robots} with {joints} each follow a target, from which {who} "
+        f"receive{'s' * (len(pinned) == 1)}; their estimates of it spread over "
+        f"{count_of(among, 'link')} among the robots.",
         *([subject.phases] if subject.phases else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",

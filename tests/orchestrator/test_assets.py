@@ -42,7 +42,7 @@ def naming(edges="net.csv"):
     rest = toml(SHORT, {"network": None, "target": None})
     return f"""{rest}{WORDS}
 [network]
-edges = "{edges}"   # who hears whom
+edges = "{edges}"   # who receives from whom
 
 [target]
 kind  =  'sampled'

@@ -27,7 +27,7 @@ from tests.scenarios import example, paper, write
 LIAR = 4
 EMPTY = np.array([])
 OWN = 50.0
-"""What the liar of four robots starts with, and the target, which it alone hears, is."""
+"""What the liar of four robots starts with, and the target, which it alone receives from, is."""
 
 
 def still(graph, start, pinned, algorithm, lies, target=OWN, duration=6.0, links=()):
@@ -49,7 +49,7 @@ def still(graph, start, pinned, algorithm, lies, target=OWN, duration=6.0, links
 
 
 def four(*lies, F=1, **more):
-    """Return robots of 0, 1, 2 and a liar, all of whom hear one another."""
+    """Return robots of 0, 1, 2 and a liar, all of whom receive from one another."""
     start, wmsr = [0, 1, 2, OWN], {"name": "wmsr", "F": F}
     return still(nx.complete_graph(4), start, [LIAR], wmsr, lies, **more)
 
@@ -201,7 +201,7 @@ def test_what_a_link_does_to_a_sample_it_does_to_the_lie(tmp_path):
 
 
 def circulant():
-    """Return a digraph of 8 robots, each of which hears the four before it."""
+    """Return a digraph of 8 robots, each of which receives from the four before it."""
     digraph = nx.DiGraph([((i - step) % 8, i) for i in range(8) for step in (1, 2, 3, 4)])
     assert by_definition(digraph) == 2
     return digraph
@@ -223,7 +223,7 @@ def test_on_a_2_2_robust_digraph_w_msr_keeps_the_honest_within_and_dcea1_does_no
         {"name": "wmsr", "F": 1},
         {"name": "dcea1", "alpha": 0.9, "beta": 0.9},
     ):
-        # Nobody but the liar hears the target, so that what the honest know is among themselves.
+        # Nobody but the liar receives from the target: what the honest know is among themselves.
         experiment = still(circulant(), start, [LIAR], algorithm, lies)
         (tmp_path / algorithm["name"]).mkdir()
         table = recorded(experiment, tmp_path / algorithm["name"])
@@ -373,9 +373,9 @@ def lying(**keys):
         (lying(value="far"), "faults.byzantine[0].value: expected a valid number, got 'far'"),
         (
             lying(to=[2, 3, 6]),
-            "faults.byzantine[0].to[1]: expected one of 2, 4, who hear robot 1, got 3",
+            "faults.byzantine[0].to[1]: expected one of 2, 4, who receive from robot 1, got 3",
         ),
-        (lying(robot=6, to=[1]), "expected a robot that hears robot 6, but none does, got 1"),
+        (lying(robot=6, to=[1]), "expected a robot that receives from robot 6, but none does, got"),
         (lying(to=[2, 2]), "faults.byzantine[0].to[1]: robot 2 has been given before"),
         (lying(to=[]), "faults.byzantine[0].to: expected at least one, got []"),
         (

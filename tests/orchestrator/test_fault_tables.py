@@ -147,12 +147,12 @@ BAD = [
     (faulty_links({"from": 1.5}), "faults.links[0].from: expected a whole number, got 1.5"),
     (
         faulty_links({"from": 6}),
-        "faults.links[0]: expected a link of the network, but no robot hears node 6",
+        "faults.links[0]: expected a link of the network, but no robot receives from node 6",
     ),
     (
         faulty_links({"loss": 0}, {"from": 2, "to": 3}),
-        "faults.links[1]: expected a link of the network, but robot 3 does not hear node 2; "
-        "it hears 0",
+        "faults.links[1]: expected a link of the network, but robot 3 does not receive from "
+        "node 2; it receives from 0",
     ),
     (faulty_robots({"outages": [[1, 2]]}), "faults.robots[0].id: missing"),
     (faulty_robots({"id": 0}), "faults.robots[0].id: expected greater than or equal to 1, got 0"),

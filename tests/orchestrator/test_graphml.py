@@ -82,7 +82,7 @@ WEIGHED = NODES + edge(0, 1) + edge(1, 2, "", '<data key="w"> 2.5 </data>')
             document(WEIGHED, '<key id="w" attr.name="weight" attr.type="float"/>'),
             {(0, 1): 1.0, (1, 2): 2.5},
         ),
-        # text and drawing say nothing of who hears whom
+        # text and drawing say nothing of who receives from whom
         (
             document(
                 '<node id="0"/><node id="1"><data key="l">first</data><data key="x">7</data>'
@@ -223,7 +223,7 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         ),
         (
             document(NODES.replace('"2"/>', '"2"><port name="in"/></node>') + EDGES),
-            "port: a robot h",
+            "port: a robot r",
         ),
         (document("<locator/>"), "locator: what is elsewhere is not fetched"),
         (document(NODES + EDGES + "<arc/>"), "arc: no such element is known there"),
@@ -239,22 +239,22 @@ PINNED = '<node id="0"/><node id="1"><data key="k">1</data></node><node id="2"/>
         ),
         (
             document(NODES + EDGES + edge(2, 2)),
-            "expected another source, robot 2 cannot hear itself",
+            "expected another source, robot 2 cannot receive from itself",
         ),
         (
             document(NODES + EDGES + edge(2, 0)),
-            "edge 2 to 0: the target, 0, hears none; turn it",
+            "edge 2 to 0: the target, 0, receives from none; turn it",
         ),
         (
             document(NODES + EDGES + edge(0, 0, 'directed="0"')),
-            "edge 0 to 0: the target, 0, hears n",
+            "edge 0 to 0: the target, 0, receives from n",
         ),
         (document(NODES + EDGES + edge(2, 3)), "edge: '3' is no node of the graph"),
         (document(NODES + '<node id="01"/>' + EDGES), "node: '01' has been given before"),
         (document(NODES + '<node id="1_0"/>' + EDGES), "or the number of a robot, got '1_0'"),
         (
             document(NODES + '<node id="3"/>' + EDGES),
-            "no edge leads to robot 3, which hears no other",
+            "no edge leads to robot 3, which receives from no other",
         ),
         (document("<node/>"), "node: id: missing"),
         *(

@@ -187,7 +187,7 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         with pytest.raises(ScenarioError, match=result):
             read_scenario(path)
     networkx.write_graphml(networkx.DiGraph([*PAPERS, (1, 0)]), tmp_path / "net.graphml")
-    with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, hears none"):
+    with pytest.raises(ScenarioError, match="edge 1 to 0: the target, 0, receives from none"):
         read_scenario(path)
     (tmp_path / "net.graphml").write_text("<graphml><no", "utf-8")
     with pytest.raises(ScenarioError, match=r"network\.graphml: net\.graphml: not valid GraphML"):
@@ -209,7 +209,10 @@ def test_graphml_is_read_as_networkx_writes_it(tmp_path):
         ("source,sink,weight\n0,1,0", "line 2: weight: expected a number above 0, got '0'"),
         ("source,sink,weight\n0,1,nan", "line 2: weight: expected a number above 0, got 'nan'"),
         ("source;sink\n0;1", "in its first line, separated by commas, got 'source;sink'"),
-        ("source,sink\n0,1\n1,1", "line 3: expected another source, robot 1 cannot hear itself"),
+        (
+            "source,sink\n0,1\n1,1",
+            "line 3: expected another source, robot 1 cannot receive from it",
+        ),
         ("source,sink\n0,1\n,", "line 3: source: expected 0, the target, or the number of a rob"),
         (
             "source,sink\n0,1\n1,100001",
@@ -255,7 +258,7 @@ K_IN = {"kind": "random_k_in", "n": 5, "k": 2}
         ({"edge_list": [[0, 1], [2, 3]]}, "no path leads from the target to robots 2-3; let"),
         (
             {"edge_list": [[0, 1, 1e308], [2, 1, 1e308], [1, 2]]},
-            "that of what robot 1 hears is not",
+            "that of what robot 1 receives is not",
         ),
         ({"edge_list": [[0, 1000000000]]}, "network.edge_list[0][1]: expected less than or equal"),
         (generator(kind="path", n=20, pinned=[20]), "robots 1-19 (19 robots)"),

@@ -73,9 +73,9 @@ BAD = {
         {"network.pinning": [0, 0, 1, 0, 0, 0, 1]},
         "network.pinning: expected 6 weights, got 7",
     ),
-    "robot that hears itself": (
+    "robot that receives from itself": (
         {"network.adjacency.1": [1, 1, 0, 0, 0, 0]},
-        "network.adjacency[1][1]: expected 0, robot 2 cannot hear itself",
+        "network.adjacency[1][1]: expected 0, robot 2 cannot receive from itself",
     ),
     "negative weight": (
         {"network.adjacency.1": [-1, 0, 0, 0, 0, 0]},

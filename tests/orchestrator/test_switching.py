@@ -110,7 +110,7 @@ def test_the_edges_of_each_phase_travel_beside_the_text(tmp_path):
                 (1, PAPER), (5, {"edge_list": [[0, 1], [1, 2], [1, 3], [1, 4], [5, 6], [6, 5]]})
             ),
             "network.switching[1]: expected a spanning tree rooted at the target (assumption A2), "
-            "but no path leads from the target to robots 5-6; let one of them hear the target (an ",
+            "but no path leads from the target to robots 5-6; let one of them receive from the ",
         ),
         (
             phases((1, PAPER), (5, {"edge_list": [[0, 1], [1, 1]]})),
@@ -132,7 +132,7 @@ def test_the_edges_of_each_phase_travel_beside_the_text(tmp_path):
         (
             separate(PAPER, {"generator": {"kind": "path", "n": 6, "pinned": [2]}}),
             "network.velocity: expected a spanning tree rooted at the target (assumption A2), but "
-            "no path leads from the target to robot 1; let one of them hear the target (network.ve",
+            "no path leads from the target to robot 1; let one of them receive from the target",
         ),
         (
             separate(PAPER, {"edges": "a.csv"}),

@@ -41,7 +41,7 @@ def test_faults_and_several_recordings_are_drawn(chromium, paper, lossy, folder)
     (folder / "both.html").write_text(page([story(paper), story(lossy)]), "utf-8")
     look = Look(chromium, (folder / "both.html").as_uri()).ready()
     *_, (label, points, lines) = look.drawn()
-    assert label == "paper_lossy_links: robot ← whom it hears"
+    assert label == "paper_lossy_links: robot ← whom it receives from"
     assert points > 1000
     assert lines == 4
     assert look.ask("document.querySelectorAll('#network svg').length") == 2

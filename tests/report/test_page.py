@@ -173,7 +173,7 @@ def test_a_page_is_small_and_self_contained(paper, tmp_path):
 def test_a_page_shows_the_runs_words_and_numbers(paper):
     (run,) = sentences_of(page([story(paper)]))["runs"]
     assert "6 robots with 2 joints each" in run["lead"]
-    assert "a target that robot 3 hears" in run["lead"]
+    assert "a target, from which robot 3 receives" in run["lead"]
     assert "dcea1 (alpha = 0.9, beta = 1.1)" in run["lead"]
     measured = [row["value"] for row in run["measured"]]
     assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
@@ -189,7 +189,7 @@ def test_a_page_shows_the_runs_words_and_numbers(paper):
     assert run["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
     assert run["network"].count('data-robot="') == 7
     heard = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
-    expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i hears j
+    expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i receives from j
     assert sorted(i + j for j, i in heard) == expected.split()
 
 

@@ -85,7 +85,7 @@ class FaultyLink(Table):
 
 
 class FaultyRobot(Table):
-    """When a robot neither sends nor hears."""
+    """When a robot neither sends nor receives."""
 
     id: int = Field(strict=True, ge=1, description="1 to n")
     outages: tuple[Span, ...] = Field(
@@ -102,7 +102,7 @@ class ByzantineRobot(Table):
     robot: int = Field(strict=True, ge=1, description="1 to n")
     kind: LieKind = Field(
         description="what is sent is `stuck` at a value, or has something added: an `offset`, a "
-        "`ramp`, or `noise`, which is drawn at each t_k: for all alike, or for each of `to`; or it "
+        "`ramp`, or `noise`, which is drawn at each t_k: once for all, or for each of `to`; or it "
         "is what another `algorithm` would send",
     )
     algorithm: AlgorithmChoice | None = Field(
@@ -119,8 +119,8 @@ class ByzantineRobot(Table):
     )
     to: Annotated[tuple[RobotNumber, ...], Field(min_length=1)] | None = Field(
         None,
-        description="the robots that are told it, on their links; all alike unless given, and then "
-        "the lie is the sample",
+        description="the robots that are told it, on their links; all of them unless given, and "
+        "then the lie is the sample",
     )
     times: tuple[Span, ...] = Field(
         (), description="s; [from, to]: told at from <= t_k < to; always unless given"

@@ -56,7 +56,7 @@ def _whole_or(value: Any, number: ValidatorFunctionWrapHandler) -> float | int:
 
 
 class Pattern(Table):
-    """Names that are alike but for an index: joint1.phi, joint2.phi, …"""
+    """Names that differ in an index alone: joint1.phi, joint2.phi, …"""
 
     pattern: Annotated[str, AfterValidator(_indexed)] = Field(
         description="a name with {i} for the index, and {j} for a second one"

@@ -1,4 +1,4 @@
-"""The network in a scenario: digraphs of several forms, which may take turns."""
+"""The network in a scenario: digraphs of several forms, and its phases."""
 
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -36,9 +36,9 @@ class Generator(Table):
     """A network by rule, drawn from run.seed where it is random."""
 
     kind: Literal["ring", "path", "star", "random_k_in", "small_world"] = Field(
-        description="ring: i hears i-1, and 1 hears n; path: the same, but that 1 hears no robot; "
-        "star: all hear robot 1; random_k_in: each hears k others; small_world: k neighbours on "
-        "each side, both ways, some of them rewired"
+        description="ring: i receives from i-1, and 1 from n; path: the same, but that 1 receives "
+        "from no robot; star: all receive from robot 1; random_k_in: each from k others; "
+        "small_world: k neighbours on each side, both ways, some of them rewired"
     )
     n: RobotNumber = Field(description="the number of robots")
     k: Annotated[int, Field(strict=True, ge=1)] | None = Field(
@@ -50,26 +50,26 @@ class Generator(Table):
         "neighbours goes elsewhere; 0.1 by default",
     )
     pinned: tuple[RobotNumber, ...] = Field(
-        (1,), min_length=1, description="the robots that hear the target"
+        (1,), min_length=1, description="the robots that receive from the target"
     )
     weight: Positive = Field(1.0, description="of every edge")
 
 
 class Digraph(Table):
-    """Who hears whom, in one of these forms: adjacency with pinning, or one of the others."""
+    """Who receives from whom, in one of these forms: adjacency with pinning, or one of others."""
 
     adjacency: tuple[tuple[Weight, ...], ...] | None = Field(
-        None, min_length=1, description="n x n; [i][j] > 0: robot i+1 hears robot j+1"
+        None, min_length=1, description="n x n; [i][j] > 0: robot i+1 receives from robot j+1"
     )
     pinning: tuple[Weight, ...] | None = Field(
-        None, description="n; [i] > 0: robot i+1 hears the target"
+        None, description="n; [i] > 0: robot i+1 receives from the target"
     )
     generator: Generator | None = Field(None, description="a network by rule")
     edge_list: tuple[EdgeEntry, ...] | None = Field(
         None,
         min_length=1,
         description="[source, sink] or [source, sink, weight], where sink "
-        "hears source; 0 is the target, n the largest number; the weight is 1 unless given",
+        "receives from source; 0 is the target, n the largest number; the weight is 1 unless given",
     )
     edges: Text | None = Field(
         None, description="path of a CSV file relative to this file: source,sink[,weight]"
@@ -97,7 +97,7 @@ class Digraph(Table):
 
 
 class InteractionTable(Digraph):
-    """Who hears whom: one digraph, or one for positions and one for velocities."""
+    """Who receives from whom: one digraph, or one for positions and one for velocities."""
 
     position: Digraph | None = Field(None, description="over which positions travel")
     velocity: Digraph | None = Field(None, description="over which velocities travel")
@@ -115,13 +115,13 @@ class InteractionTable(Digraph):
 
 
 class PhaseTable(InteractionTable):
-    """Who hears whom from a tick on."""
+    """Who receives from whom from a tick on."""
 
     from_: Tick = Field(alias="from", description="the first tick of it, k; 1 in the first entry")
 
 
 class Network(InteractionTable):
-    """Who hears whom, always the same or by turns."""
+    """Who receives from whom, always the same or by phase."""
 
     switching: tuple[PhaseTable, ...] | None = Field(
         None,

@@ -31,7 +31,7 @@ class Run(Table):
 
     duration: Positive | None = Field(
         None,
-        description="s; a whole number of sampling periods, or of turns of sampling_times, which "
+        description="s; a whole number of sampling periods, or of rounds of sampling_times, which "
         "is one by default",
     )
     sampling_period: Positive | None = Field(
@@ -170,7 +170,7 @@ class Scenario(Table):
     run: Run = Field(description="how long, how often, and from which seed")
     algorithm: AlgorithmChoice = Field(description="the estimator and its parameters")
     controller: Controller = Field(description="the PD loop by which a robot follows its estimate")
-    network: Network = Field(description="who hears whom, and who hears the target")
+    network: Network = Field(description="who receives from whom, and who receives from the target")
     target: TargetMotion = Field(description="how the target moves, and so the number of joints m")
     plant: Plant = Field(description="the FMU of the robots' dynamics")
     disturbance: Disturbance = Field(
