@@ -54,12 +54,18 @@ def fastest_together(
     return beta * (1 - squared) / ((1 + squared) * h), beta
 
 
-def least(radius: Callable[[Array], float], low: Array, high: Array) -> Array:
+def least(
+    radius: Callable[[Array], float],
+    low: Array,
+    high: Array,
+    coarse: int = COARSE,
+    zooms: int = ZOOMS,
+) -> Array:
     """Return the gains, (g,), of the least radius that a search between two bounds finds."""
-    axes = [np.geomspace(*ends, COARSE) for ends in zip(low, high, strict=True)]
+    axes = [np.geomspace(*ends, coarse) for ends in zip(low, high, strict=True)]
     best = min((np.array(point) for point in product(*axes)), key=radius)
-    width = (high / low) ** (1 / (COARSE - 1))
-    for _ in range(ZOOMS):
+    width = (high / low) ** (1 / (coarse - 1))
+    for _ in range(zooms):
         steps = np.linspace(-1, 1, FINE)
         around = [best * width ** np.array(step) for step in product(steps, repeat=len(best))]
         best = min([best, *(np.clip(point, low, high) for point in around)], key=radius)

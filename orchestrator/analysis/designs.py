@@ -25,6 +25,13 @@ from nrs_cosim.estimator_agents.theory.spectrum import spectrum_of
 from nrs_cosim.orchestrator.analysis.accuracy import accuracy_rows, designed
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.analysis.convergence import periods_of, rho_alone, spectra_of
+from nrs_cosim.orchestrator.analysis.link_designs import (
+    expect_honest,
+    expect_sound,
+    factor_at,
+    first_failing_period,
+    why_not_designed,
+)
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
@@ -34,6 +41,8 @@ WITHIN = 0.999
 """The part of the longest period, or largest jitter, that is written: at the bound errors stay."""
 HALVINGS = 8
 """Of the jitter between none and a period."""
+AWAY, OVER_LINKS = 4.0, 8
+"""How far from the best gains of sound links others are tried, by a factor; and how finely."""
 ROBOTS = 1000
 """Of which the best to pin are looked for."""
 
@@ -54,6 +63,7 @@ class ScenarioDesign:
 def fastest(experiment: Experiment) -> ScenarioDesign:
     """Return the gains alpha and beta of the least spectral radius (G1, G2)."""
     algorithm, h = experiment.algorithm, _period(experiment)
+    expect_honest(experiment)
     (spectra,) = _spectra(experiment)
     names = [
         field.name
@@ -70,17 +80,25 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
         return made
 
     def radius(gains: Any) -> float:
-        rho = rho_alone(with_gains([float(gain) for gain in gains]), spectra, Periods((h,))).radius
+        changed = with_gains([float(gain) for gain in gains])
+        rho = factor_at(experiment.with_algorithm(changed), spectra, h)
         return float("inf") if isnan(rho) else rho
 
-    best = _in_closed_form(*found, [getattr(algorithm, name) for name in names], spectra, h)
-    closed = bool(best)
+    given = [getattr(algorithm, name) for name in names]
+    before = radius(given)
+    if experiment.impaired and not isfinite(before):
+        raise InputError(why_not_designed(experiment))
+    best = _in_closed_form(*found, given, spectra, h)
+    closed = bool(best) and not experiment.impaired
     if not closed:
+        fine = (OVER_LINKS, OVER_LINKS) if experiment.impaired else ()
         low = np.array([1e-3 if name == "alpha" else 1e-2 for name in names])
         high = np.array([20 / h if name == "alpha" else 4.0 for name in names])
-        best = least(radius, low, high).tolist()
+        if best:  # of sound links, near to which those over these are
+            low, high = np.array(best) / AWAY, np.array(best) * AWAY
+        best = least(radius, low, high, *fine).tolist()
     best = [float(f"{value:.{DIGITS}g}") for value in best]
-    rho, before = radius(best), radius([getattr(algorithm, name) for name in names])
+    rho = radius(best)
     gains = dict(zip(names, best, strict=True))
     how = "the least there is" if closed else "the least that a search finds"
     return ScenarioDesign(
@@ -118,7 +136,10 @@ def _in_closed_form(
 
 def longest_period(experiment: Experiment) -> ScenarioDesign:
     """Return the largest h below which the estimates converge (G3)."""
-    _period(experiment)
+    h = _period(experiment)
+    expect_honest(experiment)
+    if experiment.impaired:
+        return _period_over_links(experiment, h)
     bound = check(experiment).h_bound
     if bound is None or not isfinite(bound):
         raise InputError(f"{experiment.name}: no bound on the period is known of the algorithm")
@@ -133,9 +154,26 @@ def longest_period(experiment: Experiment) -> ScenarioDesign:
     )
 
 
+def _period_over_links(experiment: Experiment, h: float) -> ScenarioDesign:
+    """Return the largest period below the first of those tried at which errors do not shrink."""
+    (spectra,) = _spectra(experiment)
+    first, low, high = first_failing_period(experiment, spectra, h)
+    period = _rounded_down(WITHIN * low)
+    return ScenarioDesign(
+        "period",
+        {"bound": high, "period": period, "searched": True},
+        {
+            "period": "over these links the estimates converge at all periods that were tried from "
+            f"{first:.3g} s on, and not at {high:.6g} s; {period:g} s is written"
+        },
+        _with_period(experiment, period),
+    )
+
+
 def largest_jitter(experiment: Experiment) -> ScenarioDesign:
     """Return the largest jitter under which every draw of it converges, by proof (G3)."""
     algorithm, h = experiment.algorithm, experiment.scenario.run.sampling_period
+    expect_sound(experiment, "a jitter")
     (spectra,) = _spectra(experiment)
     if h is None or len(spectra) > 1:
         raise InputError(f"{experiment.name}: jitter is of one digraph and a sampling_period")
@@ -162,6 +200,7 @@ def largest_jitter(experiment: Experiment) -> ScenarioDesign:
 
 def best_pinning(experiment: Experiment, count: int) -> ScenarioDesign:
     """Return the robots to pin, so many, for the least spectral radius (G4)."""
+    expect_sound(experiment, "pinning")
     (digraph,) = _one_digraph(experiment)
     n, h, algorithm = digraph.n, _period(experiment), experiment.algorithm
     if n > ROBOTS or count > n:
@@ -210,6 +249,7 @@ def accurate(
     experiment: Experiment, wanted: EstimateBounds, share: float, find: Find | None = None
 ) -> ScenarioDesign:
     """Return gains and a period that are proven to keep robots as near as wanted (G5)."""
+    expect_sound(experiment, "an accuracy")
     found = designed(experiment, wanted, share, find)
     if found is None:
         raise InputError(

@@ -288,6 +288,20 @@ def lossy_recursion(
     return (step, lossy) if step and lossy else None
 
 
+def factor_over_links(
+    experiment: Experiment, spectrum: Spectrum, periods: Periods
+) -> RadiusBounds | None:
+    """Return bounds on the factor over links that are late or lose samples; None if not known.
+
+    Where they lose some it is of the root of the mean square.
+    """
+    late = step_of_run(experiment, periods, ())[0]
+    if late:
+        return RadiusBounds(*[late.radius(spectrum)] * 2)
+    lossy = lossy_recursion(experiment, link_faults_of(experiment), periods)
+    return mean_square_radius(lossy[1]) if lossy else None
+
+
 def _lossy_step(
     experiment: Experiment,
     faults: LinkFaults,

@@ -75,6 +75,12 @@ class Experiment:
         vars(other).update({name: vars(self)[name] for name in derived})
         return other
 
+    def with_algorithm(self, algorithm: Algorithm) -> "Experiment":
+        """Return it with an estimator of the same fields, for theory to look at; it cannot run."""
+        other = self.but()
+        vars(other)["algorithm"] = algorithm
+        return other
+
     @property
     def n(self) -> int:
         """The number of robots."""

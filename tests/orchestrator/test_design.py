@@ -116,6 +116,39 @@ def test_a_design_is_written_and_is_a_scenario(tmp_path):
     assert nrs_cosim.Scenario.load(output)["algorithm.beta"] == 1.0
 
 
+def test_over_late_links_the_period_and_the_gains_are_those_that_converge_there():
+    """Where a sample is a period late, the bound over sound links is one at which errors grow."""
+    scenario = nrs_cosim.Scenario.load(SCENARIOS / "paper_example_3a.toml")
+    late = scenario.replace({"faults.links": [{"delay": 1}]})
+    found = nrs_cosim.design(late, "period")
+    assert found.values["searched"]
+    assert 0.37 < found.scenario["run.sampling_period"] < found.values["bound"] < 0.38
+    links = nrs_cosim.check(found.scenario).as_json()["links"]
+    assert links["status"] == "converges"
+    h = {"run.sampling_period": 0.38, "run.output_step": None, "run.duration": 38.0}
+    assert nrs_cosim.check(late.replace(h)).as_json()["links"]["status"] == "diverges"
+    fastest = nrs_cosim.design(late, "fastest")
+    radius = nrs_cosim.check(fastest.scenario).as_json()["links"]["radius"]["upper"]
+    assert radius == pytest.approx(fastest.values["spectral_radius"], abs=1e-9)
+    assert radius < 0.857 < fastest.values["before"]  # of sound links the best gains come to 0.917
+
+
+@pytest.mark.parametrize("goal", ["--fastest", "--period", "--jitter", "--pin=1"])
+def test_nothing_is_designed_where_robots_lie(goal):
+    lies = 'faults.byzantine=[{robot=1,kind="stuck"}]'
+    done = nrs("design", SCENARIOS / "paper_example_3a.toml", goal, "--set", lies)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "robots lie" in done.stderr
+
+
+@pytest.mark.parametrize("goal", [("--jitter",), ("--pin", "1"), ("--accuracy", "0.1", "0.5")])
+def test_what_is_proven_of_sound_links_is_not_promised_over_others(goal):
+    late = "faults.links=[{delay=1}]"
+    done = nrs("design", SCENARIOS / "paper_example_3a.toml", *goal, "--set", late)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "links have faults" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
