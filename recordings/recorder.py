@@ -309,9 +309,7 @@ def _columns(channels: NDArray[np.uint16], records: Records) -> Columns:
     """Return messages of one kind as they are; channels are by node."""
     starts, stops = _places(records.dtype.itemsize, len(records))
     data, on = records.view(np.uint8).data, channels[records["robot"]]
-    # Those that lie between bytes are slow to go through, which is done more than once.
-    k, time_ns = records["k"].copy(), records["time_ns"].copy()
-    return Columns(data, on, k, time_ns, starts, stops)
+    return Columns(data, on, records["k"], records["time_ns"], starts, stops)
 
 
 @lru_cache(maxsize=16)
