@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
@@ -12,7 +11,6 @@ from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.page import page
 
-Format = Literal["html", "png", "pdf", "svg"]
 BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 

@@ -90,8 +90,6 @@ UNOCCUPIED = frozenset({S.VACANT, S.STARTING, S.AWAY, S.UNAWARE, S.LEFT})
 """Where nobody is let in."""
 WELL = frozenset({S.RUNNING, S.DONE, S.FAILED, S.AWAY})
 """Where the worker was told to begin, and was not lost before it was done."""
-OVER = frozenset({S.ENDING, S.INFORMED, S.UNAWARE, S.LEFT})
-"""After the end of the run."""
 
 TRANSITIONS: dict[tuple[State, Event], State] = {
     (S.VACANT, E.START): S.STARTING,

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from nrs_cosim.orchestrator.cluster import worker_state
 from nrs_cosim.orchestrator.cluster.worker_state import (
     APPEARING,
-    OVER,
     STARTING_UP,
     TRANSITIONS,
     UNOCCUPIED,
@@ -201,7 +200,7 @@ def test_after_the_end_no_worker_joins_or_begins(before, after):
     for event in [*before, E.END]:
         happen(slot, event, 1.0, 0)
     for event in after:
-        assert slot.state in OVER
+        assert slot.state in {S.ENDING, S.INFORMED, S.UNAWARE, S.LEFT}
         happen(slot, event, 2.0, 0)
         assert slot.state is not S.LEFT or not any(happen(slot, e, 3.0, 0) for e in Event)
     assert slot.deaths <= before.count(E.LOSE)
