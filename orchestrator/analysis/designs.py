@@ -88,7 +88,7 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
     before = radius(given)
     if experiment.impaired and not isfinite(before):
         raise InputError(why_not_designed(experiment))
-    best = _in_closed_form(*found, given, spectra, h)
+    best, source = _in_closed_form(*found, given, spectra, h)
     closed = bool(best) and not experiment.impaired
     if not closed:
         fine = (OVER_LINKS, OVER_LINKS) if experiment.impaired else ()
@@ -100,10 +100,10 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
     best = [float(f"{value:.{DIGITS}g}") for value in best]
     rho = radius(best)
     gains = dict(zip(names, best, strict=True))
-    how = "the least there is" if closed else "the least that a search finds"
+    how = f"the least there is ({source})" if closed else "the least that a search finds"
     return ScenarioDesign(
         "fastest",
-        {**gains, "spectral_radius": rho, "before": before, "searched": not closed},
+        {**gains, "spectral_radius": rho, "before": before, "source": source if closed else ""},
         {
             "fastest": ", ".join(f"{name} = {value:g}" for name, value in gains.items())
             + f": spectral radius {rho:.6g}, {how}; {before:.6g} before"
@@ -118,20 +118,20 @@ def _in_closed_form(
     given: Sequence[float],
     spectra: Spectra,
     h: float,
-) -> list[float]:
-    """Return the gains of least ρ in place of those given (G1, G2); none where it is no DCEA.
+) -> tuple[list[float], str]:
+    """Return the gains of least ρ in place of those given, and by what; none for no DCEA.
 
     K and G, (2, 2), are what the algorithm does with those.
     """
     if not np.array_equal(keep, np.eye(2)):
-        return []
+        return [], ""
     if np.array_equal(gain, np.diag(np.resize(given, 2))) and len(given) == 2:
-        return [fastest_alone(spectra[0]), fastest_alone(spectra[-1])]
+        return [fastest_alone(spectra[0]), fastest_alone(spectra[-1])], "statement G1"
     together = not gain[0].any() and np.array_equal(gain[1, : len(given)], given)
     if together and len(spectra) == 1:
         beta = None if len(given) == 2 else float(gain[1, 1])
-        return [*fastest_together(spectra[0], h, beta)][: len(given)]
-    return []
+        return [*fastest_together(spectra[0], h, beta)][: len(given)], "statement G2"
+    return [], ""
 
 
 def longest_period(experiment: Experiment) -> ScenarioDesign:
@@ -148,8 +148,8 @@ def longest_period(experiment: Experiment) -> ScenarioDesign:
     h = _rounded_down(WITHIN * bound)
     return ScenarioDesign(
         "period",
-        {"bound": bound, "period": h},
-        {"period": f"h < {bound:.6g} s for convergence; {h:g} s is written"},
+        {"bound": bound, "period": h, "source": "statement G3"},
+        {"period": f"h < {bound:.6g} s for convergence (statement G3); {h:g} s is written"},
         _with_period(experiment, h),
     )
 
@@ -161,7 +161,7 @@ def _period_over_links(experiment: Experiment, h: float) -> ScenarioDesign:
     period = _rounded_down(WITHIN * low)
     return ScenarioDesign(
         "period",
-        {"bound": high, "period": period, "searched": True},
+        {"bound": high, "period": period, "source": ""},
         {
             "period": "over these links the estimates converge at all periods that were tried from "
             f"{first:.3g} s on, and not at {high:.6g} s; {period:g} s is written"
@@ -193,7 +193,10 @@ def largest_jitter(experiment: Experiment) -> ScenarioDesign:
     return ScenarioDesign(
         "jitter",
         {"jitter": share, "not_proven": high if low < high else None},
-        {"jitter": f"convergence under every jitter of up to {share:g} of the period is proven"},
+        {
+            "jitter": f"convergence under every jitter of up to {share:g} of the period is proven "
+            "(statement G3)"
+        },
         {"run.sampling_jitter": share},
     )
 
