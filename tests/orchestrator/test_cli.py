@@ -198,7 +198,7 @@ def test_a_run_that_fails_exits_1_with_a_valid_recording(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"plant.fmu": "two_link_am"}, "did you mean two_link_arm?"),
+        ({"plant.fmu": "two_link_am"}, "did you mean 'two_link_arm'?"),
         ({"plant.fmu": "none.fmu"}, "none.fmu: no such FMU in /"),
         ({"plant.parameters": {"mm1": 1}}, "'mm1'"),
         (
@@ -309,7 +309,7 @@ def test_a_closed_output_pipe_is_not_a_failure():
 
 def test_check_finds_the_errors_that_run_finds(tmp_path):
     for change, message in (
-        ({"plant.fmu": "two_link_am"}, "did you mean two_link_arm?"),
+        ({"plant.fmu": "two_link_am"}, "did you mean 'two_link_arm'?"),
         ({"controller.kp": [[1.0, 3.0], [3.0, 1.0]]}, None),
     ):
         done = nrs("check", write(tmp_path / "s.toml", change))
