@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
+.PHONY: demo test test-all test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -15,6 +15,9 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 
 test: .venv/.tested  ## install what the tests need and pass them, on up to eight processors
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
+
+test-all: .venv/.tested  ## the same with all random cases, of which make test tries a part
+	NRS_TESTS=all $(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
 
 test-fast: .venv/.tested  ## the tests that take less than half a second each: all in a minute
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal -m "not slow" $(ARGS)

@@ -67,7 +67,7 @@ def tracking_ball(loop: Loop, always: EstimateBounds, filtered: Filtered) -> Est
     beside = 0.0
     if not diagonal:
         rates = np.full(loop.m, np.trace(loop.kp) / np.trace(loop.kd))
-    each = [filtered(rate) for rate in rates.tolist()]
+    each = [filtered(rate) for rate in rates]  # of NumPy, of whom none is too large to be squared
     positions = np.array([one.position for one in each])
     velocities = np.array([one.velocity for one in each])
     f, slow = float(np.linalg.norm(positions)), float(np.linalg.norm(velocities))
@@ -138,4 +138,6 @@ def _ball(loop: Loop, kp: Array, kd: Array, own: float) -> tuple[float, float]:
         holds = (a > 0) & (b > 0) & (stiff > 0)
         positions = np.where(holds, np.sqrt(W / stiff), np.inf)
         velocities = np.where(holds, 2 * np.sqrt(W / p3.lambda_m), np.inf)
-    return float(np.nanmin(positions)), float(np.nanmin(velocities))
+    found = (np.where(np.isnan(one), np.inf, one).min() for one in (positions, velocities))
+    X, Y = map(float, found)
+    return X, Y

@@ -113,8 +113,14 @@ class LinkAnalysis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the analysis for JSON."""
-        numbers = asdict(self)
-        return {**numbers, "delays": list(self.delays), "proven": self.proven}
+        return {**_finite(asdict(self)), "delays": list(self.delays), "proven": self.proven}
+
+
+def _finite(value: Any) -> Any:
+    """Return nested values for JSON, which has no infinity."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def link_faults_of(experiment: Experiment) -> LinkFaults:

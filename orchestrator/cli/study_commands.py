@@ -44,8 +44,8 @@ def sweep(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUES",
-            help="An axis: KEY=a:b:n evenly, log:a:b:n, or values with commas between; a:b with "
-            "--draw. Keys with a semicolon between go together. May be given again.",
+            help="An axis: KEY=LOW:HIGH:N evenly, log:LOW:HIGH:N, or values with commas between; "
+            "LOW:HIGH with --draw. Keys with a semicolon between go together. May be given again.",
         ),
     ] = None,
     seeds: Annotated[
@@ -58,7 +58,8 @@ def sweep(
     draw: Annotated[
         str | None,
         typer.Option(
-            metavar="lhs:N | sobol:N", help="Draw N points from all ranges a:b; :SEED may follow."
+            metavar="lhs:N | sobol:N",
+            help="Draw N points from all ranges LOW:HIGH; :SEED may follow.",
         ),
     ] = None,
     changes: Set = None,

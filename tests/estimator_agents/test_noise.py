@@ -11,6 +11,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.noise import noise_floor, received_covariance
 from nrs_cosim.estimator_agents.theory.received_errors import rounding_errors
+from tests.cases import cases
 from tests.estimator_agents.digraphs import digraphs
 
 CHAINS = 1000
@@ -80,7 +81,7 @@ def simulated(order, alpha, beta, h, topology, deviations, ticks, rng):
     return np.stack([p, v])
 
 
-@settings(FUZZ)
+@settings(FUZZ, max_examples=cases(300, 60))
 @given(noisy(), st.integers(0, 2**32))
 def test_many_simulated_runs_spread_as_the_covariance_says(case, seed):
     A, Q, radius = floor_of(*case)
@@ -94,7 +95,7 @@ def test_many_simulated_runs_spread_as_the_covariance_says(case, seed):
     ).all()
 
 
-@settings(FUZZ, max_examples=100)
+@settings(FUZZ, max_examples=cases(100, 30))
 @given(noisy(), st.data())
 def test_of_digraphs_in_turn_the_covariance_comes_again_after_a_period(case, data):
     order, alpha, beta, h, topology, _ = case
@@ -120,7 +121,7 @@ def test_of_digraphs_in_turn_the_covariance_comes_again_after_a_period(case, dat
     assert floor.variance.ravel() == pytest.approx(mean, rel=1e-6, abs=1e-9 * mean.max())
 
 
-@settings(FUZZ, max_examples=40)
+@settings(FUZZ, max_examples=cases(40, 15))
 @given(noisy(), st.integers(0, 2**32))
 def test_means_of_squares_over_ticks_spread_as_their_standard_error_says(case, seed):
     A, Q, radius = floor_of(*case)
@@ -154,7 +155,7 @@ def test_where_errors_do_not_fall_there_is_no_floor():
     assert noise_floor([(A, np.eye(1))], 1) is None
 
 
-@settings(FUZZ)
+@settings(FUZZ, max_examples=cases(300, 40))
 @given(noisy(), st.integers(0, 2**32))
 def test_no_rounding_takes_errors_further_than_its_bound_and_the_worst_comes_near_it(case, seed):
     order, alpha, beta, h, topology, steps = case

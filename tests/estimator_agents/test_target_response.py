@@ -14,13 +14,14 @@ from nrs_cosim.estimator_agents.theory.estimates import worst_case
 from nrs_cosim.estimator_agents.theory.linear_step import linear_step
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.estimator_agents.theory.target_response import worst_of_step
+from tests.cases import cases
 from tests.estimator_agents.digraphs import digraphs
 
 FUZZ = settings(
     derandomize=True,
     deadline=None,
     database=None,
-    max_examples=300,
+    max_examples=cases(300, 60),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 gain = st.floats(0.3, 1.1)
@@ -89,7 +90,7 @@ def test_no_target_takes_agents_beyond_the_bound(late, gamma_1, seed):
     assert found[1] <= bound.velocity * (1 + 1e-9)
 
 
-@settings(FUZZ, max_examples=60)
+@settings(FUZZ, max_examples=cases(300, 30))
 @given(st.sampled_from([FirstOrder, SecondOrder]), gain, gain, digraphs(4))
 def test_of_agents_without_more_it_is_the_sharp_one_where_speed_does_not_matter(
     kind, alpha, beta, topology

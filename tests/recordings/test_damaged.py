@@ -29,9 +29,10 @@ from nrs_cosim.recordings.export.tables import SAMPLES, STATES
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.copy import recover
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.recordings.made_up_runs import recorded
 
-CASES = 1200
+CASES = cases(1200, 480)
 EIGHT = (bytes(8), b"\xff" * 8, bytes(7) + b"\x7f", bytes(3) + b"\x40" + bytes(4))
 N, M, TICKS = 3, 2, 6
 

@@ -1,0 +1,10 @@
+"""How many random cases a test tries: a part in `make test`, all with `make test-all`."""
+
+import os
+
+ALL = os.environ.get("NRS_TESTS") == "all"
+
+
+def cases(whole: int, part: int) -> int:
+    """Return how many of `whole` cases are tried now."""
+    return whole if ALL else part
