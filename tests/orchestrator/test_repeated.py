@@ -14,9 +14,10 @@ from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.scenarios import SHORT, paper
 
-RUNS = 60
+RUNS = cases(60, 25)
 
 
 def held_after_each(
