@@ -1,7 +1,7 @@
 """Tests that take long are marked `slow`, and `make test-fast` leaves them out; and the snapshots.
 
 `slow.txt` names them, or whole files, as `pytest --durations=0` measured them: those of which a
-case takes about half a second, or all cases together two.
+case takes about half a second, or all cases together more than one.
 """
 
 import os
