@@ -6,6 +6,7 @@ Times are of processors, so that a busy machine does not decide; efficiency alon
 clock, and of a machine at rest.
 """
 
+import argparse
 import json
 import os
 import random
@@ -231,5 +232,7 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or PARTS:
+    parser = argparse.ArgumentParser(description="what a study costs, and what it survives")
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[])
+    for name in parser.parse_args().parts or PARTS:
         PARTS[name]()
