@@ -45,6 +45,10 @@ def sample_of(target: Target, fields: Fields, seconds: ArrayLike) -> dict[str, A
     }
 
 
+PARTS = 16
+"""Of an interval between samples, that the norm of a velocity is looked for on."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Harmonic:
     """Sums of sines on m axes, each with up to p terms; a missing term has amplitude zero."""
@@ -167,10 +171,19 @@ class Sampled:
         return _largest(speeds), _largest(accelerations)
 
     def norm_bounds(self) -> tuple[float, float]:
-        """Return √m times the suprema of any axis, as if all axes had theirs at once."""
-        root = float(np.sqrt(self.spline.c.shape[2]))
-        gamma_1, gamma_2 = self.bounds()
-        return root * gamma_1, root * gamma_2
+        """Return bounds on sup ‖υ_0‖₂ and sup ‖a_0‖₂ over all that was sampled.
+
+        On an interval a_0 is linear, so that its norm is greatest at an end. υ_0 is a quadratic: on
+        a part of length δ it is within ‖a_0′‖₂ δ²/8 of the chord, which is greatest at an end.
+        """
+        a, b, c, _ = self.spline.c
+        length = np.diff(self.spline.x)[:, None]
+        ends = 2 * b, 6 * a * length + 2 * b
+        at = np.arange(PARTS + 1)[:, None, None] / PARTS * length
+        speeds = np.linalg.norm((3 * a * at + 2 * b) * at + c, axis=-1).max(axis=0)
+        beside = np.linalg.norm(6 * a, axis=-1) * (length[:, 0] / PARTS) ** 2 / 8
+        pulls = np.linalg.norm(np.stack(ends), axis=-1)
+        return float((speeds + beside).max()), float(pulls.max())
 
 
 def _largest(parts: Iterable[NDArray[np.float64]]) -> float:

@@ -97,3 +97,18 @@ def test_dense_samples_of_the_papers_target_are_the_papers_target():
 
 def test_beyond_its_samples_a_target_is_nan():
     assert np.all(np.isnan(Sampled.of([0.0, 1.0], [[0.0], [1.0]]).at(1.5).position))
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_norm_bounds_of_samples_are_those_of_a_dense_look_and_none_is_beyond(m):
+    rng = np.random.default_rng(m)
+    for _ in range(50):
+        times = np.cumsum(rng.uniform(0.1, 2.0, 8))
+        target = Sampled.of(times, rng.normal(size=(8, m)))
+        dense = np.linspace(times[0], times[-1], 20_001)
+        speed = np.linalg.norm(target.at(dense).velocity, axis=-1).max()
+        pull = np.linalg.norm(target.acceleration(dense), axis=-1).max()
+        bounds = target.norm_bounds()
+        assert speed <= bounds[0] * (1 + 1e-12)
+        assert pull <= bounds[1] * (1 + 1e-12)
+        assert bounds == pytest.approx((speed, pull), rel=0.03)

@@ -115,14 +115,14 @@ KINDS = {
 def test_an_extreme_number_beside_faults_jitter_or_switching_is_refused_or_analysed(kind):
     found, passed = faults_of(KINDS[kind], FEW, checked)
     assert not found, found
-    assert passed > 5
+    assert passed > (10 if ALL else 5)
 
 
 def test_a_run_with_an_extreme_number_is_refused_or_ends_with_a_reason():
     brief = tables({"run.duration": 0.2}, base="paper_lossy_links")
     found, passed = faults_of(brief, FEW[:1], ran)
     assert not found, found
-    assert passed > 5
+    assert passed > (10 if ALL else 5)
 
 
 @pytest.mark.parametrize("command", [("check",), ("run", "-o", "run.mcap")])

@@ -284,9 +284,7 @@ def test_a_sampled_target_has_worst_case_bounds_and_is_within_them(ran):
     assert result.as_json()["estimates"]["steady_state"] is None
     for row, other in zip(bounds(result), bounds(harmonic), strict=True):
         assert row.steady_state is None
-        assert other.worst_case <= row.worst_case * 1.01
-        # Of samples no more is known of sup ‖υ_0‖₂ than √m γ1, on which tracking rests.
-        assert row.worst_case <= other.worst_case * (1.1 if "|2" in row.name else 1.01)
+        assert row.worst_case == pytest.approx(other.worst_case, rel=1e-2)
         assert row.paper == pytest.approx(other.paper, rel=1e-2)
     compared = compare_to_theory(ran[1], file, measure(ran[1], experiment_of(ran[1])))
     assert [row.against_bound for row in compared.quantities] == ["within"] * 4
