@@ -267,3 +267,13 @@ Port = Annotated[
 Stay = Annotated[
     bool, typer.Option("--stay", help="With --live: serve the page until Ctrl-C after the run.")
 ]
+
+ReportFile = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Where the report goes; .html is a page, .pdf, .png and .svg are its figures.",
+    ),
+]

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from nrs_cosim.orchestrator.cli.options import ReportFile
 from nrs_cosim.orchestrator.terminal import err, out, say
 
 Format = Literal["html", "png", "pdf", "svg"]
@@ -16,15 +17,7 @@ def report(
         list[Path],
         typer.Argument(metavar="FILE...", help="Recordings (MCAP); several lie over one another."),
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where the report goes; .html is a page, .pdf, .png and .svg are its figures.",
-        ),
-    ],
+    output: ReportFile,
     form: Annotated[
         Format | None,
         typer.Option("--format", help="Of a file whose name has no known ending; html by default."),

@@ -9,7 +9,15 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
-from nrs_cosim.orchestrator.cli.options import Force, Output, Set, changes_of, number, whole_number
+from nrs_cosim.orchestrator.cli.options import (
+    Force,
+    Output,
+    ReportFile,
+    Set,
+    changes_of,
+    number,
+    whole_number,
+)
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
 
 study = typer.Typer(no_args_is_help=True, help="Studies: many runs of one scenario.")
@@ -160,15 +168,7 @@ def study_info(folder: StudyPath, as_json: AsJson = False) -> None:
 @study.command("report")
 def study_report(
     folder: StudyPath,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where the report goes; .html is a page, .pdf, .png and .svg are its figures.",
-        ),
-    ],
+    output: ReportFile,
 ) -> None:
     """Draw a study: maps with theory's boundary, slices, failures."""
     from nrs_cosim.orchestrator.cli.formats import format_of

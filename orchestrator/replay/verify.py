@@ -104,11 +104,11 @@ class RecordedPlants:
 
     def save(self) -> Never:
         """Refuse: recorded states are not checkpointable, and nobody asks them."""
-        raise NotImplementedError
+        raise NotImplementedError  # a replay makes no checkpoints
 
     def restore(self, data: Sequence[bytes]) -> Never:
         """Refuse: recorded states are not checkpointable, and nobody asks them."""
-        raise NotImplementedError
+        raise NotImplementedError  # a replay makes no checkpoints
 
     def _next_tick(self) -> Iterator[Records]:
         states = next(self._ticks)
