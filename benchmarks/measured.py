@@ -103,8 +103,8 @@ def recorded_file(read: Callable[[], Experiment], ticks: int, n_workers: int, pa
 def zenoh_put_and_received(count: int) -> Found:
     """Put samples one by one on a key of a session without sockets, and take them out again."""
     session = open_session(Endpoints())
-    heard: deque[Any] = deque()
-    session.declare_subscriber("nrs/x/samples/a", Callback(heard.append, indirect=False))
+    received: deque[Any] = deque()
+    session.declare_subscriber("nrs/x/samples/a", Callback(received.append, indirect=False))
     put = session.declare_publisher("nrs/x/samples/a").put
     taken = 0
 
@@ -113,8 +113,8 @@ def zenoh_put_and_received(count: int) -> Found:
         for _ in range(count // _BATCH):
             for _ in range(_BATCH):
                 put(_PAYLOAD)
-            while heard:
-                taken += len(heard.popleft().payload.to_bytes())
+            while received:
+                taken += len(received.popleft().payload.to_bytes())
 
     spent = timed(work)
     session.close()

@@ -1,4 +1,4 @@
-"""The work that is measured: arms that hear three others each, and the same arms without a bus.
+"""The work that is measured: arms with three in-neighbours each, and the same arms without a bus.
 
 A robot-interval is one sample on the bus, one doStep of h, and one recorded state. What follows
 the recorded references instead, through whatever interface, must come to the recorded states.
@@ -52,7 +52,7 @@ qd = {{ uniform = [-1.0, 1.0] }}
 
 
 def scenario(n: int, ticks: int, more: str = "") -> Experiment:
-    """Return n arms, of which each hears three and the first the target; `more` is in `[run]`."""
+    """Return n arms, each with three in-neighbours, the first pinned; `more` is in `[run]`."""
     numbers = {"KP": KP, "KD": KD, "AMPLITUDE": AMPLITUDE, "FREQUENCY": FREQUENCY}
     text = SCENARIO.format(duration=ticks / 10, n=n, more=more, **numbers)
     return parse_scenario(text, f"arms_{n}", Path(), "benchmark")
@@ -72,9 +72,9 @@ def keep_motion(file: Experiment, recorded: Path, kept: Path) -> None:
         for _, rows in recording.chunks([SAMPLES]):
             for k in np.unique(rows["k"]).tolist():
                 of_k = rows[rows["k"] == k]
-                heard = of_k[np.isin(of_k["robot"], agents.in_neighbours)]
+                received = of_k[np.isin(of_k["robot"], agents.in_neighbours)]
                 fields = ("position", "velocity")
-                agents.receive(k, heard["robot"], {name: heard[name] for name in fields})
+                agents.receive(k, received["robot"], {name: received[name] for name in fields})
                 left = of_k[of_k["robot"] > 0]
                 agents.jump(k, Values({name: left[name] for name in fields}))
                 estimate = agents.state

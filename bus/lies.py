@@ -56,7 +56,7 @@ class Lies:
         source: NDArray[np.integer],
         sink: NDArray[np.integer] | None = None,
     ) -> None:
-        """Take the lies of each row, which robot tells them, and which one hears them, (rows,)."""
+        """Take the lies of each row, which robot sends, and which one receives them, (rows,)."""
         self._seed = seed
         rows: dict[Lie, list[int]] = {}
         for row, lies in enumerate(by_row):

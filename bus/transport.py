@@ -1,6 +1,6 @@
 """A bus carries bytes from a key to all who listen on it, in order, and drops nothing.
 
-All that one party hears comes into one inbox, in the order of arrival: messages, who is present,
+All that one party receives comes into one inbox, in the order of arrival: messages, who is present,
 and on a network also lost links, questions and answers. Keys are the run's own, whatever stands
 before them on the wire; patterns follow Zenoh: `*` stands for one part of a key.
 """

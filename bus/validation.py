@@ -122,7 +122,7 @@ class Wire:
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
         """Return k and the samples (n,) that a worker put.
 
-        `RejectedError` when they are not accepted. Bytes that two hear on one wire are judged once.
+        `RejectedError` when they are not accepted. What two receive on one wire is judged once.
         """
         if own := self._packed(SAMPLES, worker, payload):
             own_samples: tuple[int, Records] = own

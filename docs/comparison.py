@@ -50,7 +50,7 @@ class Compared:
     """Sent per robot and second."""
     errors: SteadyState
     bound: EstimateBounds | None
-    """Of the errors of estimates in the long run, for this target."""
+    """Of the errors of estimates in steady state, for this target."""
     fewest: tuple[float, float]
     """Sampling periods between two samples of a robot in the last fifth, by robot: from and to."""
     proven: NDArray[np.float64] | None
@@ -195,7 +195,7 @@ numbers: what an estimate costs, and how far it is off in the last fifth.
 
 {table}
 
-The bound is for this target, in the long run; there is none where the theory knows of none.
+The bound is for this target, in steady state; there is none where the theory knows of none.
 Computation is processor time of the agents alone, of {robots} robots that receive from four others,
 the least of {times} times {ticks} sampling times, on {machine}.
 
@@ -215,7 +215,7 @@ the least of {times} times {ticks} sampling times, on {machine}.
 With `event_triggered`, α = 9 h and β = 11 h, by what a position (rad) and a velocity (rad/s)
 may be off before they are sent: how much is sent, how many sampling periods there are at least
 between two samples of a robot in the last fifth, by robot, and how far the estimates then are.
-Each is beside what is proven of the long run ([E1 to E3](../theory.md)); of samples and periods
+Each is beside what is proven of the steady state ([E1 to E3](../theory.md)); of samples and periods
 that is of any target that moves and accelerates no more than this one, and whatever others' models
 do within c0 and d0:
 

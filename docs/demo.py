@@ -10,7 +10,7 @@ import nrs_cosim as nrs
 
 _WORDS = {
     "within": "within what is proven of them",
-    "transient": "above what is proven of the long run, for the initial error is still there",
+    "transient": "above what is proven of the steady state, for the initial error is still there",
     "exceeded": "BEYOND what is proven of them",
 }
 

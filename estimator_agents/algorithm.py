@@ -139,13 +139,13 @@ class Algorithm:
     def periods_between(self, position: Array, velocity: Array, h: float) -> Array | None:  # noqa: ARG002
         """Return how many sampling periods h lie at least between two samples of each robot, (n,).
 
-        In the long run its estimate jumps by `position` and `velocity` at most, (n,) each. None
+        In steady state its estimate jumps by `position` and `velocity` at most, (n,) each. None
         where nobody knows, or where all robots send at every t_k.
         """
         return None
 
     def stays_within(self, liars: int) -> bool:  # noqa: ARG002
-        """Return whether a robot that hears so many liars stays between the others.
+        """Return whether a robot that receives from so many liars stays between the others.
 
         That is, whether at t_k⁺ its position and velocity are between the least and the largest of
         its own, of the honest in-neighbours' and of the target's; they move in a line in between.
@@ -157,7 +157,7 @@ class Algorithm:
         topology: Topology,  # noqa: ARG002
         byzantine: frozenset[int],  # noqa: ARG002
     ) -> Sequence[Condition]:
-        """Return conditions on who hears whom, and on where the `byzantine` robots are, which lie.
+        """Return conditions on the interaction graph, and on where `byzantine` robots are in it.
 
         As many for every digraph, by the same names.
         """

@@ -17,7 +17,7 @@ class Condition:
     """Whether the right side is the scenario's, which the left one is the bound of."""
 
     of_liars: bool = False
-    """Whether it is on how many robots may lie, and who hears whom; others are of robots that do
+    """Whether it is on how many robots may lie, and where; others are of robots that do
     not lie."""
 
     @property

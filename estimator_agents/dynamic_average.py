@@ -15,7 +15,7 @@ signals that stand still, and is off by constants where they move. The *proporti
 = 0, starts at ε_i = r_i and moves with r_i in between, υ_i = ṙ_i (`follows_signal`): the sum of
 all ε_i − r_i stays what it was, and so does any error in it.
 
-Robots hear one another both ways, and are connected; the target has no share in it. On an
+Robots receive from one another both ways, and are connected; the target has no share in it. On an
 eigenvector of the Laplacian with l the recursion is [[1 − γ − k_p l, k_i l], [−k_i l, 1]]. For
 l > 0 its eigenvalues are within the unit circle if and only if, by Schur and Cohn,
 

@@ -10,7 +10,7 @@ it is off:
     ‖ε_j − ε̂_j − (t_k − t_s) υ̂_j‖∞ > c_0 + c_1 e^{−λ t_k},   or   ‖υ_j − υ̂_j‖∞ > d_0
 
 or when `longest_silence` has gone by, which makes up for what links lose. What others go by is then
-off by c_0 and d_0 at most, in the long run: the error's recursion is that of the first-order DCEA
+off by c_0 and d_0 at most, in steady state: the error's recursion is that of the first-order DCEA
 with a bounded input, and x ≤ (I − A)⁻¹ A_N (c_0, d_0) for gains up to 1, where A_N is the part of A
 that comes from in-neighbours (statement E1). With c_0 = d_0 = 0 all that changes is sent.
 

@@ -3,7 +3,7 @@
 Z.-H. Guan, Z.-W. Liu, G. Feng, M. Jian, Impulsive consensus algorithms for second-order multi-agent
 networks with sampled information, Automatica 48(7), 1397-1404, 2012. Second-order agents, ε̇_i = υ_i
 and υ̇_i = 0 between sampling times, whose velocities are damped by impulses until they rest at a
-common position. For a leader whom some agents hear there is Z.-W. Liu, Z.-H. Guan, H. Zhou,
+common position. For a leader from whom some agents receive there is Z.-W. Liu, Z.-H. Guan, H. Zhou,
 Impulsive consensus for leader-following multiagent systems with fixed and switching topology,
 Mathematical Problems in Engineering 2013, 762861, with a necessary and sufficient condition for one
 digraph; of it the abstract was at hand. Here one more node is the target, and weights are divided
@@ -11,7 +11,7 @@ by their sum; both are ours, and so is the condition, which is derived and not q
 
     Δε_i = 0,   Δυ_i = α Σ_j w_ij/ϖ_i (ε_j − ε_i) − β υ_i   at t_k
 
-It hears no velocity. A target that moves at υ_0 is followed at a distance that h does not lessen,
+It uses no velocity. A target that moves at υ_0 is followed at a distance that h does not lessen,
 for β drags at the estimates: each of the paper's bounds gains h β γ1 (docs/theory.md).
 """
 

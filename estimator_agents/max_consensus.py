@@ -4,7 +4,7 @@
 
 After as many ticks as the longest of the shortest paths between robots has edges, all have it. The
 values are the scenario's `[initial] value`; a robot then goes to where the largest is. The target
-has no value, and is heard in vain.
+has no value, and counts for nothing.
 """
 
 from dataclasses import dataclass

@@ -164,13 +164,13 @@ class ThirdParty(Algorithm):
         return self._asked("periods_between", "position, velocity, h", act)
 
     def stays_within(self, liars: int) -> bool:
-        """Return whether a robot that hears so many liars stays between the others."""
+        """Return whether a robot that receives from so many liars stays between the others."""
         return self._asked("stays_within", "liars", lambda: bool(self.own.stays_within(liars)))
 
     def graph_conditions(
         self, topology: Topology, byzantine: frozenset[int]
     ) -> Sequence[Condition]:
-        """Return conditions on who hears whom."""
+        """Return conditions on who receives from whom."""
         return self._asked(
             "graph_conditions",
             "topology, byzantine",

@@ -15,10 +15,10 @@ With α = h α' and β = h β' that is the observer at the sampling times but fo
 Its jump is not linear: there are no modes.
 
 The demand β > h γ2 is ours, what β' > sup |a_0| comes to. Without it a robot is left behind by a
-target that keeps accelerating. With it, where robots do not hear one another in loops, |ῡ| comes to
-ℓ (β + h γ2) at most for a robot to which the longest path has ℓ edges, and to that (statement W5):
-beyond all that it hears, a jump takes β away and the target gives back h γ2 at most. Of loops
-nothing is proven.
+target that keeps accelerating. With it, in a digraph without cycles, |ῡ| comes to ℓ (β + h γ2) at
+most for a robot to which the longest path has ℓ edges, and to that (statement W5): beyond all that
+it receives, a jump takes β away and the target gives back h γ2 at most. Of cycles nothing is
+proven.
 """
 
 from dataclasses import dataclass

@@ -65,7 +65,7 @@ class Wmsr(Algorithm):
         source = "r of (r, r)-robustness, LeBlanc 2013"
         conditions = [
             Condition("F", source, self.F, r, of_liars=True),
-            Condition("liars heard by one robot", "F + 1", many, self.F + 1, of_liars=True),
+            Condition("liars received by one robot", "F + 1", many, self.F + 1, of_liars=True),
         ]
         if self.trusts_target:
             beyond = out_of_reach(topology, 2 * self.F + 1)

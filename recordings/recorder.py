@@ -201,10 +201,10 @@ class Recorder:
             lacks.setdefault(worker, []).append(SAMPLES)
         return lacks
 
-    def last_heard(self, worker: str) -> int:
+    def last_received(self, worker: str) -> int:
         """Return the last tick of which a worker's samples came."""
-        heard = (k for k, tick in self._open.items() if worker in tick.samples)
-        return max(heard, default=self.closed)
+        received = (k for k, tick in self._open.items() if worker in tick.samples)
+        return max(received, default=self.closed)
 
     def close(self, k: int) -> None:
         """Write tick k, of which nothing is missing."""

@@ -1,4 +1,4 @@
-"""Ctrl-C wherever Python runs: the recording is closed, the caller hears of it, nobody is left."""
+"""Ctrl-C wherever Python runs: the recording is closed, the caller learns of it, nobody is left."""
 
 import os
 import re

@@ -31,7 +31,7 @@ def run(work: Work, core: str = "inproc") -> tuple[float, States]:
             )
             for fed, name in zip(federates, names, strict=True)
         ]
-        hears = (
+        receives = (
             [
                 h.helicsFederateRegisterSubscription(fed, f"{name}/state")
                 for fed, name in zip(federates[1:], names[:-1], strict=True)
@@ -54,8 +54,8 @@ def run(work: Work, core: str = "inproc") -> tuple[float, States]:
             h.helicsFederateEnterExecutingModeComplete(fed)
 
         def step(k: int) -> States:
-            for arm, heard in zip(arms[1:], hears, strict=work.chain):
-                arm.setReal(inputs, h.helicsInputGetVector(heard)[:2])
+            for arm, received in zip(arms[1:], receives, strict=work.chain):
+                arm.setReal(inputs, h.helicsInputGetVector(received)[:2])
             for arm, said in zip(arms, says, strict=True):
                 arm.doStep(k / 10, H)
                 h.helicsPublicationPublishVector(said, arm.getReal(outputs))

@@ -35,8 +35,8 @@ class ArmSimulator(Simulator):
 
     def step(self, time: int, inputs: dict[str, Any], max_advance: int) -> int:  # noqa: ARG002
         """Step it over (t, t + h]."""
-        for heard in inputs.get("arm", {}).get("position_ref", {}).values():
-            self.arm.setReal(self.inputs, heard[:2])
+        for received in inputs.get("arm", {}).get("position_ref", {}).values():
+            self.arm.setReal(self.inputs, received[:2])
         self.arm.doStep(time / 10, H)
         return time + 1
 

@@ -3,7 +3,7 @@
 The sample of t_s arrives at t_{s + delay(s)}, as Q(x + noise(s)), where Q rounds to multiples of
 the quantisation, and x is what j sent, or the lie that it tells i in place of it; where it is
 duplicated, two of it arrive. It never arrives when it is lost, when the link is in an outage at
-t_s, when j or i is in one at t_s (a robot in an outage neither sends nor hears), or when i is in
+t_s, when j or i is in one at t_s (a robot in an outage neither sends nor receives), or when i is in
 one at its arrival. None is sent at a t_s whose digraphs have no such link; what is under way then
 goes on. All of that is known at t_s. Loss, delay, duplication and noise are drawn apart from one
 another, each keyed by (seed, purpose, j, i, s): a draw depends neither on who asks, nor on the
@@ -163,7 +163,7 @@ class Links:
         delay[self._late] = self._delays.at(k)
         silent = self._silences.mask(k, self._nodes)
         outage = self._cuts.mask(k, len(self.sink)) | silent[self.source] | silent[self.sink]
-        # Whether its robot hears a late sample is known now, so that its outcome is told once.
+        # Whether its robot receives a late sample is known now, so that its outcome is told once.
         for periods in np.unique(delay[delay > 0]).tolist():
             then = self._silences.mask(k + periods, self._nodes)
             outage |= then[self.sink] & (delay == periods)

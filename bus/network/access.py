@@ -7,7 +7,7 @@ denied but, from the holder of CN,
     liveliness token  nrs/*/alive/CN/*
     query             nrs/*/join/CN, nrs/*/start/CN, nrs/*/missed/CN, nrs/*/fmu/*
 
-and what every worker may hear: `nrs/*/samples/*`, `nrs/*/orders/CN`, whether the orchestrator is
+and what every worker may receive: `nrs/*/samples/*`, `nrs/*/orders/CN`, whether the orchestrator is
 there, and the answers to its own queries. So no worker can put the target's samples or an order.
 Subscriptions are let through in the other direction: a worker that is not told of them sends
 nothing. Zenoh allows a key expression where a rule includes it whole.
@@ -62,7 +62,7 @@ def access_control(workers: Collection[str], trusted: Collection[str] = ()) -> d
 
 
 def _rules_of(worker: str) -> list[dict[str, Any]]:
-    hears = ["nrs/*/samples/*", f"nrs/*/orders/{worker}"]
+    receives = ["nrs/*/samples/*", f"nrs/*/orders/{worker}"]
     asks = [*(f"nrs/*/{kind}/{worker}" for kind in _QUERIES), "nrs/*/fmu/*"]
     return [
         _rule(worker, "puts", ["put"], [f"nrs/*/{kind}/{worker}" for kind in _PUTS], "ingress"),
@@ -76,7 +76,7 @@ def _rules_of(worker: str) -> list[dict[str, Any]]:
             ["nrs/*/samples/*", "nrs/*/orders/*"],
             "ingress",
         ),
-        _rule(worker, "hears", ["put"], hears, "egress"),
+        _rule(worker, "receives", ["put"], receives, "egress"),
         _rule(
             worker,
             "watches",

@@ -36,13 +36,13 @@ class Obstacle:
     final: bool
 
 
-def probe(address: Address, tls: Tls | None, hearing: float) -> Obstacle | None:
-    """Return what stands in the way to an address; None when no refusal came within `hearing` s."""
+def probe(address: Address, tls: Tls | None, patience: float) -> Obstacle | None:
+    """Return what stands in the way to an address; None if none refused within `patience` s."""
     try:
         with _connected(address) as link:
             if address.protocol != "tls" or tls is None:
                 return None
-            return _shaken(link, address, tls, hearing)
+            return _shaken(link, address, tls, patience)
     except socket.gaierror:
         return Obstacle(f"the name {address.host} is not known", final=False)
     except (TimeoutError, BlockingIOError):
@@ -68,14 +68,14 @@ def _connected(address: Address) -> socket.socket:
     return link
 
 
-def _shaken(link: socket.socket, address: Address, tls: Tls, hearing: float) -> Obstacle | None:
+def _shaken(link: socket.socket, address: Address, tls: Tls, patience: float) -> Obstacle | None:
     """Return why a TLS handshake fails, on this side or the other."""
     try:
         with (
             context(tls).wrap_socket(link, server_hostname=address.host) as shaken,
             suppress(TimeoutError),
         ):
-            shaken.settimeout(hearing)
+            shaken.settimeout(patience)
             shaken.recv(1)
     except ssl.SSLCertVerificationError as error:
         return Obstacle(f"its certificate is refused here: {error.verify_message}", final=True)

@@ -85,10 +85,10 @@ def _not_reached(endpoints: Endpoints, error: zenoh.ZError) -> BusError:
     return BusError(f"no connection within {endpoints.wait:g} s: {why}")
 
 
-def _findings(endpoints: Endpoints, hearing: float) -> dict[str, Obstacle]:
+def _findings(endpoints: Endpoints, patience: float) -> dict[str, Obstacle]:
     """Return what stands in the way to each endpoint to connect to."""
     probed = {
-        endpoint: probe(Address.of("--connect", endpoint), endpoints.tls, hearing)
+        endpoint: probe(Address.of("--connect", endpoint), endpoints.tls, patience)
         for endpoint in endpoints.connect
     }
     return {endpoint: found for endpoint, found in probed.items() if found}

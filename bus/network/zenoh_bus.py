@@ -167,7 +167,7 @@ class ZenohBus:
         return self._listen([f"{ROOT}/**"], screen)
 
     def watch(self, pattern: str, inbox: ZenohInbox) -> None:
-        """Let an inbox hear who is present on keys of a pattern, now and from now on."""
+        """Let an inbox learn who is present on keys of a pattern, now and from now on."""
         put = inbox.waiting.put
 
         def on_sample(sample: zenoh.Sample) -> None:
@@ -181,7 +181,7 @@ class ZenohBus:
         self._declared.append(subscriber)
 
     def watch_links(self, inbox: ZenohInbox) -> None:
-        """Let an inbox hear of each link that is lost, from now on.
+        """Let an inbox learn of each link that is lost, from now on.
 
         Whoever was beyond it is present until Zenoh has closed the link, which waits for what a
         sender had filled it with, on TLS until TCP gives up; this is told before.

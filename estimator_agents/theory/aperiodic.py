@@ -52,7 +52,7 @@ class Periods:
 
     @property
     def mean(self) -> float:
-        """In the long run."""
+        """Asymptotically."""
         return sum(self.gaps) / len(self.gaps)
 
     @property
@@ -68,7 +68,7 @@ class Periods:
 
 @dataclass(frozen=True, slots=True)
 class RadiusBounds:
-    """Bounds on what the error is multiplied by at a sampling time, in the long run at worst."""
+    """Bounds on what the error is multiplied by at a sampling time, asymptotically at worst."""
 
     lower: float
     upper: float

@@ -80,8 +80,8 @@ class LateStep:
     def matrix(self) -> Matrix:
         """Return the recursion's matrix, of x and of the V x_j(t_{k−1}), … that are under way."""
         past = Past(self.step, self.topology, self.delay, self.oldest)
-        heard = past.heard(np.arange(len(self.delay)), self.topology.normalised)
-        return past.assembled([*past.own(), *past.kept(), *heard])
+        received = past.received(np.arange(len(self.delay)), self.topology.normalised)
+        return past.assembled([*past.own(), *past.kept(), *received])
 
     def radius(self, spectrum: Spectrum) -> float:
         """Return ρ, given the eigenvalues of D; not a number where it is too large to be found."""
@@ -118,17 +118,17 @@ class LateStep:
         if not step.agrees or not np.allclose(agreed @ E[:, 0] - E[:, 0], 0, atol=NEAR):
             return None
         parts = self.parts()
-        heard = [np.asarray(D.sum(axis=1)).ravel() + own for _, D, own in parts]
+        received = [np.asarray(D.sum(axis=1)).ravel() + own for _, D, own in parts]
         frequency, waves = target.phasors()
         phasor = np.zeros((len(frequency), s, n, waves.shape[1]), complex)
         for w, omega in enumerate(frequency):
             turn, z = np.exp(1j * omega * h), np.array([1, 1j * omega, -(omega**2)])
-            mean = sum(part * turn**-d for (d, *_), part in zip(parts, heard, strict=True))
+            mean = sum(part * turn**-d for (d, *_), part in zip(parts, received, strict=True))
             given = ((step.own - turn * np.eye(s)) @ E @ z)[:, None]
             given = given + (step.received @ E @ z)[:, None] * mean
             phasor[w] = self.settled(turn, given, parts)[..., None] * waves[w]
         slope = (step.own @ E[:, 1] - E[:, 1] - h * E[:, 0])[:, None] * np.ones(n)
-        for (d, *_), part in zip(parts, heard, strict=True):
+        for (d, *_), part in zip(parts, received, strict=True):
             slope = slope + (step.received @ (E[:, 1] - d * h * E[:, 0]))[:, None] * part
         constant = np.zeros((s, n, waves.shape[1]))
         if not np.allclose(slope, 0, atol=NEAR):

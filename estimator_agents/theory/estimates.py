@@ -1,4 +1,4 @@
-"""How far the estimates stay from the target in the long run: three answers, each within the next.
+"""How far the estimates stay from the target in steady state: three answers, each within the next.
 
 - steady state: for a target of sines. Δ(k) is then Σ Im Δ̂ e^{jωkh}, and x(t_k) →
   Σ Im X e^{jωkh} with (e^{jωh} I − A) X = Δ̂; its largest value is at most Σ |X|, and comes as near

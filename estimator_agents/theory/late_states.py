@@ -88,7 +88,7 @@ class Past:
             entries.append((rows + b, rows + b - self.r, np.ones(len(rows))))
         return entries
 
-    def heard(self, edges: Edges, weight: Array) -> Entries:
+    def received(self, edges: Edges, weight: Array) -> Entries:
         """Return Σ over edges of their weights times U V x_j(t_{k−d}), in the rows of x."""
         entries: Entries = []
         for rows, columns, values in self.signal(edges):

@@ -1,8 +1,8 @@
 """Who depends on whom: the condensation of the digraph, and how the target comes to all (A2).
 
 The strongly connected components of the robots, with the edges between them, are a digraph without
-cycles. A2 holds if and only if each component that hears no other has a robot that hears the
-target.
+cycles. A2 holds if and only if each component that receives from no other has a
+robot that receives the target.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class NetworkSummary:
     """The digraph in short."""
 
     D: tuple[tuple[int, int, float], ...]
-    """(i, j, D_ij), by row, where D_ij is not 0: the normalised weight with which i hears j."""
+    """(i, j, D_ij), by row, where D_ij is not 0: the normalised weight of j at i."""
     pinned: tuple[int, ...]
-    """The robots that hear the target, ascending."""
+    """The robots that receive the target, ascending."""
     components: tuple[tuple[int, ...], ...]
-    """The robots of each strongly connected component, those that are heard before who hears."""
+    """The robots of each strongly connected component, senders before receivers."""
     edges: tuple[tuple[int, int], ...]
-    """(j, i), components by number from 0: somebody in i hears somebody in j."""
+    """(j, i), components by number from 0: somebody in i receives from somebody in j."""
     depth: int
     """The longest of the shortest ways from the target to a robot, in edges."""
     spanning_tree: bool
@@ -62,11 +62,11 @@ def _ranks(count: int, edges: np.ndarray) -> np.ndarray:
     """Return how many edges the longest way to each component has, (count,), without cycles."""
     rank = np.zeros(count, np.intp)
     waits = np.bincount(edges[:, 1], minlength=count)
-    hears = np.split(edges[:, 1], np.searchsorted(edges[:, 0], np.arange(1, count)))
+    receivers = np.split(edges[:, 1], np.searchsorted(edges[:, 0], np.arange(1, count)))
     ready = np.flatnonzero(waits == 0).tolist()
     while ready:
         j = ready.pop()
-        for i in hears[j]:
+        for i in receivers[j]:
             rank[i] = max(rank[i], rank[j] + 1)
             waits[i] -= 1
             if not waits[i]:

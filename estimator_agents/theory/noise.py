@@ -38,7 +38,7 @@ Ticks = Sequence[tuple[Array, Array]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseFloor:
-    """What noise comes to in the long run, of each number of a robot's estimate."""
+    """What noise comes to in steady state, of each number of a robot's estimate."""
 
     variance: Array
     """(2, n) of positions, m² or rad², and of velocities, over the ticks of a period."""

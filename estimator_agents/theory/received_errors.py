@@ -1,7 +1,7 @@
 """What it adds to the bounds that samples of robots are not what is received, but near it.
 
 Where each number that is received from robot j may be off by δ, x(t_{k+1}) = A x + F G ⊗ D δ + Δ(k)
-with the recursion of what would be received. In the long run δ adds at most Σ_j |A^j F G ⊗ D| δ to
+with the recursion of what would be received. In steady state δ adds at most Σ_j |A^j F G ⊗ D| δ to
 the error, which is (I − A)⁻¹ F G ⊗ D δ where nothing in it is negative (statement E1). So it is
 with samples that are sent only when they say something new (`event_triggered`).
 
@@ -43,7 +43,7 @@ MOST = 200_000
 def received_errors(
     period: Recursion | LinearStep, D: Matrix, off: Mapping[str, float], radius: float
 ) -> EstimateBounds | None:
-    """Return what errors of up to `off`, by field that is sent, add in the long run on a digraph.
+    """Return what errors of up to `off`, by field that is sent, add in steady state on a digraph.
 
     None where ρ = `radius` ≥ 1, and of many robots where something in A is negative.
     """
@@ -96,7 +96,7 @@ def periods_between(
 ) -> Array | None:
     """Return how many sampling periods lie at least between two samples of each robot, (n,).
 
-    They are of the long run, and of any target within γ1 and γ2. None where that is not known.
+    They are of the steady state, and of any target within γ1 and γ2. None where that is not known.
     """
     nominal = triggered.nominal()
     if not nominal or not period:
@@ -111,7 +111,7 @@ def periods_between(
 def largest_jumps(
     recursion: Recursion, off: Mapping[str, float], gamma_1: float, gamma_2: float, radius: float
 ) -> Array | None:
-    """Return the most by which positions and velocities jump in the long run, (2, n).
+    """Return the most by which positions and velocities jump in steady state, (2, n).
 
     What is received may be `off`, and the target is any within γ1 and γ2. None as above, and of
     many robots.
@@ -122,11 +122,11 @@ def largest_jumps(
     h, pull = recursion.h, np.kron(recursion.gain, D - np.eye(n))
     followed = worst(recursion, gamma_1, gamma_2, radius, pull, h)
     errors = np.kron([off[name] for name in ESTIMATE], np.ones(n))
-    received = np.kron(recursion.flow @ recursion.gain, D)
-    heard = _summed(as_array(recursion.matrix), received, pull, errors, radius)
-    if followed is None or heard is None:
+    kernel = np.kron(recursion.flow @ recursion.gain, D)
+    received = _summed(as_array(recursion.matrix), kernel, pull, errors, radius)
+    if followed is None or received is None:
         return None
-    jumps: Array = followed + heard + np.abs(np.kron(recursion.gain, D)) @ errors
+    jumps: Array = followed + received + np.abs(np.kron(recursion.gain, D)) @ errors
     return jumps.reshape(2, n)
 
 

@@ -75,8 +75,8 @@ class Recursion:
         if self.D is self.D_velocity:
             return alone + kron(gain, self.D)
         of_position, of_velocity = gain * [1, 0], gain * [0, 1]
-        heard = kron(of_position, self.D) + kron(of_velocity, self.D_velocity)
-        return alone + heard
+        received = kron(of_position, self.D) + kron(of_velocity, self.D_velocity)
+        return alone + received
 
     @property
     def velocities_alone(self) -> bool:

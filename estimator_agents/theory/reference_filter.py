@@ -28,7 +28,7 @@ def filtered(
     always: EstimateBounds,
     rate: float,
 ) -> EstimateBounds:
-    """Return the most of |f| and |ḟ| in the long run, on an axis of rate c, per s.
+    """Return the most of |f| and |ḟ| in steady state, on an axis of rate c, per s.
 
     Without a recursion, or of many robots, it is what bounds on ε̄ and ῡ at all times say alone.
     """

@@ -1,4 +1,4 @@
-"""Whether robots that hear one another can agree though some of them lie: (r, s)-robust digraphs.
+"""Whether robots can agree though some of them lie: (r, s)-robust digraphs.
 
 A digraph is (r, s)-robust when of any two disjoint sets S_1, S_2 of its nodes, neither empty, all
 of S_1, or all of S_2, or s in both together have r in-neighbours or more outside of their own set.
@@ -9,10 +9,10 @@ is the least X(S_1) + X(S_2) of two disjoint sets in both of which not all have:
 the subsets of each set, found for all sets at once, one node after the other, plus that of its
 complement.
 
-Beside a target that is trusted robots come to it if those that hear it, and then again and again
-those that hear 2 F + 1 of these, are all (statement B2): what J. Usevitch, D. Panagou, Resilient
-leader-follower consensus to arbitrary reference values, American Control Conference 2018, call
-strongly (2 F + 1)-robust with respect to those that hear it.
+Beside a target that is trusted robots come to it if those that receive it, and then again and again
+those that receive from 2 F + 1 of these, are all (statement B2): what J. Usevitch, D. Panagou,
+Resilient leader-follower consensus to arbitrary reference values, American Control Conference 2018,
+call strongly (2 F + 1)-robust with respect to those that receive it.
 """
 
 import numpy as np
@@ -35,10 +35,10 @@ def robustness(topology: Topology) -> int | None:
     if n > MOST:
         return None
     among = topology.source > 0
-    heard = np.zeros(n, np.int64)
-    np.bitwise_or.at(heard, topology.sink[among] - 1, 1 << (topology.source[among] - 1))
+    received = np.zeros(n, np.int64)
+    np.bitwise_or.at(received, topology.sink[among] - 1, 1 << (topology.source[among] - 1))
     sets = np.arange(2**n, dtype=np.int64)
-    outside = np.bitwise_count(heard[:, None] & ~sets)
+    outside = np.bitwise_count(received[:, None] & ~sets)
     r = 0
     while r < -(-n // 2) and _is_robust(outside, sets, r + 1):
         r += 1
@@ -49,16 +49,16 @@ def out_of_reach(topology: Topology, many: int) -> int:
     """Return how many robots are not reached from the target by in-neighbours, `many` of each."""
     source, sink = topology.source, topology.sink
     reached = np.zeros(topology.n + 1, bool)
-    heard = np.zeros(topology.n + 1, np.int64)
+    received = np.zeros(topology.n + 1, np.int64)
     new = np.unique(sink[source == 0])
     order = np.argsort(source, kind="stable")
     first = np.searchsorted(source[order], np.arange(topology.n + 2))
     while len(new):
         reached[new] = True
         of_new = [order[first[robot] : first[robot + 1]] for robot in new]
-        hear = sink[np.concatenate(of_new)]
-        np.add.at(heard, hear, 1)
-        new = np.unique(hear[(heard[hear] >= many) & ~reached[hear]])
+        receive = sink[np.concatenate(of_new)]
+        np.add.at(received, receive, 1)
+        new = np.unique(receive[(received[receive] >= many) & ~reached[receive]])
     return topology.n - int(reached.sum())
 
 

@@ -1,4 +1,4 @@
-"""How large errors are in the mean square, in the long run, over links that lose samples.
+"""How large errors are in the mean square, in steady state, over links that lose samples.
 
 With A_k = Ā + Σ ξ_e M_e, and likewise the inputs, the mean of the errors goes with Ā: for sines it
 settles to μ of (e^{jωh} I − Ā) μ = B̄ u, as if all links came to their means. Around it, with what
@@ -27,7 +27,7 @@ LEFT, MOST = 1e-12, 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondMoments:
-    """Mean squares of errors in the long run, over time and all that may be lost: (s, n, m)."""
+    """Mean squares of errors in steady state, over time and all that may be lost: (s, n, m)."""
 
     mean: Array
     """Of the mean error, which is as it would be if every tick came to its mean."""

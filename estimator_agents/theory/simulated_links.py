@@ -73,8 +73,8 @@ def simulated_growth(
             there = newer * weight
             whole = np.add.reduceat(there, start, axis=1)
             mean = np.add.reduceat(came * there, start, axis=2) / np.where(whole > 0, whole, 1)
-            heard = np.tensordot(step.own, x, axes=1) + np.tensordot(U, mean, axes=1)
-            x = np.where(whole > 0, heard, np.tensordot(alone, x, axes=1))
+            received = np.tensordot(step.own, x, axes=1) + np.tensordot(U, mean, axes=1)
+            x = np.where(whole > 0, received, np.tensordot(alone, x, axes=1))
         if k % OFTEN == OFTEN - 1:
             size = np.abs(x).max(axis=(0, 2))
             if not size.all():  # the products of some run are 0, and so is e^λ

@@ -90,7 +90,7 @@ def largest_period(spectrum: Spectrum, alpha: float, beta: float) -> float:
 
 
 def spectral_radius(modes: Spectrum) -> float:
-    """Return ρ, the factor by which the error shrinks over one sampling period in the long run.
+    """Return ρ, the factor by which the error shrinks over one sampling period in steady state.
 
     It is not a number for an algorithm that has no modes, since its jump is not linear.
     """

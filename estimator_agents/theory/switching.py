@@ -4,7 +4,7 @@
   the factor per tick is ρ(A_T ⋯ A_1)^{1/T}, exactly. With one copy of the robots for each tick of a
   period, of which each is told by the copy before, all is one recursion with one matrix 𝒜 again:
   𝒜 has A_p from copy p to copy p + 1, ρ(𝒜) is that factor, and whatever holds of A holds of 𝒜.
-- The last phase stays: in the long run it alone counts.
+- The last phase stays: in steady state it alone counts.
 - Any order: the joint spectral radius of the A_e (`varying`). It is below 1 when K = I and
   G = diag(α, β) with 0 < α, β < 1, whatever the digraphs, if each has a spanning tree from the
   target (docs/theory.md).

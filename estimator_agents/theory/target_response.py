@@ -4,7 +4,7 @@ Let a_0 be an impulse w after t_0, so that the target moves on at 1 m/s from the
 u_k(w) at t_k are linear in w within a period, for positions at sampling times are: they follow from
 what comes of impulses right after t_0 and right before t_1. Where the target sends its
 acceleration, the errors v_k are what comes of a sample of 1 m/s² at t_0 alone. With what remains of
-a target that goes straight on, S = lim u_k, the long run has (statement W4)
+a target that goes straight on, S = lim u_k, the steady state has (statement W4)
 
     |x| ≤ γ2 (Σ_k ∫_0^h |u_k(w) − S| dw + Σ_k |v_k|) + γ1 |S|
 
@@ -33,7 +33,7 @@ WORK = 3e8
 def worst_of_step(
     late: LateStep, gamma_1: float, gamma_2: float, radius: float
 ) -> EstimateBounds | None:
-    """Return bounds on the errors in the long run, for any target within γ1 and γ2.
+    """Return bounds on the errors in steady state, for any target within γ1 and γ2.
 
     None where ρ = `radius` ≥ 1, where the target's sample is not that of an agent which is right,
     where those do not stay so at a target that rests, or where the past that counts is too long.

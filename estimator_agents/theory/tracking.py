@@ -107,7 +107,7 @@ def constants(
 
 
 def push(of: Constants, drive: Drive, estimates: EstimateBounds) -> float:
-    """Return ϱ3 in the long run: μ1 + √m [λ_max(Kp) δ1 + λ_max(Kd) δ2], N m."""
+    """Return ϱ3 in steady state: μ1 + √m [λ_max(Kp) δ1 + λ_max(Kd) δ2], N m."""
     swing = drive.kp_max * estimates.position + drive.kd_max * estimates.velocity
     return of.mu_1 + sqrt(of.m) * swing
 

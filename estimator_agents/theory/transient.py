@@ -1,8 +1,8 @@
 """How long the beginning lasts: the first tick k from which any error has fallen to a share of it.
 
 Without the target's part x(t_{1+k}) = A^k x(t_1), so that it is the k at which ‖A^k‖∞, the largest
-row sum of |A^k|, comes down to the share. ρ^k says that in the long run alone: where robots hear
-one another in a row A is defective, and nothing falls at the end of it before the news is there.
+row sum of |A^k|, comes down to the share. ρ^k says that of the asymptote alone: in a path of
+robots A is defective, and nothing falls at the end of it before the news is there.
 Where A ≥ 0 the norm is max A^k 1, a vector's; of few robots A^k is made by squares.
 """
 

@@ -1,7 +1,7 @@
 """The worst order of some matrices: what their joint spectral radius ρ̂ lies between.
 
 ρ̂ = lim max ‖A_{i_k} ⋯ A_{i_1}‖^{1/k} over all orders (Rota and Strang 1960): the factor of
-x⁺ = A_i x in the long run, if the worst i comes each time. It is below 1 iff x → 0 in every order.
+x⁺ = A_i x in steady state, if the worst i comes each time. It is below 1 iff x → 0 in every order.
 Of products, and in any norm, with ‖·‖_j = ‖A_{i_j} ⋯ A_{i_1}‖^{1/j},
 
     ρ(A_{i_k} ⋯ A_{i_1})^{1/k} ≤ ρ̂ ≤ max over i_1 … i_k of min over j ≤ k of ‖·‖_j.

@@ -1,6 +1,6 @@
 """The worst that any target within γ1 and γ2 does to an error, and the target that does it.
 
-An error in the long run is a functional of the target's past (statement W1): with S for what a
+An error in steady state is a functional of the target's past (statement W1): with S for what a
 constant velocity makes of it, and N(t) of the recursion,
 
     x = S υ_0(0) − ∫ N a_0 dt,      sup x = min over u of γ1 TV(u) + γ2 ∫ |u − N| dt,
@@ -43,7 +43,7 @@ FLOOR = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """How an error in the long run depends on the target: p and r of each period that is past."""
+    """How an error in steady state depends on the target: p and r of each period that is past."""
 
     h: float
     """s"""

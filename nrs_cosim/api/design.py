@@ -60,7 +60,7 @@ def design(
             `jitter` under which convergence is proven; `pinning`, the robots that
             should receive from the target; or gains and a period for an `accuracy` that is proven.
         robots: Of `pinning`, how many.
-        position: Of `accuracy`, the largest ‖q − ε_0‖₂ in the long run, rad.
+        position: Of `accuracy`, the largest ‖q − ε_0‖₂ in steady state, rad.
         velocity: Of `accuracy`, the largest ‖q̇ − υ_0‖₂, rad/s.
         share: Of `accuracy`, the part for the robots' own error, between 0 and 1.
 

@@ -22,7 +22,7 @@ class Theory:
         self._checked = check_experiment(experiment, find)
         self._bounds_of_run = ultimate_bounds(experiment, self._checked.rho, find)
         self.bounds: tuple[Bound, ...] = tuple(bounds(self._bounds_of_run))
-        """What estimation and tracking errors come to in the long run, by quantity."""
+        """What estimation and tracking errors come to in steady state, by quantity."""
 
     @property
     def spectral_radius(self) -> float:

@@ -53,7 +53,7 @@ _UNKNOWN_ERRORS = "what errors of received samples add is not computed of such n
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UltimateBounds:
-    """What the errors of a run come to in the long run, at most."""
+    """What the errors of a run come to in steady state, at most."""
 
     gamma_1: float
     """sup ‖υ_0‖∞ (A1)"""
@@ -69,7 +69,7 @@ class UltimateBounds:
     recursions: list[Recursion]
     """Of each exchange, and the period in the middle between the longest and the shortest."""
     since: int
-    """The tick from which all is as in the long run: 1, or that of the turn that stays."""
+    """The tick from which all is as in steady state: 1, or that of the turn that stays."""
     radius: float
     """ρ, or what takes its place where sampling is aperiodic; not a number where nothing does."""
     motion: SteadyMotion | None
@@ -125,7 +125,7 @@ class UltimateBounds:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The bounds of one quantity in the long run; None where there is none."""
+    """The bounds of one quantity in steady state; None where there is none."""
 
     name: str
     steady_state: float | None

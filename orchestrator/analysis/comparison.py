@@ -70,7 +70,7 @@ class ComparedQuantity:
     def status(self) -> Status:
         """What a person and a program are told of it, in a word.
 
-        What is above a bound of the long run, and yet no more than the beginning allows, is a
+        What is above a bound of the steady state, and yet no more than the beginning allows, is a
         transient; nothing is proven where no bound is, and above the paper's own on tracking.
         """
         if self.measured is None:
@@ -83,7 +83,7 @@ class ComparedQuantity:
 
     @property
     def bounds(self) -> dict[str, float | None]:
-        """The bounds of the long run, by the names that all outputs have for them."""
+        """The bounds of the steady state, by the names that all outputs have for them."""
         b = self.bound
         return {"steady_state": b.steady_state, "worst_case": b.worst_case, PAPER: b.paper}
 
@@ -260,7 +260,7 @@ def _left(
     `recent` are the z, (s, n, m) each, of the ticks up to the first, as many as are under way then.
 
     Beside them stands the largest that it came to, whose rounding is in all that follows. It is
-    known where the last fifth begins when all is as in the long run, and z is of that tick.
+    known where the last fifth begins when all is as in steady state, and z is of that tick.
     """
     clock, topologies = experiment.clock, experiment.topologies
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)

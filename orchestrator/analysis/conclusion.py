@@ -29,7 +29,7 @@ class Conclusion:
     growth: float | None
     """What errors are multiplied by at a sampling time where they diverge; None where not known."""
     within: dict[str, float | None] | None
-    """How near positions and velocities come to the target's in the long run; None if not known."""
+    """How near positions and velocities come to the target's in steady state; None if not known."""
     of: Literal["this target", "any target within gamma_1 and gamma_2", ""]
     """What that is of."""
 

@@ -100,13 +100,13 @@ class Check:
     @property
     def network(self) -> NetworkSummary | None:
         """The only digraph; None where there are several."""
-        heard = [digraph for phase in self.phases for digraph in phase.digraphs]
-        return heard[0].network if len(heard) == 1 else None
+        digraphs = [digraph for phase in self.phases for digraph in phase.digraphs]
+        return digraphs[0].network if len(digraphs) == 1 else None
 
     @property
     def spanning_tree(self) -> bool:
         """Assumption A2: directed paths lead from the target to every robot, at each tick."""
-        return all(heard.network.spanning_tree for phase in self.phases for heard in phase.digraphs)
+        return all(of.network.spanning_tree for phase in self.phases for of in phase.digraphs)
 
     @property
     def spectral_radius(self) -> float:
@@ -116,11 +116,11 @@ class Check:
     @property
     def whole_spectrum(self) -> bool:
         """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
-        return all(_is_whole(heard) for phase in self.phases for heard in phase.digraphs)
+        return all(_is_whole(of) for phase in self.phases for of in phase.digraphs)
 
     @property
     def rate(self) -> float:
-        """−ln ρ / h, per s: in the long run an error falls as e^(−rate t)."""
+        """−ln ρ / h, per s: asymptotically an error falls as e^(−rate t)."""
         radius = self.spectral_radius
         return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
 
@@ -285,8 +285,8 @@ def _pairs(spectrum: Spectrum) -> list[tuple[float, float]]:
     return [(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)]
 
 
-def _is_whole(heard: DigraphAnalysis) -> bool:
-    return len(heard.spectrum) == sum(map(len, heard.network.components))
+def _is_whole(digraph: DigraphAnalysis) -> bool:
+    return len(digraph.spectrum) == sum(map(len, digraph.network.components))
 
 
 def _bounds(rho: RadiusBounds) -> dict[str, float | None]:
@@ -315,14 +315,14 @@ def _phase_json(phase: Phase, status: Callable[[Condition], str]) -> dict[str, A
         "conditions": [_condition_json(c, status(c)) for c in phase.conditions],
         "digraphs": [
             {
-                "of": heard.of,
-                "spectrum": _pairs(heard.spectrum),
-                "whole_spectrum": _is_whole(heard),
-                "alpha_beta_bound": finite(smallest_theta(heard.spectrum)),
-                "spanning_tree": heard.network.spanning_tree,
-                "network": asdict(heard.network),
+                "of": digraph.of,
+                "spectrum": _pairs(digraph.spectrum),
+                "whole_spectrum": _is_whole(digraph),
+                "alpha_beta_bound": finite(smallest_theta(digraph.spectrum)),
+                "spanning_tree": digraph.network.spanning_tree,
+                "network": asdict(digraph.network),
             }
-            for heard in phase.digraphs
+            for digraph in phase.digraphs
         ],
     }
 

@@ -45,7 +45,7 @@ def recursions_of(algorithm: Algorithm, topologies: TopologySchedule, h: float) 
 
 
 def lasting(recursions: Sequence[Recursion], topologies: TopologySchedule) -> Recursion | None:
-    """Return the recursion of the long run: of a period of turns, or of the last; None for none."""
+    """Return the recursion in steady state: of a period of turns, or of the last; or None."""
     if topologies.switching and recursions:
         return period(recursions, topologies.phases())
     return recursions[-1] if recursions else None

@@ -2,7 +2,7 @@
 
 Of links that are late by fixed times it is ρ of the recursion with what is under way; of delays
 that are drawn, a proof for all that may be; of losses, the mean square. Statements are those of
-docs/theory.md. Outages that end within the run say nothing of the long run (statement L5), and
+docs/theory.md. Outages that end within the run say nothing of the steady state (statement L5), and
 noise, rounding and duplicates do not decide convergence.
 """
 
@@ -46,7 +46,7 @@ _STATUS: dict[str, LinkStatus] = {"proven": "converges", "refuted": "diverges"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkFaults:
-    """What links do to samples in the long run, by edge."""
+    """What links do to samples in steady state, by edge."""
 
     least: NDArray[np.int64]
     """(E,) the shortest delay, sampling periods."""
@@ -57,7 +57,7 @@ class LinkFaults:
     noisy: bool
     """Whether noise is added to samples, so that no error is bounded."""
     since: int
-    """The tick from which on all is as in the long run: no sample is missing that an outage took,
+    """The tick from which on all is as in steady state: no sample is missing that an outage took,
     or that is late from before t_1."""
 
     @property
@@ -104,7 +104,7 @@ class LinkAnalysis:
         return self.source != _OFTEN or bool(self.loss and self.loss.almost_sure.lower >= 1)
 
     def rate(self, h: float) -> float | None:
-        """Return how fast errors fall in the long run, per s, at least; None where not known.
+        """Return how fast errors fall asymptotically, per s, at least; None where not known.
 
         It is of their mean squares' roots where samples are lost.
         """
@@ -158,7 +158,7 @@ def step_of_run(
 
 
 def _late_step(experiment: Experiment, faults: LinkFaults, periods: Periods) -> LateStep | None:
-    """Return the recursion where links, in the long run, are late by fixed times and round at most.
+    """Return the recursion where links, in steady state, are late by fixed times and round at most.
 
     None where that is not so, or not known.
     """

@@ -1,7 +1,7 @@
 """How large errors are in the mean square over links that lose samples: expected, and in a run.
 
 Expected are the second moments of statement L6, over all that may be lost; measured is one run's
-last fifth, of which they are the mean in the long run.
+last fifth, of which they are the mean in steady state.
 """
 
 from dataclasses import dataclass

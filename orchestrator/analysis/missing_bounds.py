@@ -23,7 +23,7 @@ def why_no_bounds(
 ) -> str:
     """Return why there are no bounds on the errors of estimates; empty where there are.
 
-    `lasting` is the recursion of the long run, `step` that of agents that keep more, and
+    `lasting` is the recursion of the steady state, `step` that of agents that keep more, and
     `links_bounded` says whether there is a most that links may do.
     """
     topologies, periods = experiment.topologies, periods_of(experiment)

@@ -31,7 +31,7 @@ PAIR = ("position", "velocity")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseAnalysis:
-    """What noise on links comes to in the long run, and came to in a run."""
+    """What noise on links comes to in steady state, and came to in a run."""
 
     source: str
     """The statement from which it follows."""

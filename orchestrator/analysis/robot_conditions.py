@@ -1,4 +1,4 @@
-"""Conditions on a scenario's robots that no eigenvalue is in: their gains, and who hears whom."""
+"""Conditions on a scenario's robots that no eigenvalue is in: gains, and the digraph."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ POSITIVE = "positive definite"
 
 
 def graph_conditions(experiment: Experiment) -> list[Condition]:
-    """Return the algorithm's conditions on who hears whom: of several digraphs, the nearest."""
+    """Return the algorithm's conditions on the digraph: of several, the nearest."""
     byzantine = frozenset(experiment.byzantine)
     found = [
         experiment.algorithm.graph_conditions(digraph, byzantine)
@@ -24,11 +24,11 @@ def graph_conditions(experiment: Experiment) -> list[Condition]:
 def hull_of(experiment: Experiment) -> HonestHull | None:
     """Return what the honest robots' estimates stay within; None where that is not known."""
     liars = experiment.byzantine
-    heard = [
+    received = [
         np.bincount(t.sink[np.isin(t.source, liars) & ~np.isin(t.sink, liars)], minlength=1).max()
         for t in experiment.topologies.digraphs
     ]
-    if experiment.impaired or not experiment.algorithm.stays_within(int(max(heard))):
+    if experiment.impaired or not experiment.algorithm.stays_within(int(max(received))):
         return None
     clock = experiment.clock
     times = np.array([seconds(clock.t(k)) for k in range(clock.ticks + 1)])

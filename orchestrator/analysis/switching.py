@@ -59,15 +59,15 @@ def phases_of(
     phases = []
     for since, exchange, own in zip(topologies.since, topologies.exchanges, spectra, strict=True):
         both = networks[exchange.position], networks[exchange.velocity]
-        heard = [DigraphAnalysis("positions and velocities", both[0], own[0])]
+        digraphs = [DigraphAnalysis("positions and velocities", both[0], own[0])]
         if exchange.has_two_digraphs:
-            heard = [
+            digraphs = [
                 DigraphAnalysis("positions", both[0], own[0]),
                 DigraphAnalysis("velocities", both[1], own[1]),
             ]
         rho = rho_alone(algorithm, own, periods)
         phases.append(
-            Phase(since, tuple(heard), rho, tuple(conditions(algorithm, own, periods.longest)))
+            Phase(since, tuple(digraphs), rho, tuple(conditions(algorithm, own, periods.longest)))
         )
     return tuple(phases)
 

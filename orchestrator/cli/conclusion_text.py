@@ -33,7 +33,7 @@ def conclusion_sentence(found: "Conclusion") -> str:
     if found.within and None not in found.within.values():
         position, velocity = found.within.values()
         parts.append(
-            f"in the long run positions are within {position:.4g} and velocities within "
+            f"in steady state positions are within {position:.4g} and velocities within "
             f"{velocity:.4g} of the target's, for {found.of}"
         )
     return f"{'; '.join(parts)}."

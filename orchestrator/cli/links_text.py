@@ -24,7 +24,7 @@ def link_rows(links: "LinkAnalysis") -> dict[str, str]:
         rows["loss"] = _losses(links.loss)
     if links.simulated:
         rows["simulated"] = (
-            "errors are multiplied at a sampling time, in the long run of almost every run, by "
+            "errors are multiplied at a sampling time, asymptotically in almost every run, by "
             f"{links.simulated.lower:.4g} to {links.simulated.upper:.4g}, with 99.9 % confidence"
         )
     if links.why and not links.source:

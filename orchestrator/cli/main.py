@@ -248,7 +248,7 @@ def check(
         find = Sampling(experiment)
         begin("whether the estimates converge")
         checked = theory_of(experiment, find)
-        begin("bounds of the long run")
+        begin("bounds of the steady state")
         ultimate = ultimate_bounds(experiment, checked.rho, find)
         if worst_target and output:
             from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes

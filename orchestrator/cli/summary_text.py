@@ -60,7 +60,7 @@ def theory_table(
     )
     if not ultimate.why_not:
         console.print()
-        table(console, _columns("in the long run", *_BOUNDS), map(_bounds, rows))
+        table(console, _columns("bounds", *_BOUNDS), map(_bounds, rows))
 
 
 def _columns(first: str, *numbers: str) -> tuple[Column, ...]:
@@ -116,7 +116,7 @@ def _status(row: "ComparedQuantity") -> str:
 
 
 def _beside(compared: "TheoryComparison") -> dict[str, str]:
-    """Return lines on what is above a bound of the long run and yet breaks none."""
+    """Return lines on what is above a bound of the steady state and yet breaks none."""
     rows, left = {}, compared.left
     known = [row for row in compared.quantities if row.status != "exceeded"]
     over = [row for row in known if {*row.above} - {"paper"}]
@@ -135,7 +135,7 @@ def _beside(compared: "TheoryComparison") -> dict[str, str]:
         rows["paper"] = f"{' and '.join(loose)} above it: its bounds of tracking are not proven"
     seen, computed = compared.measured_radius, compared.spectral_radius
     if seen is not None and computed is not None and abs(seen - computed) > NEAR:
-        rows["rho"] = "the computed one is of the long run, and this run's is not near it"
+        rows["rho"] = "the computed one is of the steady state, and this run's is not near it"
     return rows
 
 

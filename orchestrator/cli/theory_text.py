@@ -55,7 +55,7 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         )
     over_links = checked.links.rate(periods.mean)
     if over_links is not None:
-        rows["rate"] = f"{over_links:.4g} per s in the long run, at least"
+        rows["rate"] = f"{over_links:.4g} per s asymptotically, at least"
     elif checked.rate > 0 and checked.links.status != "diverges":
         rows["rate"] = _rate(checked)
     if liars := checked.byzantine:
@@ -92,11 +92,11 @@ def _of(checked: "Check") -> str:
 def _networks(checked: "Check") -> dict[str, str]:
     """Return lines of who receives from whom: one digraph in whole, several in short."""
     if checked.network:
-        (heard,) = checked.phases[0].digraphs
+        (digraph,) = checked.phases[0].digraphs
         return {
             "network": _ways(checked.network),
             "components": _components(checked.network),
-            "spectrum": f"{_spectrum(heard.spectrum, checked.whole_spectrum)} "
+            "spectrum": f"{_spectrum(digraph.spectrum, checked.whole_spectrum)} "
             f"(of D, the normalised adjacency)",
         }
     rows = {}
@@ -160,9 +160,9 @@ def _convergence(checked: "Check") -> str:
 
 
 def _rate(checked: "Check") -> str:
-    """Say how fast errors fall in the long run, and the settling time of any initial error."""
+    """Say how fast errors fall asymptotically, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
-    rate += " in the long run" + _of(checked)
+    rate += " asymptotically" + _of(checked)
     fallen = checked.settling_time
     if checked.premise:
         return rate

@@ -196,7 +196,7 @@ class Coordinator:
         }
 
     def end(self) -> None:
-        """Let all workers end, and hear how it was."""
+        """Let all workers end, and collect how it was."""
         slots, recorder = self._slots.values(), self._supervision.recorder
         done = recorder and recorder.closed == self._file.clock.ticks
         self._is_over = True
@@ -204,18 +204,18 @@ class Coordinator:
         for slot in slots:
             slot.life.on(Event.END)
         if done:
-            self._hear_out(lambda: all(s.report or s.state is not State.ENDING for s in slots))
+            self._wait_for_ends(lambda: all(s.report or s.state is not State.ENDING for s in slots))
         for name in self._slots:
             key = wire_key(ORDERS, name)
             self._bus.publisher(key)(self._signer.sign(key, END))
         remote = [slot for slot in slots if not slot.process]
-        self._hear_out(lambda: all(slot.state is State.LEFT for slot in remote))
+        self._wait_for_ends(lambda: all(slot.state is State.LEFT for slot in remote))
         until = monotonic() + _GRACE
         for slot in slots:
             if slot.process:
                 slot.process.wait(max(until - monotonic(), 0.0) if slot in were_well else 0.0)
 
-    def _hear_out(self, is_enough: Callable[[], bool]) -> None:
+    def _wait_for_ends(self, is_enough: Callable[[], bool]) -> None:
         """Hear how workers end, and tell those that come back that the run is over."""
         until = monotonic() + _FAREWELL
         while not is_enough() and monotonic() < until:

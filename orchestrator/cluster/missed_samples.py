@@ -1,4 +1,4 @@
-"""What a worker hears of the orchestrator: where to begin, samples that it missed, and the end."""
+"""What a worker learns of the orchestrator: where to begin, samples that it missed, and the end."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -28,7 +28,7 @@ class EndedError(CosimError):
 
 
 class MissedSamples:
-    """What a worker hears beside samples, and how it asks for those that it missed."""
+    """What a worker receives beside samples, and how it asks for those that it missed."""
 
     patience = SILENCE
 

@@ -1,4 +1,4 @@
-"""Simulated time advances by data alone: a tick closes when all that it consists of was heard.
+"""Simulated time advances by data alone: a tick closes when all that it consists of was received.
 
 There is no barrier. A worker goes on as soon as it has the samples that its robots need; the target
 puts its own a window of ticks ahead of the last closed tick, and since every worker waits for
@@ -116,7 +116,7 @@ class Workers(Protocol):
         """
 
     def end(self) -> None:
-        """Let all workers end, and hear how it was."""
+        """Let all workers end, and collect how it was."""
 
     def spent(self) -> Mapping[str, Spent]:
         """Return where the time of each worker went, as far as it said so."""
@@ -214,7 +214,7 @@ class Lockstep:
         return f"tick {k} did not close in {self._deadline:g} s of silence: {'; '.join(waiting)}"
 
     def _waits(self, worker: str) -> str:
-        last = self._recorder.last_heard(worker)
+        last = self._recorder.last_received(worker)
         lacks = self._recorder.missing(last)
         others = sorted(h for h in self._needs.get(worker, ()) if SAMPLES in lacks.get(h, ()))
         who = (

@@ -1,8 +1,8 @@
 """Where robots start: at t_0, or at the last checkpoint of all of them that a recording has.
 
-A checkpoint at t_c was taken before the samples of c were heard. From there the worker runs on by
-the samples that the recording has, to the last tick that it has, and says nothing; its next tick is
-new. That is how a worker that died comes back, and how a run is resumed.
+A checkpoint at t_c was taken before the samples of c were received. From there the worker runs on
+by the samples that the recording has, to the last tick that it has, and says nothing; its next tick
+is new. That is how a worker that died comes back, and how a run is resumed.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,6 @@
 """A worker runs some robots in one process, on one way to the bus: their agents and plants.
 
-At t_k its agents' left limits travel as one batch, the in-neighbours' are heard, the agents jump,
+At t_k its agents' left limits travel as one batch, the in-neighbours' arrive, the agents jump,
 and what else is to be recorded of the tick follows; then the plants advance over (t_k, t_{k+1}].
 Data alone makes it wait: it needs the samples of t_k from each worker of an in-neighbour, and the
 target's, whose pace keeps all workers within a window of the recorder.
@@ -37,7 +37,7 @@ SENDS, RECEIVES = 6, 7
 """What is done in a tick once the plants have moved, in the order of `Worker.place`."""
 
 ReceivedSamples = tuple[int, Records, str]
-"""Samples that were heard: k, they, and the worker that put them, or `EVERYONE`."""
+"""Samples that were received: k, they, and the worker that put them, or `EVERYONE`."""
 
 
 def needed(in_neighbours: NDArray[np.integer], assignment: Mapping[str, Nodes]) -> frozenset[str]:
@@ -256,7 +256,7 @@ class Worker:
     def _samples_in(self, item: Item, listening: Listening) -> Iterable[ReceivedSamples]:
         """Return the samples in an item; what is not accepted is passed over.
 
-        The recorder hears it too, and counts it.
+        The recorder receives it too, and counts it.
         """
         if not isinstance(item, Message) or not (worker := self._keys.get(item.key)):
             return listening.handle(item)

@@ -1,1 +1,1 @@
-"""What a recording says when it is run again, heard again, or compared."""
+"""A recording run again, published again, or compared."""

@@ -1,9 +1,9 @@
 """A recording is run again on what it holds, and must come to the same bits.
 
-Every agent starts from the scenario's estimates, hears the recorded samples and jumps; every plant
-starts from the scenario's states and follows the references of its agent. What they say at each
-tick is compared with what was recorded, message by message in total order. Without the plants, the
-agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
+Every agent starts from the scenario's estimates, receives the recorded samples and jumps; every
+plant starts from the scenario's states and follows the references of its agent. What they say at
+each tick is compared with what was recorded, message by message in total order. Without the plants,
+the agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -117,7 +117,7 @@ class RecordedPlants:
 
 
 class _Samples:
-    """What the worker hears: the recorded samples."""
+    """What the worker receives: the recorded samples."""
 
     patience = 0.0
 

@@ -2,8 +2,8 @@
 
 Estimates do not depend on plants: when plants alone are changed, the traffic stays as recorded, and
 only the robots that were changed are run again, the others are as they were. When the algorithm is
-changed, the agents start again from the recorded estimates, hear the recorded target, and all else
-follows.
+changed, the agents start again from the recorded estimates, receive the recorded target, and all
+else follows.
 """
 
 from collections.abc import Sequence

@@ -106,10 +106,10 @@ def wrong_spans(here: str, spans: tuple[Span, ...]) -> Iterator[str]:
 def _no_link(entry: FaultyLink, topology: Topology) -> str:
     if entry.to is None:
         return f"expected a link of the network, but no robot receives from node {entry.from_}"
-    heard = ", ".join(map(str, topology.in_neighbours(entry.to)))
+    received = ", ".join(map(str, topology.in_neighbours(entry.to)))
     return (
         f"expected a link of the network, but robot {entry.to} does not receive from "
-        f"node {entry.from_}; it receives from {heard or 'nobody'}"
+        f"node {entry.from_}; it receives from {received or 'nobody'}"
     )
 
 

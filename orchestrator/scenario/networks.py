@@ -64,19 +64,19 @@ def generated(generator: Generator, seed: int, where: str = "network") -> tuple[
 def _random_k_in(generator: Generator, seed: int, where: str) -> tuple[Nodes, Nodes]:
     """Return n k edges; ranks count from 0."""
     n, k, first = generator.n, generator.k or 0, generator.pinned[0]
-    heard = np.empty((n, k), np.intp)
+    received = np.empty((n, k), np.intp)
     for rank in range(n):
         draw = random_stream(seed, f"{where}.random_k_in", (first - 1 + rank) % n + 1)
         taken = [rank]
         if rank:
-            heard[rank, 0] = draw.integers(rank)
-            insort(taken, int(heard[rank, 0]))
+            received[rank, 0] = draw.integers(rank)
+            insort(taken, int(received[rank, 0]))
         rest = draw.choice(n - len(taken), k + 1 - len(taken), replace=False)
         for other in taken:  # ascending: what is drawn counts the robots that are not taken
             rest += rest >= other
-        heard[rank, len(taken) - 1 :] = rest
+        received[rank, len(taken) - 1 :] = rest
     sink = np.repeat(np.arange(n), k)
-    return (first - 1 + heard.ravel()) % n + 1, (first - 1 + sink) % n + 1
+    return (first - 1 + received.ravel()) % n + 1, (first - 1 + sink) % n + 1
 
 
 def _small_world(generator: Generator, seed: int, where: str) -> tuple[Nodes, Nodes]:

@@ -188,7 +188,7 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
             text=True,
             errors="replace",
             check=False,
-            start_new_session=True,  # a Ctrl-C in the terminal is ours to hear, not the compiler's
+            start_new_session=True,  # a Ctrl-C in the terminal is ours, not the compiler's
         )
         if done.returncode != 0:
             lines = done.stderr.splitlines()

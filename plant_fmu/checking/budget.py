@@ -23,7 +23,7 @@ Tell = Callable[[str], None]
 """Takes what is being checked now."""
 
 
-def unheard(stage: str) -> None:
+def unobserved(stage: str) -> None:
     """Tell nobody of a stage."""
 
 
@@ -36,8 +36,8 @@ class Budget:
 
     def __init__(
         self,
-        tell: Tell = unheard,
-        beat: Tell = unheard,
+        tell: Tell = unobserved,
+        beat: Tell = unobserved,
         limit: float = LIMIT,
         clock: Callable[[], float] = process_time,
     ) -> None:

@@ -22,7 +22,14 @@ import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds
-from nrs_cosim.plant_fmu.checking.budget import LIMIT, STARTING, VALIDATING, Budget, Tell, unheard
+from nrs_cosim.plant_fmu.checking.budget import (
+    LIMIT,
+    STARTING,
+    VALIDATING,
+    Budget,
+    Tell,
+    unobserved,
+)
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FmuCheck
 from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.sampling import sampled
@@ -64,7 +71,7 @@ class ProcessOutcome:
     """The last that began."""
 
 
-def check(task: CheckTask, deadline: float = DEADLINE, tell: Tell = unheard) -> FmuCheck:
+def check(task: CheckTask, deadline: float = DEADLINE, tell: Tell = unobserved) -> FmuCheck:
     """Check an FMU of ours in this process, and one of others apart; tell each stage."""
     if task.archive.ours:
         found = list(findings(task, Budget(tell)))
@@ -128,7 +135,9 @@ def _say_p3(task: CheckTask, tell: Tell) -> Iterator[dict[str, Any]]:
         yield {"why": str(error)}
 
 
-def run_apart(say: Say, task: CheckTask, deadline: float, tell: Tell = unheard) -> ProcessOutcome:
+def run_apart(
+    say: Say, task: CheckTask, deadline: float, tell: Tell = unobserved
+) -> ProcessOutcome:
     """Run a function on a task in a process of its own.
 
     The process may be silent for a deadline in s, as long as a call of the FMU may take; while it
@@ -165,12 +174,12 @@ def _listen(process: subprocess.Popen[bytes], deadline: float, tell: Tell) -> Pr
             silence = f"did not return within {patience:g} s"
             if not selector.select(patience):
                 return ProcessOutcome(lines, silence, "", stage)
-            heard = os.read(said.fileno(), 1 << 16)
-            if not heard:  # it may have something to print, of what it ends with
+            received = os.read(said.fileno(), 1 << 16)
+            if not received:  # it may have something to print, of what it ends with
                 status = wait_group(process, patience)
                 ended = silence if status is None else describe_ending(status)
                 return ProcessOutcome(lines, ended, "", stage)
-            *whole, unfinished = (unfinished + heard).split(b"\n")
+            *whole, unfinished = (unfinished + received).split(b"\n")
             for line in whole:
                 if line == END:
                     return ProcessOutcome(lines, "", "", stage)

@@ -84,7 +84,7 @@ class Cvode:
             _Evaluation(self._evaluation(robot.derivatives, "the derivatives", _address)),
             _Evaluation(self._evaluation(robot.signs, "the event indicators", int)),
         )
-        self._heard = _Complaint(self._hear)
+        self._logged = _Complaint(self._log)
         try:
             self._open(robot)
         except BaseException:
@@ -164,7 +164,7 @@ class Cvode:
 
         return evaluation
 
-    def _hear(self, *complaint: Any) -> None:
+    def _log(self, *complaint: Any) -> None:
         self._complaint = complaint[3].decode("utf-8", "replace")
 
     def _expect(self, flag: int) -> None:
@@ -180,7 +180,7 @@ class Cvode:
         _new_context(0, byref(context))
         self._memory.callback(lambda: _free_context(byref(context)))
         _clear_complaints(context)
-        _hear_complaints(context, self._heard, None)
+        _hear_complaints(context, self._logged, None)
         return context
 
     def _hold(self, thing: int, end: Callable[[int], Any]) -> int:

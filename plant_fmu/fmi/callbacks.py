@@ -3,7 +3,7 @@
 An FMU may log and free memory in any call, `fmi2FreeInstance` included, and may do so through the
 pointer that it was instantiated with (FMI 2.0, section 2.1.5). So memory is C's own, there is one
 logger as long as the process lives, and the rest is one instance's as long as its library is
-loaded. Whose words it hears, the logger knows by the environment that the FMU hands back.
+loaded. Whose words it receives, the logger knows by the environment that the FMU hands back.
 
 A message has arguments as printf has, which Python cannot take; a proxy of FMPy's puts them in. It
 calls the one function that it was given last, whoever gave it, so that a copy of it is loaded for
@@ -65,14 +65,14 @@ def _logger() -> Any:
     vendor = Path(fmpy.__file__).parent / "logging" / fmpy.platform / f"logging{extension}"
     with own_folder() as folder:
         proxy = CDLL(str(shutil.copy(vendor, folder)))
-    shared = fmi2CallbackFunctions(_HEAR)
+    shared = fmi2CallbackFunctions(_LOG)
     add = proxy.addLoggerProxy
     add.argtypes, add.restype = (c_void_p,), None
     add(byref(shared))
     return shared.logger
 
 
-def _hear(
+def _log(
     environment: int | None, name: bytes | None, _status: int, _category: Any, message: bytes | None
 ) -> None:
     """Log for the instance of an environment; where an FMU gives another, for those of its name.
@@ -89,4 +89,4 @@ def _hear(
         callbacks.log(text)
 
 
-_HEAR = fmi2CallbackLoggerTYPE(_hear)
+_LOG = fmi2CallbackLoggerTYPE(_log)

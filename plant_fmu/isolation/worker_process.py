@@ -88,10 +88,10 @@ class FmuProcess:
         got = bytearray()
         try:
             while len(got) < HEAD.size or len(got) < HEAD.size + HEAD.unpack_from(got)[1]:
-                heard = self._hear()
-                if not heard:
+                received = self._receive()
+                if not received:
                     raise self._failure(describe_ending(self._end()), seconds)
-                got += heard
+                got += received
         except TimeoutError as silence:
             self._end()
             raise self._failure(str(silence), seconds) from None
@@ -114,11 +114,11 @@ class FmuProcess:
             return
         self._pipes[0].close()
         with suppress(TimeoutError):
-            while not self._busy and self._hear():
+            while not self._busy and self._receive():
                 pass
         self._end()
 
-    def _hear(self) -> bytes:
+    def _receive(self) -> bytes:
         """Return what the worker says next, nothing at its end; `TimeoutError` when it is stuck.
 
         It is stuck when as long as the deadline no call followed the one that it is in.

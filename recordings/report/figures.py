@@ -197,7 +197,7 @@ def _envelopes(stories: Sequence[Story]) -> Figure:
     if any(story.subject.spectral_radius for story in stories):
         slope = (
             ": the slope is that of ρ, the factor that is left of the estimation error after a "
-            "sampling period, in the long run."
+            "sampling period, in steady state."
         )
     return Figure(
         "envelopes",

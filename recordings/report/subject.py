@@ -51,7 +51,7 @@ class Subject:
     """Of the theory, each with `name`, `value`, `bound` (None that no number reaches), `at_least`
     (whether it is value > bound, not <), `status` as `nrs check` has it, and `source`."""
     spectral_radius: float | None
-    """ρ: what is left of the estimation error after one sampling period, in the long run.
+    """ρ: what is left of the estimation error after one sampling period, in steady state.
 
     None where there is no such number, or links have faults or robots lie, of which it knows
     nothing.

@@ -1,4 +1,4 @@
-"""Who gets onto the bus, who is kept out and told why, and whose words are heard there."""
+"""Who gets onto the bus, who is kept out and told why, and whose messages are received there."""
 
 import queue
 import socket
@@ -43,8 +43,8 @@ def pair(address, listening=None, connecting=None, **more):
     return listen, Endpoints(connect=(address,), tls=connecting, wait=GUARD, insecure_tcp=True)
 
 
-def heard(session, pattern):
-    """Return a queue of (key, payload) of all that the session hears."""
+def received(session, pattern):
+    """Return a queue of (key, payload) of all that the session receives."""
     inbox = queue.Queue()
     session.declare_subscriber(
         pattern, lambda s: inbox.put((str(s.key_expr), s.payload.to_bytes()))
@@ -60,7 +60,10 @@ def answered(session, key):
 def expect_conversation(hub, client):
     """Both directions, in an order that a query decides and no clock."""
     hub.declare_queryable("nrs/r/start/*", lambda q: q.reply(q.key_expr, b"go"))
-    at_hub, at_client = heard(hub, "nrs/r/samples/left"), heard(client, "nrs/r/samples/target")
+    at_hub, at_client = (
+        received(hub, "nrs/r/samples/left"),
+        received(client, "nrs/r/samples/target"),
+    )
     assert answered(client, "nrs/r/start/left") == [b"go"]
     client.put("nrs/r/samples/left", b"up", congestion_control=BLOCK)
     assert at_hub.get(timeout=GUARD) == ("nrs/r/samples/left", b"up")
@@ -92,11 +95,11 @@ class TestReached:
             assert link.auth_identifier == "left"
             assert link.zid == client.info.zid()
 
-    def test_clients_hear_each_other_through_the_hub(self, tmp_path):
+    def test_clients_receive_from_each_other_through_the_hub(self, tmp_path):
         listen, connect = pair(f"unixsock-stream/{tmp_path}/s")
         with opened(listen, connect, connect) as (hub, one, other):
             hub.declare_queryable("nrs/r/start/*", lambda q: q.reply(q.key_expr, b"go"))
-            inbox = heard(other, "nrs/r/samples/*")
+            inbox = received(other, "nrs/r/samples/*")
             assert answered(other, "nrs/r/start/other") == [b"go"]
             one.put("nrs/r/samples/one", b"x", congestion_control=BLOCK)
             assert inbox.get(timeout=GUARD) == ("nrs/r/samples/one", b"x")
@@ -169,7 +172,7 @@ class TestRefused:
 
 
 class TestAccess:
-    """Every worker is heard for itself alone."""
+    """Every worker speaks for itself alone."""
 
     @pytest.fixture
     def workers(self, tls):
@@ -186,7 +189,7 @@ class TestAccess:
 
     def test_a_forged_key_is_not_delivered(self, workers):
         hub, left, right, _ = workers
-        at_hub, at_left = heard(hub, "nrs/**"), heard(left, "nrs/r/samples/*")
+        at_hub, at_left = received(hub, "nrs/**"), received(left, "nrs/r/samples/*")
         assert answered(left, "nrs/r/start/left") == [b"go"]
         forged = ("samples/left", "samples/target", "records/left", "orders/left", "orders/right")
         own = ("samples/right", "records/right", "report/right")
@@ -202,9 +205,9 @@ class TestAccess:
 
     def test_orders_and_samples_reach_only_their_recipients(self, workers):
         hub, left, right, _ = workers
-        inboxes = [heard(worker, "nrs/r/orders/*") for worker in (left, right)]
-        spied = heard(left, "nrs/r/records/*")
-        samples = heard(left, "nrs/r/samples/*")
+        inboxes = [received(worker, "nrs/r/orders/*") for worker in (left, right)]
+        spied = received(left, "nrs/r/records/*")
+        samples = received(left, "nrs/r/samples/*")
         for worker, name in ((left, "left"), (right, "right")):
             assert answered(worker, f"nrs/r/start/{name}") == [b"go"]
         right.put("nrs/r/records/right", b"x", congestion_control=BLOCK)
@@ -246,7 +249,7 @@ class TestAccess:
 
     def test_messages_of_a_certificate_without_a_worker_reach_nobody(self, workers):
         hub, left, _, stranger = workers
-        at_hub = heard(hub, "nrs/**")
+        at_hub = received(hub, "nrs/**")
         stranger.put("nrs/r/samples/stranger", b"x", congestion_control=BLOCK)
         assert answered(stranger, "nrs/*/join/stranger") == []
         left.put("nrs/r/samples/left", b"x", congestion_control=BLOCK)

@@ -21,8 +21,8 @@ PAPER = (
 
 def test_the_papers_topology_has_the_papers_neighbours():
     topology = Topology.of(*PAPER)
-    heard = {robot: topology.in_neighbours(robot).tolist() for robot in range(1, 7)}
-    assert heard == {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
+    received = {robot: topology.in_neighbours(robot).tolist() for robot in range(1, 7)}
+    assert received == {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
     assert topology.unreached() == []
 
 

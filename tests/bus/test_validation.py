@@ -422,9 +422,9 @@ def test_in_one_process_own_batches_come_back_as_what_was_packed():
     wire = in_one_process()
     samples, tick = samples_of(wire), Tick(states_of(wire), wire.none, ())
     for _ in range(2):
-        k, heard = wire.unpack_samples(WORKER, bytes(wire.pack_samples(WORKER, K, samples)))
+        k, received = wire.unpack_samples(WORKER, bytes(wire.pack_samples(WORKER, K, samples)))
         assert k == K
-        assert heard.tobytes() == samples.tobytes()
+        assert received.tobytes() == samples.tobytes()
         payload = wire.pack_tick(WORKER, K, tick)
         assert wire.unpack_tick(WORKER, payload) == (K, tick)
 

@@ -34,8 +34,8 @@ class Intruder:
         endpoints = Endpoints(connect=(meet,), insecure_tcp=True, **options)
         self.run, self.prefix = run, f"nrs/{run}/"
         self.session, self._witness = open_session(endpoints), open_session(endpoints)
-        self._put, self.overheard, self._came = 0, {}, Event()
-        self._witness.declare_subscriber("nrs/**", self._hear)
+        self._put, self.intercepted, self._came = 0, {}, Event()
+        self._witness.declare_subscriber("nrs/**", self._receive)
         next(self._witness.get("nrs/none", timeout=GUARD), None)  # by then it is declared
 
     def __enter__(self):
@@ -45,11 +45,11 @@ class Intruder:
         self.session.close()
         self._witness.close()
 
-    def _hear(self, sample):
+    def _receive(self, sample):
         key = str(sample.key_expr)
         if key == "nrs/last":
             self._came.set()
-        self.overheard[key.removeprefix(self.prefix)] = sample.payload.to_bytes()
+        self.intercepted[key.removeprefix(self.prefix)] = sample.payload.to_bytes()
 
     def put(self, key, payload):
         """Put a message on a key of the run's, or from the root for one that begins with /."""

@@ -138,7 +138,7 @@ def test_a_stopped_worker_is_waited_for(tmp_path, whole):
 
 
 def test_a_worker_silent_beyond_the_deadline_is_named_with_the_tick(tmp_path):
-    """Robots 3 and 4 hear 1, who hears 2 and 3; robots 5 and 6 hear 2 to 4."""
+    """Robots 3 and 4 receive from 1, it from 2 and 3; robots 5 and 6 receive from 2 to 4."""
     spread = LocalRun(lossy(), 3).kill(60, 2, by=signal.SIGSTOP)
     outcome = spread.run(tmp_path / "n.mcap", deadline=LIMIT)
     assert outcome.status == "failed"

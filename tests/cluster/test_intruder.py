@@ -37,11 +37,11 @@ GARBAGE = [
 run_alone = fixture_of_a_run_alone(TICKS)
 
 
-def forged(file, overheard):
+def forged(file, intercepted):
     """Yield keys and messages that nobody is to believe."""
     stranger = wire_of(file, ASSIGNMENT, Signer(b"guessed"))
     unsigned = wire_of(file, ASSIGNMENT, Signer())
-    genuine, records = overheard["samples/left"], overheard["records/left"]
+    genuine, records = intercepted["samples/left"], intercepted["records/left"]
     later = PAUSE + 5
     times = stranger.times
     for wire in (stranger, unsigned):
@@ -82,7 +82,7 @@ def test_forged_and_damaged_messages_are_counted_and_nothing_else(run_alone, mee
         run.until("paused at tick 10")
         run.go_on.set()
         run.until(f"paused at tick {PAUSE}")
-        for key, payload in forged(file, intruder.overheard):
+        for key, payload in forged(file, intruder.intercepted):
             intruder.put(key, payload)
         put = intruder.count()
         run.go_on.set()

@@ -209,15 +209,15 @@ def test_a_worker_that_reconnects_after_the_end_is_told_that_the_run_is_over(
     short, meet, monkeypatch, tmp_path
 ):
     file, digest = short
-    hear_out, heard = Coordinator._hear_out, []
+    wait_for_ends, received = Coordinator._wait_for_ends, []
 
     def cut(self, is_enough):
-        heard.append(is_enough)
-        if len(heard) == 2:  # its report has come, and it does not understand what it is told
+        received.append(is_enough)
+        if len(received) == 2:  # its report has come, and it does not understand what it is told
             cable.cut()
-        hear_out(self, is_enough)
+        wait_for_ends(self, is_enough)
 
-    monkeypatch.setattr(Coordinator, "_hear_out", cut)
+    monkeypatch.setattr(Coordinator, "_wait_for_ends", cut)
     monkeypatch.setattr(coordinator, "END", b"?")
     with cable_to(int(meet.rpartition(":")[2])) as cable:
         with Run(file, tmp_path / "run.mcap", listen=(meet,)) as run:

@@ -47,11 +47,11 @@ def test_a_replayed_join_request_is_rejected_and_counted(run_alone, meet, tmp_pa
     with intruded(file, tmp_path, meet, pauses=(PAUSE,)) as (run, intruder):
         said = {}
 
-        def overhear(query):
+        def intercept(query):
             said[str(query.key_expr).rpartition("/")[2]] = query.payload.to_bytes()
             query.drop()
 
-        intruder.session.declare_queryable("nrs/*/join/*", overhear)
+        intruder.session.declare_queryable("nrs/*/join/*", intercept)
         workers = [Worker(meet, name, robots) for name, robots in ASSIGNMENT.items()]
         run.until("paused")
         assert said.keys() == ASSIGNMENT.keys()

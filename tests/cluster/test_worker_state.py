@@ -22,7 +22,7 @@ from nrs_cosim.orchestrator.cluster.worker_state import (
 E, S = Event, State
 
 LIVES = {
-    "a worker from elsewhere that hears of the end": [
+    "a worker from elsewhere that learns of the end": [
         (E.JOIN, S.ADMITTED),
         (E.APPEAR, S.OPENING),
         (E.OPEN, S.READY),

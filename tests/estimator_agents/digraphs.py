@@ -40,7 +40,7 @@ def exchanges(draw: st.DrawFn, most: int = 5, turns: int = 3) -> list[Interactio
 
 
 def ring(n: int, both: bool) -> Topology:
-    """Return a ring that hears one way or both, with robot 1 pinned; edges sorted by (i, j)."""
+    """Return a ring that receives one way or both, with robot 1 pinned; edges sorted by (i, j)."""
     robot = np.arange(1, n + 1)
     sides = [np.roll(robot, 1), np.roll(robot, -1)] if both else [np.roll(robot, 1)]
     source = np.concatenate([[0], *sides])

@@ -26,7 +26,7 @@ def initial(seed: int) -> Estimate:
 
 
 def estimates(agents: Agents, h: float, ticks: int) -> list[Estimate]:
-    """Return the left limits at t_1 … of agents that hear one another and the target."""
+    """Return the left limits at t_1 … of agents that receive from one another and the target."""
     story = []
     for k in range(1, ticks + 1):
         left = agents.left(h)

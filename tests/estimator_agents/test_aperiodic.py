@@ -132,7 +132,7 @@ def test_the_period_does_not_matter_to_the_first_order_algorithm(
 
 
 def test_alternating_periods_below_the_bound_of_theorem_3_may_diverge():
-    """One robot that hears the target; the trace and determinant of the product by hand."""
+    """One robot that receives the target; the trace and determinant of the product by hand."""
     algorithm, spectrum = SecondOrder(1.0, 0.5), np.zeros(1, complex)
     assert largest_period(spectrum, 1.0, 0.5) == 3
     for h in (0.3, 2.7):

@@ -128,7 +128,7 @@ def test_the_recursion_is_that_of_the_paper(topology, alpha, beta, h):
 @quick
 @given(digraphs(), gains, st.floats(0.05, 1.9), periods, st.integers(0, 9))
 def test_agents_jump_by_the_recursion(topology, alpha, beta, h, seed):
-    """Agents that hear one another and a moving target, against A x + Δ, dense."""
+    """Agents that receive from one another and a moving target, against A x + Δ, dense."""
     rng, n = np.random.default_rng(seed), topology.n
     for algorithm in (
         FirstOrder(alpha, beta),
@@ -210,7 +210,7 @@ def test_the_spectral_radius_crosses_1_at_every_bound(factor):
 
 @quick
 @given(st.floats(0.01, 3), st.floats(0.01, 2), st.floats(1e-3, 0.999), st.integers(0, 2**32 - 1))
-def test_a_sliding_robot_that_only_hears_the_target_follows_it(h, gamma_2, share, seed):
+def test_a_sliding_robot_that_only_receives_the_target_follows_it(h, gamma_2, share, seed):
     """|ῡ| ≤ β + h γ2 once β > h γ2, whatever the target does; below it may be left behind."""
     rng, most = np.random.default_rng(seed), h * gamma_2
     beta = most / share
@@ -218,16 +218,16 @@ def test_a_sliding_robot_that_only_hears_the_target_follows_it(h, gamma_2, share
     assert demand.holds
     apart, here = rng.uniform(-50, 50) * beta, np.zeros(1)
     for k in range(400):
-        heard = Disagreement(here, np.array([-apart]))
-        apart = Sliding(1.0, beta).jump(Estimate(here, np.array([apart])), heard).velocity.item()
+        received = Disagreement(here, np.array([-apart]))
+        apart = Sliding(1.0, beta).jump(Estimate(here, np.array([apart])), received).velocity.item()
         apart += most * rng.choice([-1, 1, rng.uniform(-1, 1)])
         if k * (beta - most) > 50 * beta:
             assert abs(apart) <= (beta + most) * (1 + 1e-12)
     slow, left = Sliding(1.0, share * most), 0.0
     assert not slow.demands(h, 1.0, gamma_2)[0].holds
     for _ in range(400):
-        heard = Disagreement(here, np.array([-left]))
-        left = slow.jump(Estimate(here, np.array([left])), heard).velocity.item() + most
+        received = Disagreement(here, np.array([-left]))
+        left = slow.jump(Estimate(here, np.array([left])), received).velocity.item() + most
     assert left >= 400 * (1 - share) * most * (1 - 1e-9)
 
 

@@ -227,7 +227,7 @@ def test_a_robot_in_an_outage_is_as_if_it_had_not_been_asked_to_send():
 
 
 def test_what_was_sent_while_there_was_no_edge_is_not_received_later():
-    """Robot 2 hears robot 1 from tick 3 on, which sends at ticks 1 and 4 alone."""
+    """Robot 2 receives from robot 1 from tick 3 on, which sends at ticks 1 and 4 alone."""
     seen = []
 
     @dataclass(frozen=True)

@@ -98,13 +98,13 @@ def test_errors_settle_to_the_steady_motion_over_late_links():
     ]
     assert len(found) > 150
     size = (longest + 1) * n * 3
-    A, heard = np.zeros((len(found), size, size)), np.zeros((len(found), longest + 1, size, 3))
+    A, received = np.zeros((len(found), size, size)), np.zeros((len(found), longest + 1, size, 3))
     for case, (late, flow, gain, topology) in enumerate(found):
         whole, s = by_edges(flow, gain, topology, late.delay, longest), len(flow)
         A[case, : len(whole), : len(whole)] = whole
         for e in np.flatnonzero(topology.source == 0):
             rows = (topology.sink[e] - 1) * s + np.arange(s)
-            heard[case, late.delay[e], rows, :s] += topology.normalised[e] * flow @ gain
+            received[case, late.delay[e], rows, :s] += topology.normalised[e] * flow @ gain
     periods = np.array([late.step.h for late, *_ in found])
 
     def truth(k):
@@ -115,7 +115,7 @@ def test_errors_settle_to_the_steady_motion_over_late_links():
     for k in range(ticks):
         x = A @ x
         for d in range(longest + 1):
-            x += heard[:, d] @ truth(k - d)
+            x += received[:, d] @ truth(k - d)
     last = truth(ticks)
     for case, (late, flow, _, topology) in enumerate(found):
         s = len(flow)
@@ -211,7 +211,7 @@ def test_delays_too_long_to_be_looked_at_have_no_radius(monkeypatch):
 
 
 def test_delays_that_are_drawn_lie_between_the_bounds_of_switching_ages():
-    """Of two robots that hear one another, beside all products of up to five recursions."""
+    """Of two robots that receive from one another, beside all products of up to five recursions."""
     topology = Topology.of([[0, 1], [1, 0]], [1, 0])
     least, most = np.array([0, 0, 0]), np.array([1, 1, 1])
     for alpha in (0.5, 1.3):

@@ -56,9 +56,9 @@ def test_it_is_what_comes_out_step_by_step():
 def lied_to(rng, F, target, ticks, start, reach=0):
     """Run honest robots 1 … N − F among liars that send anything; return all their left limits."""
     while True:
-        heard = rng.random((N, N + 1)) < 0.8
-        heard[:, 1:][np.eye(N, dtype=bool)] = False
-        sink, source = np.nonzero(heard)
+        received = rng.random((N, N + 1)) < 0.8
+        received[:, 1:][np.eye(N, dtype=bool)] = False
+        sink, source = np.nonzero(received)
         topology = Topology.of_edges(N, source, sink + 1, np.ones(len(sink)))
         if not reach or out_of_reach(topology, reach) == 0:
             break
@@ -104,7 +104,7 @@ def test_they_come_to_a_target_that_moves_straight_and_reaches_all_often_enough(
         np.testing.assert_allclose(found[-1, 0], [target.position[-1]] * (N - 1), atol=1e-6)
 
 
-def test_one_robot_alone_that_hears_the_target_is_left_out_by_all_others():
+def test_one_robot_alone_that_receives_the_target_is_left_out_by_all_others():
     """Of F = 1 it is an outlier, and the others stay where they are; the condition says so."""
     pairs = [(j, i) for i in range(1, 5) for j in range(1, 5) if i != j]
     source, sink = np.array([(0, 1), *pairs]).T

@@ -36,7 +36,7 @@ class Looking(Still):
 
 
 def lying(own, *by):
-    """Return two robots, of which 1 alone hears the target, and lies to 2 by other algorithms."""
+    """Return two robots, of which 1 alone is pinned, and lies to 2 by other algorithms."""
     topologies = TopologySchedule.constant(Topology.of_edges(2, [0, 1], [1, 2], np.ones(2)))
     start = Values(position=np.array([[1.0], [2.0]]), velocity=np.array([[0.5], [0.0]]))
     mine, robots = [Lie(number, "algorithm", {}) for number in range(len(by))], np.array([1, 2])

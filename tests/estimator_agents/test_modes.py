@@ -41,8 +41,8 @@ class Silent(FirstOrder):
 class Saturating(FirstOrder):
     """Jumps by so much at most, and speaks of modes all the same."""
 
-    def jump(self, estimate, heard):
-        after = super().jump(estimate, heard)
+    def jump(self, estimate, received):
+        after = super().jump(estimate, received)
         return Estimate(np.clip(after.position, -1.0, 1.0), after.velocity)
 
 

@@ -20,7 +20,7 @@ class Law:
     _: KW_ONLY
     plain: float
     most: Annotated[int, "robots"] = parameter(
-        "liars among those who are heard", 2, least=0, most=9
+        "liars among those who are received", 2, least=0, most=9
     )
     held: bool = True
     mode: Literal["sum", "mean"] = parameter("how samples are combined", "mean")

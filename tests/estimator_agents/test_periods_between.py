@@ -61,7 +61,7 @@ def test_no_gap_of_random_systems_is_shorter_than_is_proven():
     D = rng.uniform(0.2, 1, (CASES, ROBOTS, ROBOTS + 1)) * (
         rng.random((CASES, ROBOTS, ROBOTS + 1)) < 0.5
     )
-    for robot in range(ROBOTS):  # each hears one before it, so that the target reaches all
+    for robot in range(ROBOTS):  # each receives one before it, so that the target reaches all
         D[np.arange(CASES), robot, rng.integers(0, robot + 1, CASES)] = 1.0
         D[:, robot, robot + 1] = 0.0
     D = D[:, :, 1:] / D.sum(axis=2, keepdims=True)
@@ -116,13 +116,13 @@ def test_jumps_are_the_most_that_a_target_and_errors_of_the_worst_signs_make():
     radius = max(abs(np.linalg.eigvals(A)))
     found = largest_jumps(recursion, off, 100.0, 0.3, radius)
     gain = np.diag([0.5, 0.5, 0.5, 0.8, 0.8, 0.8])
-    pull, heard = gain @ (np.kron(np.eye(2), D) - np.eye(6)), gain @ np.kron(np.eye(2), D)
+    pull, received = gain @ (np.kron(np.eye(2), D) - np.eye(6)), gain @ np.kron(np.eye(2), D)
     F = np.kron([[1, H], [0, 1]], np.eye(3))
     errors = np.repeat([0.2, 0.1], 3)
     u = (np.arange(1000) + 0.5) / 1000 * H
-    total, power = abs(heard) @ errors, np.eye(6)
+    total, power = abs(received) @ errors, np.eye(6)
     for _ in range(400):
-        total = total + abs(pull @ power @ F @ heard) @ errors
+        total = total + abs(pull @ power @ F @ received) @ errors
         kernel = pull @ power @ np.kron(np.array([u, np.ones(1000)]), np.ones((3, 1)))
         total = total + 0.3 * abs(kernel).mean(axis=1) * H
         power = A @ power

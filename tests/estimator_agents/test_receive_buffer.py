@@ -145,7 +145,7 @@ def agents_of(network, robots, algorithm, start):
 
 
 def advance(parts, k, target):
-    """Let the agents of all parts say, hear and jump at t_k; return what they said, (2, n, m)."""
+    """Let the agents of all parts send, receive and jump at t_k; return what was sent."""
     lefts = [part.left(H) for part in parts]
     silent = parts[0].silent(k)
     for listener in parts:
@@ -231,7 +231,7 @@ def test_any_partition_and_restart_gives_the_same_bits(network, data):
 
 
 def plain(missing="hold", **given):
-    """Return two robots of which 2 hears the target and robot 1, the latter with faults."""
+    """Return two robots of which 2 receives the target and robot 1, the latter with faults."""
     return Network([[1, 0, 0], [1, 3, 0]], {(1, 2): given}, m=1, missing=missing)
 
 
@@ -251,7 +251,7 @@ def jumps(network, ticks):
 
 
 def test_without_a_sample_hold_uses_the_last_and_drop_the_others():
-    cut = {"outages": ((10, 20), (30, 50))}  # robot 1 says 5, 6, 7, 8, 9: only 6 and 9 are heard
+    cut = {"outages": ((10, 20), (30, 50))}  # robot 1 says 5, 6, 7, 8, 9: only 6 and 9 are received
     assert jumps(plain("hold", **cut), 5) == [1, 4.75, 4.75, 4.75, 7.0]
     assert jumps(plain("drop", **cut), 5) == [1, 4.75, 1, 1, 7.0]
 

@@ -46,7 +46,7 @@ def added_of(law, topology, off):
 def test_on_a_path_each_robot_adds_what_it_receives_wrongly(n):
     found, _ = added_of(FirstOrder(0.5, 0.5), path(n), [0.2, 0.0])
     np.testing.assert_allclose(found, [(n - 1) * 0.2, 0], atol=1e-12)
-    # a velocity that is wrong by 0.3 moves an estimate by h 0.3 until it is heard of again
+    # a velocity that is wrong by 0.3 moves an estimate by h 0.3 until it is received again
     found, _ = added_of(FirstOrder(1.0, 1.0), path(n), [0.0, 0.3])
     np.testing.assert_allclose(found[1], (n - 1) * 0.3, atol=1e-12)
 

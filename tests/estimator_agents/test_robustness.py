@@ -12,7 +12,7 @@ from nrs_cosim.estimator_agents.wmsr import Wmsr
 
 
 def topology_of(graph):
-    """Return a digraph of networkx, whose nodes are 0 … n − 1, with the target heard by one."""
+    """Return a digraph of networkx, whose nodes are 0 … n − 1, with the target received by one."""
     edges = [(j + 1, i + 1) for j, i in graph.to_directed().edges] + [(0, 1)]
     source, sink = np.array(edges).T
     return Topology.of_edges(graph.number_of_nodes(), source, sink, np.ones(len(edges)))
@@ -70,7 +70,7 @@ def test_known_graphs(graph, r):
 
 
 def test_two_complete_graphs_with_a_perfect_matching_are_connected_well_and_robust_hardly():
-    """Their connectivity is n / 2, and yet no robot hears two of the other half."""
+    """Their connectivity is n / 2, and yet no robot receives from two of the other half."""
     graph = nx.disjoint_union(nx.complete_graph(4), nx.complete_graph(4))
     graph.add_edges_from((i, i + 4) for i in range(4))
     assert nx.node_connectivity(graph) == 4
@@ -86,7 +86,7 @@ def test_of_many_robots_it_is_not_computed_and_the_condition_says_so():
     assert of_liars.holds
 
 
-def test_one_liar_more_than_f_is_heard():
+def test_one_liar_more_than_f_is_received():
     topology = topology_of(nx.complete_graph(7))
     many = [
         [c.left for c in Wmsr(1, trusts_target=False).graph_conditions(topology, frozenset(liars))]
@@ -98,19 +98,22 @@ def test_one_liar_more_than_f_is_heard():
         assert [c.holds for c in found] == holds
 
 
-def test_random_digraphs_reach_all_where_each_set_has_one_that_hears_enough_from_outside():
-    """Of each set of robots one hears the target, or r of the robots that are not in it."""
+def test_random_digraphs_reach_all_where_each_set_has_one_that_receives_enough_from_outside():
+    """Of each set of robots one receives the target, or r of the robots that are not in it."""
     found = []
     for seed in range(300):
         rng = np.random.default_rng(seed)
         n, r = int(rng.integers(2, 7)), int(rng.integers(1, 4))
-        heard = rng.random((n, n + 1)) < rng.uniform(0.3, 0.9)
-        heard[:, 1:][np.eye(n, dtype=bool)] = False
-        heard[rng.integers(n), 0] = True
-        sink, source = np.nonzero(heard)
+        received = rng.random((n, n + 1)) < rng.uniform(0.3, 0.9)
+        received[:, 1:][np.eye(n, dtype=bool)] = False
+        received[rng.integers(n), 0] = True
+        sink, source = np.nonzero(received)
         topology = Topology.of_edges(n, source, sink + 1, np.ones(len(sink)))
         reached = all(
-            any(heard[i, 0] or heard[i, 1:][~chosen].sum() >= r for i in np.flatnonzero(chosen))
+            any(
+                received[i, 0] or received[i, 1:][~chosen].sum() >= r
+                for i in np.flatnonzero(chosen)
+            )
             for chosen in map(np.array, product((False, True), repeat=n))
             if chosen.any()
         )

@@ -48,7 +48,7 @@ def summed(recursion, gamma_1, gamma_2, radius):
 
 @pytest.mark.parametrize("alpha", [0.3, 1.1])
 @pytest.mark.parametrize("h", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9])
-def test_of_a_robot_that_hears_the_target_it_is_the_closed_form(alpha, h):
+def test_of_a_robot_that_receives_the_target_it_is_the_closed_form(alpha, h):
     """At β = 1, p_j = (1 − α h)^j and r_j = 0 of the position; −α p_{j−1} and 0 of the velocity."""
     algorithm = SecondOrder(alpha, 1.0)
     recursion, rho = recursion_of(algorithm, ALONE, h), radius_of(algorithm, ALONE, h)

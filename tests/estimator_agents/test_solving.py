@@ -7,12 +7,12 @@ from scipy import sparse
 from nrs_cosim.estimator_agents.theory.solving import LARGE, solve
 
 
-@pytest.mark.parametrize("heard", [1, 3])
-def test_a_large_system_is_solved_correctly(heard):
+@pytest.mark.parametrize("received", [1, 3])
+def test_a_large_system_is_solved_correctly(received):
     rng, p = np.random.default_rng(1), LARGE
-    sink = np.repeat(np.arange(p), heard)
-    source = (sink + 1) % p if heard == 1 else rng.integers(p, size=p * heard)
-    D = sparse.csr_array((np.full(p * heard, 0.99 / heard), (sink, source)), shape=(p, p))
+    sink = np.repeat(np.arange(p), received)
+    source = (sink + 1) % p if received == 1 else rng.integers(p, size=p * received)
+    D = sparse.csr_array((np.full(p * received, 0.99 / received), (sink, source)), shape=(p, p))
     A, x = sparse.eye_array(p) - D, rng.uniform(1, 2, p)
     assert np.abs(solve(A, A @ x) - x).max() < 1e-7
 

@@ -41,7 +41,7 @@ periods = st.floats(0.01, 2.0)
 counts = st.lists(st.integers(1, 4), min_size=3, max_size=3)
 
 CHAIN, OTHER_WAY = Topology.of([[0, 0], [1, 0]], [1, 0]), Topology.of([[0, 1], [0, 0]], [0, 1])
-"""Two robots, of which now one and now the other hears the target, and is heard."""
+"""Two robots, of which now one and now the other receives the target, and is received."""
 
 
 def dense(algorithm, exchange, h):
@@ -72,7 +72,7 @@ def whole_period(algorithm, given, turns, h):
     return A
 
 
-# Who hears whom, and when
+# Who receives from whom, and when
 
 
 def test_phases_begin_where_they_say_and_come_again():
@@ -107,7 +107,7 @@ def test_the_links_are_the_union_of_all_phases(given):
 @quick
 @given(exchanges(), counts, gains, gains, periods, st.integers(0, 9))
 def test_agents_jump_by_the_recursion_of_their_tick(given, counts, alpha, beta, h, seed):
-    """Agents that hear one another and a moving target, against dense matrices in turn."""
+    """Agents that receive from one another and a moving target, against dense matrices in turn."""
     rng, n = np.random.default_rng(seed), given[0].position.n
     topologies = topologies_of(given, counts)
     for algorithm in (FirstOrder(alpha, beta), SecondOrder(alpha, beta)):
@@ -277,7 +277,7 @@ def test_an_adversarial_target_comes_near_the_worst_case_bound_of_a_period():
     assert bound.velocity == pytest.approx(worst[1], rel=1e-4)
 
 
-# Who may hear over two digraphs
+# Which algorithms take two digraphs
 
 
 def test_algorithms_declare_whether_they_support_separate_digraphs():
@@ -286,10 +286,10 @@ def test_algorithms_declare_whether_they_support_separate_digraphs():
     rng = np.random.default_rng(4)
     for name in apart & {"dcea1", "sliding"}:
         algorithm = load_algorithm(name, {"alpha": 0.7, "beta": 0.6})
-        left, heard = Estimate(*rng.normal(size=(2, 5, 2))), rng.normal(size=(2, 5, 2))
-        whole = algorithm.jump(left, Estimate(*heard))
-        position = algorithm.jump(left, Estimate(heard[0], 0 * heard[1]))
-        velocity = algorithm.jump(left, Estimate(0 * heard[0], heard[1]))
+        left, received = Estimate(*rng.normal(size=(2, 5, 2))), rng.normal(size=(2, 5, 2))
+        whole = algorithm.jump(left, Estimate(*received))
+        position = algorithm.jump(left, Estimate(received[0], 0 * received[1]))
+        velocity = algorithm.jump(left, Estimate(0 * received[0], received[1]))
         assert np.array_equal(whole.position, position.position)
         assert np.array_equal(whole.velocity, velocity.velocity)
     assert len(Sliding(1, 1).modes(np.zeros(2), 0.1, np.zeros(2))) == 0

@@ -134,7 +134,7 @@ def error_at_the_end(recursion, row, held, before_end, velocity):
 def test_an_error_that_is_forgotten_at_once_is_what_the_target_slips_by(h, gamma_1, gamma_2):
     recursion = recursion_of(FirstOrder(1.0, 1.0), ALONE, h)
     found = worst_case(recursion, gamma_1, gamma_2, 0.0)
-    # ε̄ of before hears of ῡ of one period ago: x = Δ(k) + A Δ(k − 1), with A² = 0.
+    # ε̄ of before learns of ῡ of one period ago: x = Δ(k) + A Δ(k − 1), with A² = 0.
     assert found.velocity == pytest.approx(min(2 * gamma_1, h * gamma_2), rel=1e-3)
     assert found.position >= slip(h, gamma_1, gamma_2) * (1 - 1e-9)
 

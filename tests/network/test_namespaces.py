@@ -46,7 +46,7 @@ events = queue.Queue()
 watch = session.liveliness().declare_subscriber(
     "nrs/r/alive/*", lambda s: events.put(f"{s.kind} {s.key_expr}"))
 echo = session.declare_queryable("nrs/r/start/*", lambda q: q.reply(q.key_expr, b"go"))
-heard = session.declare_subscriber(
+received = session.declare_subscriber(
     "nrs/r/samples/*",
     lambda s: session.put("nrs/r/orders/left", s.payload, congestion_control=block))
 print("open")
@@ -82,7 +82,7 @@ from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 bus = ZenohBus("r", endpoints)
 print(bus.id)
 mine, other = ("left", "right") if endpoints.listen else ("right", "left")
-links, heard = bus.listen(), bus.listen(other)
+links, received = bus.listen(), bus.listen(other)
 bus.watch_links(links)
 put = bus.publisher(mine)
 
@@ -91,8 +91,8 @@ def flood():
         put(bytes(10_000))
 
 Thread(target=flood, daemon=True).start()
-heard.take(60.0)
-print("heard")
+received.take(60.0)
+print("received")
 print(links.take(60.0)[0].peer)
 sys.stdin.readline()
 """
@@ -147,7 +147,7 @@ def test_a_cut_is_reported_to_blocked_senders(tmp_path):
             assert hub.stdout.readline()
             with wire.right.python(FLOOD, connect) as client:
                 id_ = client.stdout.readline()
-                assert (hub.stdout.readline(), client.stdout.readline()) == ("heard\n",) * 2
+                assert (hub.stdout.readline(), client.stdout.readline()) == ("received\n",) * 2
                 wire.cut()
                 assert client.stdout.readline() == "None\n"
                 assert hub.stdout.readline() == id_

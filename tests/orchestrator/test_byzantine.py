@@ -239,7 +239,7 @@ def test_on_a_2_2_robust_digraph_w_msr_keeps_the_honest_within_and_dcea1_does_no
             assert max(-low.min(), high.max() - 5) > 10
 
 
-def test_a_target_that_the_honest_hear_is_tracked_beside_a_liar(tmp_path):
+def test_a_target_that_the_honest_receive_is_tracked_beside_a_liar(tmp_path):
     lies = [lie_of("ramp", {"position": 40.0})]
     start, wmsr = [0.0, 3, 1, OWN, 2, 4, 1, 5], {"name": "wmsr", "F": 1}
     experiment = still(nx.complete_graph(8), start, [1, 2, 3], wmsr, lies, target=4.5, duration=20)

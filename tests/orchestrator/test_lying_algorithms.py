@@ -80,12 +80,12 @@ def in_numpy(experiment, says):
             if to is None:
                 public[robot] = other[robot]
 
-        def heard(j, i, public=public, then=dict(other)):  # noqa: B006, as it is at this tick
+        def received(j, i, public=public, then=dict(other)):  # noqa: B006, as it is at this tick
             lies = j in says and i in (says[j][1] or ())
             return then[j].copy() if lies else public[j]
 
-        def apart(i, own, heard=heard):
-            return np.mean([heard(j, i) - own for j, sink in EDGES if sink == i], axis=0)
+        def apart(i, own, received=received):
+            return np.mean([received(j, i) - own for j, sink in EDGES if sink == i], axis=0)
 
         after = {i: first_order(x[i], apart(i, x[i]), 0.0)[0] for i in range(1, 5)}
         lies = {r: step(other[r], apart(r, other[r]), integral[r]) for r, (step, _) in says.items()}
@@ -298,7 +298,7 @@ def test_any_partition_and_restart_gives_the_same_bits(links):
 
 
 def test_a_worker_needs_what_the_liar_receives_too():
-    """Robot 3 hears 2 alone, which lies to it by what it receives from 1 and 4."""
+    """Robot 3 receives from 2 alone, which lies to it by what it receives from 1 and 4."""
     assignment = {f"w{robot}": [robot] for robot in range(1, 5)} | {TARGET: [0]}
     for lies, found in (([], {"w2", TARGET}), ([lie(to=[3])], {"w1", "w2", "w4", TARGET})):
         experiment = scenario(lies)

@@ -64,9 +64,9 @@ def test_agents_jump_to_the_same_bits_on_random_networks(native, seed):
     oracle, ours = (Agents(robots, topologies, algorithm, start, Clock((H,), 1, 9)) for _ in "ab")
     assert ours.disagree_by(partial(NativeDisagreements, native)) == ""
     for k in range(1, 5):
-        heard = {name: numbers(rng, n + 1, m) for name in start}
+        received = {name: numbers(rng, n + 1, m) for name in start}
         for agents in (oracle, ours):
-            agents.receive(k, np.arange(n + 1), heard)
+            agents.receive(k, np.arange(n + 1), received)
             agents.jump(k, agents.left(0.1))
         for name, expected in oracle.state.items():
             assert ours.state[name].tobytes() == expected.tobytes()

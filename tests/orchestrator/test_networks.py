@@ -67,11 +67,11 @@ def test_in_a_random_network_each_robot_has_k_neighbours_and_a_path_from_the_tar
 
 def test_neighbours_in_a_random_network_are_spread_over_all_robots():
     edges = generated(kind="random_k_in", n=2000, k=4)
-    heard = np.array([j for j, _ in edges if j])
-    halves = np.mean(heard > 1000)
+    received = np.array([j for j, _ in edges if j])
+    halves = np.mean(received > 1000)
     # one of four is drawn below i, so above 1000 in (1 − ln 2)/2 of the cases; three are uniform
     expected = (3 * 0.5 + (1 - np.log(2)) / 2) / 4
-    assert abs(halves - expected) < 4 * 0.5 / np.sqrt(len(heard))
+    assert abs(halves - expected) < 4 * 0.5 / np.sqrt(len(received))
 
 
 @pytest.mark.parametrize(("n", "k"), [(3, 1), (7, 3), (50, 2), (400, 4)])

@@ -73,12 +73,12 @@ def test_robots_split_over_workers_move_as_in_one():
 def test_initial_states_of_other_robots_are_not_drawn(monkeypatch):
     scenario, drawn, draw = paper(OWN), [], initial.draw
 
-    def heard(seed, purpose, robot, uniform, m):
+    def received(seed, purpose, robot, uniform, m):
         drawn.append((purpose, robot))
         return draw(seed, purpose, robot, uniform, m)
 
     whole = scenario.bodies()
-    monkeypatch.setattr(initial, "draw", heard)
+    monkeypatch.setattr(initial, "draw", received)
     some = scenario.bodies([2, 5])
     names = ("q", "qd", "position", "velocity")
     assert sorted(drawn) == sorted(

@@ -100,5 +100,5 @@ def test_check_reports_each_stage(monkeypatch):
     assert result == [
         "opening the plants",
         "whether the estimates converge",
-        "bounds of the long run",
+        "bounds of the steady state",
     ]

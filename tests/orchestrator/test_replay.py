@@ -273,15 +273,15 @@ def test_published_messages_arrive_complete_and_paced(tmp_path):
             reader.digest[:16], Endpoints(connect=(endpoint,), wait=GUARD, insecure_tcp=True)
         )
         inbox = ear.listen("**")
-        heard = []
+        received = []
         wanted = [(m[1], m[3]) for m in expected if 200_000_000 <= m[0] < 800_000_000]
         for _ in count():
-            heard += [tuple(i) for i in inbox.take(60.0) if isinstance(i, Message)]
-            if len(heard) >= len(wanted):
+            received += [tuple(i) for i in inbox.take(60.0) if isinstance(i, Message)]
+            if len(received) >= len(wanted):
                 break
         thread.join()
         ear.close()
-    assert [(f"/{key}", data) for key, data in heard] == wanted
+    assert [(f"/{key}", data) for key, data in received] == wanted
     assert outcome == [len(wanted)]
     assert sum(waits) < 1e-6
 
@@ -300,13 +300,13 @@ def test_publishing_waits_for_a_listener(tmp_path):
     with Reader(file) as reader:
         wanted = [(m[1], m[3]) for batch in reader.batches() for m in batch]
         digest = reader.digest
-    heard = []
+    received = []
 
     def listen():
         ear = ZenohBus(digest[:16], Endpoints(connect=(endpoint,), wait=GUARD, insecure_tcp=True))
         inbox = ear.listen("**")
-        while len(heard) < len(wanted):
-            heard.extend(tuple(i) for i in inbox.take(GUARD) if isinstance(i, Message))
+        while len(received) < len(wanted):
+            received.extend(tuple(i) for i in inbox.take(GUARD) if isinstance(i, Message))
         ear.close()
 
     thread = threading.Thread(target=listen, daemon=True)
@@ -317,7 +317,7 @@ def test_publishing_waits_for_a_listener(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     thread.join(GUARD)
-    assert [(f"/{key}", data) for key, data in heard] == wanted
+    assert [(f"/{key}", data) for key, data in received] == wanted
     assert f"{len(wanted)} messages were published" in done.stdout
 
 

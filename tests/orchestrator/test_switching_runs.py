@@ -59,9 +59,9 @@ def test_recorded_samples_agree_with_dense_switching_matrices(tmp_path, name):
         both = [(share(network["position"]), share(network["velocity"]))]
     with Reader(path) as reader:
         table = np.concatenate(list(samples(reader)))
-    heard = table[np.lexsort((table["robot"], table["k"]))].reshape(40, 7)
+    received = table[np.lexsort((table["robot"], table["k"]))].reshape(40, 7)
     for k in range(1, 40):
-        now, then = heard[k - 1], heard[k]
+        now, then = received[k - 1], received[k]
         of_position, of_velocity = both[(k - 1) % len(both)]
         position, velocity = now["position"], now["velocity"]
         v = velocity[1:] + beta * (of_velocity @ velocity - velocity[1:])
@@ -119,7 +119,7 @@ def test_a_periodic_switching_run_is_within_its_bounds(tmp_path):
 
 
 def test_gains_above_1_that_suit_each_phase_may_diverge_under_switching(tmp_path):
-    """Now robot 1 and now robot 2 hears the target: docs/theory.md has the numbers."""
+    """Now robot 1 and now robot 2 receives the target: docs/theory.md has the numbers."""
     first, second = {"edge_list": [[0, 1], [1, 2]]}, {"edge_list": [[0, 2], [2, 1]]}
     pair = {
         "network": phases((1, first), (2, second), repeat=2),

@@ -26,7 +26,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 H, TICKS, M, EVERY = 100_000_000, 6, 2, 2
 ASSIGNMENT = {"here": np.array([1, 3]), "there": np.array([2]), TARGET: np.array([0])}
 TOPOLOGY = Topology.of([[0, 1, 0], [0, 0, 0], [1, 1, 0]], [1, 1, 0])
-"""Robot 2 hears the target alone, and all others hear it."""
+"""Robot 2 alone receives the target, and all others receive from it."""
 
 
 class Springs:
@@ -87,7 +87,7 @@ class Bus:
 
 
 class Case:
-    """A worker, and what it hears when it lacks something."""
+    """A worker, and what it receives when it lacks something."""
 
     patience = 0.25
 
@@ -154,12 +154,14 @@ def test_an_estimate_moves_and_jumps_by_received_samples():
     next(ticks), next(ticks)
     position, velocity = np.full((2, M), 1.0) + 0.1 * 0.5, np.full((2, M), 0.5)
     np.testing.assert_allclose(case.worker.left.position, position)
-    heard = {0: case.bus.sample(TARGET, 1)[0], 2: case.bus.sample("there", 1)[0]}
+    received = {0: case.bus.sample(TARGET, 1)[0], 2: case.bus.sample("there", 1)[0]}
     left = {row: (position[row], velocity[row]) for row in (0, 1)}
     for row, sources in ((0, (0, 2)), (1, (None, 2))):
         d = np.zeros((2, M))
         for j in sources:
-            closed_ticks = left[0] if j is None else (heard[j]["position"], heard[j]["velocity"])
+            closed_ticks = (
+                left[0] if j is None else (received[j]["position"], received[j]["velocity"])
+            )
             d += (np.array(closed_ticks) - np.array(left[row])) / 2
         after = case.worker.agents.state
         np.testing.assert_allclose(after.position[row], position[row] + 0.9 * d[0])

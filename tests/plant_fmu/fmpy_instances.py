@@ -37,20 +37,20 @@ class Robot:
         if fmi == 2:
             self.fmu = getattr(fmi2, f"FMU2{kind}")(**arguments)
             callbacks = fmi2.fmi2CallbackFunctions()
-            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *a: self._hear(a[4]))
+            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *a: self._receive(a[4]))
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             log: dict[str, Any] = {"callbacks": callbacks}
         else:
             self.fmu = getattr(fmi3, f"FMU3{kind}")(**arguments)
-            log = {"logMessage": lambda *a: self._hear(a[3])}
+            log = {"logMessage": lambda *a: self._receive(a[3])}
         try:
             self.fmu.instantiate(**log)
         except Exception:
             self.fmu.freeLibrary()
             raise
 
-    def _hear(self, message: bytes) -> None:
+    def _receive(self, message: bytes) -> None:
         self.said.append(message.decode())
 
     def configure(self, name: str, count: int) -> None:

@@ -21,7 +21,7 @@ NRS = [sys.executable, "-c", "from nrs_cosim.orchestrator.__main__ import main; 
 
 
 def two_robots(*, isolate, refuses=0.0):
-    """Return the tables of two robots that hear each other; the first may refuse a step."""
+    """Return the tables of two robots that receive from each other; the first may refuse a step."""
     plant = {"fmu": "talker.fmu", "isolate": isolate}
     up, around = {"uniform": [0.0, 0.5]}, {"uniform": [-0.5, 0.5]}
     return tables(
@@ -106,16 +106,16 @@ def test_threads_of_a_process_have_libraries_of_their_own(talker, fmi):
 from concurrent.futures import ThreadPoolExecutor
 
 def lived(robot):
-    heard = []
+    received = []
     for _ in range(10):
         archive = open_archive(Path(sys.argv[1]))
         with unpacked(archive) as folder, Library(archive, folder, "CoSimulation") as library:
             handle = library.instantiate(robot)
             library.instantiate("robot 0")
             refuse(library, handle)
-            heard += [library.last_words(robot), library.last_words("robot 0")]
-        heard += [library.last_words(robot), library.last_words("robot 0")]
-    return sorted(set(heard))
+            received += [library.last_words(robot), library.last_words("robot 0")]
+        received += [library.last_words(robot), library.last_words("robot 0")]
+    return sorted(set(received))
 
 with ThreadPoolExecutor(4) as threads:
     lives = list(threads.map(lived, ["robot 1", "robot 2", "robot 3", "robot 4"]))
@@ -133,8 +133,8 @@ with stack.pop_all():
     with ExitStack() as stack:
         load(sys.argv[2], "robot 1")
     refuse(library, handles[0])
-    heard = words()
-words = lambda: heard
+    received = words()
+words = lambda: received
 """
     second = 5 - first
     assert printed_by(script, talker(first), talker(second)) == [
@@ -171,7 +171,7 @@ stack.close()
 
 
 @pytest.mark.parametrize(
-    ("environment", "name", "heard"),
+    ("environment", "name", "received"),
     [
         ("NULL", "joint->name", {"robot 1": "refused", "robot 2": "born"}),
         ("joint", "joint->name", {"robot 1": "refused", "robot 2": "born"}),
@@ -179,13 +179,15 @@ stack.close()
         ("given->componentEnvironment", "NULL", {"robot 1": "refused", "robot 2": "born"}),
     ],
 )
-def test_log_messages_without_environment_go_by_instance_name(tmp_path, environment, name, heard):
+def test_log_messages_without_environment_go_by_instance_name(
+    tmp_path, environment, name, received
+):
     path = build_talker(tmp_path / "talker.fmu", 2, environment, name)
     script = """
 library, handles = load(sys.argv[1], "robot 1", "robot 2")
 refuse(library, handles[0])
 """
-    expected = {robot: said(2, what) if what else "" for robot, what in heard.items()}
+    expected = {robot: said(2, what) if what else "" for robot, what in received.items()}
     assert printed_by(script, path) == [expected]
 
 

@@ -55,14 +55,16 @@ class Life:
 
     def until(self, word):
         """Return all words up to the one that is waited for; with None, up to the last end."""
-        heard = b""
-        while word is None or word.encode() not in heard:
-            assert self._poll.poll(60_000), f"waited for {word or 'the end'} in vain after {heard}"
+        received = b""
+        while word is None or word.encode() not in received:
+            assert self._poll.poll(60_000), (
+                f"waited for {word or 'the end'} in vain after {received}"
+            )
             said = os.read(self._end, 4096)
             if not said:
                 break
-            heard += said
-        return heard.decode().split()
+            received += said
+        return received.decode().split()
 
     def close(self):
         os.close(self._end)

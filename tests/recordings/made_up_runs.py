@@ -22,7 +22,7 @@ H = 100_000_000  # ns
 
 
 def chain(n: int, m: int, ticks: int) -> dict[str, Any]:
-    """The tables of n robots with m joints, of which each hears the one before it, from the target.
+    """The tables of n robots with m joints, each of which receives from the one before it.
 
     The target is at rest.
     """

@@ -126,8 +126,8 @@ def test_the_last_tick_received_of_a_worker_is_known(wire):
     for k in (5, 3):
         recorder.take(samples(wire, "left", k))
     recorder.take(tick_batch(wire, "right", 4))
-    assert recorder.last_heard("left") == 5
-    assert recorder.last_heard("right") == 2
+    assert recorder.last_received("left") == 5
+    assert recorder.last_received("right") == 2
 
 
 def test_samples_of_the_last_closed_ticks_stay_in_memory(wire):

@@ -188,9 +188,9 @@ def test_a_page_shows_the_runs_words_and_numbers(paper):
     assert {v["status"] for v in run["conditions"]} == {"holds"}
     assert run["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
     assert run["network"].count('data-robot="') == 7
-    heard = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
+    received = re.findall(r'data-nodes="(\d) (\d)"', run["network"])
     expected = "12 13 21 30 41 43 52 53 54 63"  # the paper's digraph: i receives from j
-    assert sorted(i + j for j, i in heard) == expected.split()
+    assert sorted(i + j for j, i in received) == expected.split()
 
 
 def test_the_slope_of_rho_is_only_shown_without_link_faults(paper, lossy):
