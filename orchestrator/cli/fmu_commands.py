@@ -14,7 +14,6 @@ from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
-    from nrs_cosim.orchestrator.scenario.experiment import Experiment
     from nrs_cosim.plant_fmu.archives.archive import Archive
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
@@ -61,18 +60,23 @@ def fmu_check(
         Path | None,
         typer.Option(metavar="SCENARIO", help="Whose robot 1 has the FMU, as the scenario says."),
     ] = None,
+    variables: Annotated[
+        str | None,
+        typer.Option(
+            metavar='q="phi",qd="w"',
+            help="What the FMU has for q, qd, tau …, as in a scenario's plant.variables.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check whether an FMU can be a robot: what it offers, and how it moves."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
-    from nrs_cosim.orchestrator.scenario.file import read_scenario
     from nrs_cosim.plant_fmu.archives.archive import find_archive
-    from nrs_cosim.plant_fmu.checking.findings import CheckTask
     from nrs_cosim.plant_fmu.checking.subprocess_check import check
 
     archive = find_archive(name, Path())
-    task = CheckTask(archive) if scenario is None else _task(archive, read_scenario(scenario))
+    task = _task(archive, scenario, variables)
     with stages(err) as begin:
         checked = check(task, tell=begin)
     if as_json:
@@ -163,10 +167,23 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _task(archive: "Archive", experiment: "Experiment") -> "CheckTask":
-    """Return the check of an FMU in the place of robot 1's."""
+def _task(archive: "Archive", scenario: Path | None, variables: str | None) -> "CheckTask":
+    """Return the check of an FMU, in the place of robot 1's where there is a scenario."""
     from nrs_cosim.orchestrator.engine.plants import Group
+    from nrs_cosim.orchestrator.scenario.changes import Change, tables_with
+    from nrs_cosim.orchestrator.scenario.conversion import names_of
+    from nrs_cosim.orchestrator.scenario.file import parse_plant, read_scenario
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
+    table = (variables or "").strip().removeprefix("{").removesuffix("}")
+    changes = [Change.of("--variables", f"plant.variables={{{table}}}")] if variables else []
+    if scenario is None:
+        plant = {"plant": {"fmu": archive.label}}
+        for change in changes:
+            plant = tables_with(plant, change.values)
+        return CheckTask(
+            archive, names=names_of(parse_plant(plant["plant"], "--variables").variables)
+        )
+    experiment = read_scenario(scenario, changes)
     group = Group("plant", experiment.of_robot(1).plant, archive, [0])
     return CheckTask(archive, experiment.bodies([1])[0], group.names, group.driving)

@@ -15,11 +15,12 @@ from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.resolution import Resolution
 from nrs_cosim.orchestrator.scenario.tables.algorithms import RECORDED, AlgorithmTable, table_for
+from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
-from nrs_cosim.orchestrator.scenario.wrong_tables import wrong_tables
+from nrs_cosim.orchestrator.scenario.wrong_tables import unknown_variables, wrong_tables
 from nrs_cosim.orchestrator.scenario.wrong_text import wrong_toml
 
 if TYPE_CHECKING:
@@ -160,6 +161,18 @@ def _parsed(text: str, origin: str, context: str | None) -> Scenario:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults)) from None
     except ValueError as error:  # a number of more digits than Python reads
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from None
+
+
+def parse_plant(plant: Tables, origin: str) -> Plant:
+    """Return a plant of tables alone, with no scenario; `ScenarioError` names its keys."""
+    try:
+        parsed = Plant.model_validate(plant)
+    except ValidationError as error:
+        found = [{**fault, "loc": ("plant", *fault["loc"])} for fault in error.errors()]
+        _expect_none([_describe(fault, {"plant": plant}) for fault in found], origin)
+        raise
+    _expect_none([f"plant.{fault}" for fault in unknown_variables(parsed)], origin)
+    return parsed
 
 
 def _needed() -> list[str]:

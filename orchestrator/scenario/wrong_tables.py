@@ -170,11 +170,16 @@ def _fields(shapes: Mapping[str, Shape]) -> str:
     return ", ".join(f"{name} {list(shape)}" for name, shape in shapes.items())
 
 
-def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+def unknown_variables(plant: Plant) -> Iterator[str]:
+    """Yield which names of quantities are none of a plant's."""
     ours = [name for name in UNITS if name not in MOTION]
     for name in plant.variables:
         if name not in ours:
-            yield f"{where}.variables.{name}: no quantity of ours{nearest(name, ours)}"
+            yield f"variables.{name}: no quantity of ours{nearest(name, ours)}"
+
+
+def _plant_faults(where: str, plant: Plant) -> Iterator[str]:
+    yield from (f"{where}.{fault}" for fault in unknown_variables(plant))
     for name in ("step", "control_step"):
         given = getattr(plant, name)
         if given is not None and given < SHORTEST:

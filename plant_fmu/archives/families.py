@@ -4,6 +4,7 @@ A pattern holds `{i}`, and `{j}` where the family is a matrix; both count from t
 gap. Entries are read row by row, in whatever order the names come.
 """
 
+import json
 import re
 from collections import defaultdict
 from collections.abc import Collection
@@ -49,9 +50,16 @@ class Family:
 
     def __str__(self) -> str:
         """Return the spec as TOML."""
-        if isinstance(self.spec, NamePattern):
-            return f'{{ pattern = "{self.spec.pattern}", base = {self.spec.base} }}'
-        return f'"{self.spec}"'
+        return as_toml(self.spec)
+
+
+def as_toml(spec: Spec) -> str:
+    """Return as TOML what a user may write."""
+    if isinstance(spec, NamePattern):
+        return f"{{ pattern = {json.dumps(spec.pattern)}, base = {spec.base} }}"
+    if isinstance(spec, tuple) and len(spec) > 1:
+        return json.dumps(spec)
+    return json.dumps(spec if isinstance(spec, str) else spec[0])
 
 
 def families(stem: str, names: Collection[str]) -> list[Family]:

@@ -16,8 +16,8 @@ MOTION = ("position", "velocity")
 TYPES = frozenset({"Real", "Float64"})
 """Of the variables that a quantity may be. FMI 2.0 counts references anew for each type."""
 UNITS = {
-    **dict.fromkeys(("q", "position_ref", "position"), ("rad", "m")),
-    **dict.fromkeys(("qd", "velocity_ref", "velocity"), ("rad/s", "m/s")),
+    **dict.fromkeys(("q", "q_start", "position_ref", "position"), ("rad", "m")),
+    **dict.fromkeys(("qd", "qd_start", "velocity_ref", "velocity"), ("rad/s", "m/s")),
     "acceleration_ref": ("rad/s2", "m/s2"),
     **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
     **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
@@ -29,6 +29,8 @@ UNITS = {
 }
 """What our quantities are in, of revolute and of prismatic joints."""
 INTEGRALS = {"qd": "q", "velocity": "position"}
+STARTS = {"q": "q_start", "qd": "qd_start"}
+"""What is told to an FMU whose q or qd starts where other variables say, if they are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,10 @@ class View:
         self.references = layout.references
         self.theirs = ours if self._is_direct else np.tile(layout.start, (len(ours), 1))
         """(robots, numbers): what is passed; ours themselves where the FMUs have just these."""
+
+    def in_units(self, ours: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ours (numbers,) in the units of theirs, number by number."""
+        return ours / self._layout.factor
 
     def give(self) -> None:
         """Bring ours into theirs."""

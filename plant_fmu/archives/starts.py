@@ -1,13 +1,15 @@
-"""A quantity may start where a parameter has it: which one, as far as an FMU's description tells.
+"""Where q and q̇ start: at continuous states, which may be set, or where parameters say.
 
-The description names what a start depends on (InitialUnknowns; FMI 2.0, section 2.2.8; FMI 3.0,
-section 2.4.8). Of these, or of all parameters where it names none, one stands out whose own start
-is the number that was found, or whose name is that of the variable and a word for its start.
+In Model Exchange a continuous state is set after initialisation, whatever it starts from. Else
+parameters are named, and which ones is told as far as an FMU's description does. It names what a
+start depends on (InitialUnknowns; FMI 2.0, section 2.2.8; FMI 3.0, section 2.4.8). Of these, or of
+all parameters where it names none, one stands out whose own start is the number that was found, or
+whose name is that of the variable and a word for its start.
 """
 
 import re
-from collections.abc import Iterator, Sequence
-from math import isclose
+from collections.abc import Iterator, Mapping, Sequence
+from math import isclose, prod
 
 from fmpy.model_description import ModelVariable
 
@@ -15,30 +17,52 @@ from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.lookup import identity
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import unit_of
+from nrs_cosim.plant_fmu.archives.variables import shape_of
 
 _START = re.compile(r"start|initial|init|_0$|0$")
 _NO_NAME = re.compile(r"[^a-z0-9]")
 
 
-def start_parameters(
-    archive: Archive, quantity: Quantity, found: Sequence[float], wanted: Sequence[float]
-) -> dict[str, float]:
-    """Return parameters by which a quantity that started at `found` would start at `wanted`.
+def continuous_states(
+    archive: Archive, quantity: Quantity, sizes: Mapping[int, int]
+) -> tuple[int, ...]:
+    """Return which of the continuous states each of a quantity's numbers is; empty unless all are.
 
-    Both are the quantity's numbers, in SI; the parameters' are in the unit of the variable. Empty
-    unless there is one for each number that is not as it is wanted.
+    They are in the order of their derivatives in the model structure (FMI 2.0, section 2.2.8; FMI
+    3.0, section 2.4.8), and a variable of the same reference is the same number.
     """
-    values: dict[str, float] = {}
-    numbers = iter(zip(found, wanted, strict=True))
+    first: dict[int, int] = {}
+    count = 0
+    for unknown in archive.description.derivatives:
+        state = unknown.variable.derivative
+        if state is not None and state.type in TYPES:
+            first[state.valueReference] = count
+        count += prod(shape_of(archive, unknown.variable, sizes))
+    if not all(part.reference in first for part in quantity.parts):
+        return ()
+    return tuple(
+        first[part.reference] + number
+        for part in quantity.parts
+        for number in range(part.first, part.first + part.size)
+    )
+
+
+def start_parameters(
+    archive: Archive, quantity: Quantity, found: Sequence[float]
+) -> tuple[str, ...]:
+    """Return the parameters where a quantity starts that was found at these numbers, in SI.
+
+    Empty unless there is one for each of them.
+    """
+    names: list[str] = []
+    numbers = iter(found)
     for part in quantity.parts:
-        for was, is_wanted in [next(numbers) for _ in range(part.size)]:
-            if isclose(was, is_wanted, rel_tol=1e-9, abs_tol=1e-9):
-                continue
+        for was in [next(numbers) for _ in range(part.size)]:
             fitting = _fitting(archive, part, was / part.factor) if part.length == 1 else None
-            if fitting is None:
-                return {}
-            values[fitting.name] = is_wanted / part.factor
-    return values
+            if fitting is None or fitting.name in names:
+                return ()
+            names.append(fitting.name)
+    return tuple(names)
 
 
 def _fitting(archive: Archive, part: Part, was: float) -> ModelVariable | None:

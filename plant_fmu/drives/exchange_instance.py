@@ -70,6 +70,19 @@ class Exchanged:
         """Leave initialisation, which ends in event mode."""
         self._iterate()
 
+    def start_at(self, q_qd: Array, places: Sequence[int]) -> None:
+        """Set those of q and qd, (2 m,), that start elsewhere, at the states that they are.
+
+        A place of −1 is that of none. They can be set after initialisation alone (FMI 2.0, section
+        3.2.1; FMI 3.0, section 3.2.1).
+        """
+        where = np.array(places)
+        wrong = (where >= 0) & ~np.isclose(self.state[0], q_qd, rtol=1e-9, atol=1e-9)
+        if wrong.any():
+            self.states[where[wrong]] = self._outputs.in_units(q_qd)[wrong]
+            self._expect(self.move(self.time, self.states_at), "setting the states to start with")
+            self.event()
+
     def event(self) -> None:
         """Handle an event at this time: a planned one, one that was found, or a jump of tau."""
         self._expect(self._calls.enter_event_mode(self._handle), "entering event mode")

@@ -129,16 +129,22 @@ class ModelExchangePlants:
         self._gather()
 
     def _start(self, bodies: Sequence[Body]) -> None:
-        instances = self._instances
-        instances.initialise(bodies, [{} if self._free else _start_values(body) for body in bodies])
+        instances, m = self._instances, self.q.shape[1]
+        places = {} if self._free else {ours: instances.states_of(ours, m) for ours in STATE}
+        # What is a state and cannot be told its start is set once it is initialised.
+        given = [of for of in places if not places[of] or instances.takes_start(of, m)]
+        instances.initialise(bodies, [{of: getattr(body, of) for of in given} for body in bodies])
         self._laws = [Law([body]) for body in bodies]
-        outputs, m = MOTION if self._free else STATE, self.q.shape[1]
+        outputs = MOTION if self._free else STATE
         self._robots = [
             Exchanged(instances, row, self._calls, None if self._free else law, m, outputs)
             for row, law in enumerate(self._laws)
         ]
-        for robot in self._robots:
+        where = [place for of in places for place in places[of] or [-1] * m]
+        for robot, body in zip(self._robots, bodies, strict=True):
             robot.begin()
+            if where:
+                robot.start_at(np.hstack([body.q, body.qd]), where)
         self._solvers = [self._solve(robot) for robot in self._robots]
         self._gather()
         if not self._free:
@@ -161,7 +167,3 @@ def _move(robot: Exchanged, solver: Solver, end: float) -> None:
             robot.event()
             solver.restart()
     raise robot.failure(f"more than {MAX_EVENTS} events in a step up to t = {end:g} s")
-
-
-def _start_values(body: Body) -> dict[str, Array]:
-    return {"q": body.q, "qd": body.qd}

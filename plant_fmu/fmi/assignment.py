@@ -80,17 +80,17 @@ def sizes_of(assigned: Iterable[StartValues]) -> dict[int, int]:
 def _settable(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     variables = find_variables(archive, name)
     if not variables:
-        known = [v.name for v in archive.description.modelVariables if not _unsettable(v)]
+        known = [v.name for v in archive.description.modelVariables if not unsettable(v)]
         raise FmuError(f"{archive.label}: has no parameter {quoted(name)}{suggestion(name, known)}")
     for variable in variables:
-        if reason := _unsettable(variable):
+        if reason := unsettable(variable):
             raise FmuError(
                 f"{archive.label}: {quoted(variable.name)} cannot be set: it is {reason}"
             )
     return variables
 
 
-def _unsettable(variable: ModelVariable) -> str:
+def unsettable(variable: ModelVariable) -> str:
     """Return why FMI does not let a variable be set before initialisation, or nothing."""
     if variable.variability == "constant":
         return "a constant"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.plant_fmu.archives.families import Spec
-from nrs_cosim.plant_fmu.archives.quantities import TYPES, Quantity, View
-from nrs_cosim.plant_fmu.archives.starts import start_parameters
-from nrs_cosim.plant_fmu.archives.variables import bare_or_quoted, find_quantity
-from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.plant_fmu.fmi.assignment import StartValues, assignments, sizes_of
+from nrs_cosim.plant_fmu.archives.families import Spec, as_toml
+from nrs_cosim.plant_fmu.archives.quantities import STARTS, TYPES, Quantity, View
+from nrs_cosim.plant_fmu.archives.starts import continuous_states, start_parameters
+from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.errors import FmuError, StartError, StepError
+from nrs_cosim.plant_fmu.fmi.assignment import StartValues, assignments, sizes_of, unsettable
 from nrs_cosim.plant_fmu.fmi.batch_calls import CalledRounds, EarlyEnd, Rounds, arguments
 from nrs_cosim.plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
 from nrs_cosim.plant_fmu.fmi.library import Library
@@ -47,6 +47,19 @@ class Instances:
         """Return a quantity that must hold m numbers."""
         archive = self.library.archive
         return find_quantity(archive, ours, self._names, size=m, sizes=self._sizes)
+
+    def states_of(self, ours: str, m: int) -> tuple[int, ...]:
+        """Return which continuous states m numbers are; empty unless all of them are."""
+        return continuous_states(self.library.archive, self.vector(ours, m), self._sizes)
+
+    def takes_start(self, ours: str, m: int) -> bool:
+        """Whether FMI lets a start, or what says it, be set before initialisation."""
+        references = {part.reference for part in self.vector(ours, m).parts}
+        return STARTS[ours] in self._names or not any(
+            unsettable(variable)
+            for variable in self.library.archive.description.modelVariables
+            if variable.type in TYPES and variable.valueReference in references
+        )
 
     def initialise(self, bodies: Sequence[Body], values: Sequence[Mapping[str, Any]]) -> None:
         """Set each robot's parameters and its values of our quantities; end its initialisation."""
@@ -130,25 +143,23 @@ class Instances:
             good = np.isclose(got, start_values, rtol=1e-9, atol=1e-9).all(axis=1)
             if not good.all():
                 row = int(np.flatnonzero(~good)[0])
-                raise FmuError(
+                own = () if STARTS[name] in self._names else self._start_names(name, got[row])
+                instead = ""
+                if own:
+                    line = f"{STARTS[name]} = {as_toml(own)}"
+                    instead = f"; a parameter seems to say it: plant.variables = {{ {line} }}"
+                raise StartError(
                     f"{self.library.archive.label}: {name} of robot {bodies[row].robot} was to "
                     f"start at {start_values[row].tolist()} (initial.{name}), but starts at "
                     f"{got[row].tolist()}; what stands for {name} must be a state whose start "
-                    f"can be set"
-                    f"{self._instead(name, bodies[row].robot, got[row], start_values[row])}"
+                    f"can be set{instead}",
+                    {STARTS[name]: own} if own else {},
                 )
 
-    def _instead(self, name: str, robot: int, found: Array, wanted: Array) -> str:
-        """Return which parameters may bring about a start that cannot be set, if any can."""
-        quantity, archive = self.vector(name, len(wanted)), self.library.archive
-        values = start_parameters(archive, quantity, found.tolist(), wanted.tolist())
-        if not values:
-            return ""
-        table = ", ".join(f"{bare_or_quoted(key)} = {value!r}" for key, value in values.items())
-        return (
-            f"; its start seems to be a parameter's: leave initial.{name} as it is, and give "
-            f"{called(robot)} plant.parameters = {{ {table} }}"
-        )
+    def _start_names(self, ours: str, found: Array) -> tuple[str, ...]:
+        """Return the parameters where a quantity may start that starts at `found`, if they show."""
+        quantity = self.vector(ours, len(found))
+        return start_parameters(self.library.archive, quantity, found.tolist())
 
     def refusal(self, row: int, seconds: float, act: str, status: int) -> StepError:
         """Return the error of an act that ended badly, with the FMU's last words."""
@@ -173,7 +184,11 @@ class Instances:
         """Set one robot's values of our quantities, in SI, all at once."""
         sizes = sizes_of(assigned)
         archive = self.library.archive
-        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in start_values.items()}
+        given = {
+            STARTS[ours] if STARTS.get(ours) in self._names else ours: value
+            for ours, value in start_values.items()
+        }
+        values = {ours: np.ravel(np.asarray(value, float)) for ours, value in given.items()}
         quantities = [
             find_quantity(archive, ours, self._names, size=len(value), sizes=sizes)
             for ours, value in values.items()

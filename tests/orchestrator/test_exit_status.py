@@ -126,6 +126,8 @@ STATUSES = {
         "fmu info none",
         "fmu check none.fmu",
         "fmu check planar_robot --scenario none.toml",
+        "fmu check planar_robot --variables q=3",
+        'fmu check planar_robot --variables qq="q"',
         "fmu build none -o new.fmu",
         "fmu build two_link_arm -o new.fmu --fmi 4",
         "fmu from-urdf none.urdf -o new.fmu",

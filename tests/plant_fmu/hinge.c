@@ -5,7 +5,8 @@
  *   turn   a step event: after a step with q > pi the FMU asks for one, and takes 2 pi off q
  *   end    the simulation is ended by the FMU after t_load
  *
- * FMI 2.0 or 3.0 for Model Exchange by -DFMI, the states' nominal value by -DNOMINAL. No header is needed: the calls are plain C. */
+ * FMI 2.0 or 3.0 for Model Exchange by -DFMI, the states' nominal value by -DNOMINAL. With
+ * -DSTART it starts there, whatever q is set to before. No header is needed: the calls are plain C. */
 
 #include <math.h>
 #include <stdbool.h>
@@ -83,6 +84,15 @@ static int set(Hinge *h, const unsigned r[], size_t n, const double values[])
     return 0;
 }
 
+static int initialised(Hinge *h)
+{
+#ifdef START
+    h->v[Q] = START;
+#endif
+    (void)h;
+    return 0;
+}
+
 static int set_time(Hinge *h, double t) { return h->v[TIME] = t, 0; }
 static int set_states(Hinge *h, const double x[], size_t n) { return memcpy(h->v + Q, x, n * sizeof *x), 0; }
 static int get_states(Hinge *h, double x[], size_t n) { return memcpy(x, h->v + Q, n * sizeof *x), 0; }
@@ -105,7 +115,7 @@ typedef struct { int again, terminate, nominals, states, planned; double next; }
 Hinge *fmi2Instantiate(void) { return new_hinge(); }
 int fmi2SetupExperiment(Hinge *h, int a, double b, double start, int c, double d) { (void)a, (void)b, (void)c, (void)d; return set_time(h, start); }
 int fmi2EnterInitializationMode(Hinge *h) { (void)h; return 0; }
-int fmi2ExitInitializationMode(Hinge *h) { (void)h; return 0; }
+int fmi2ExitInitializationMode(Hinge *h) { return initialised(h); }
 int fmi2Reset(Hinge *h) { return reset(h); }
 void fmi2FreeInstance(Hinge *h) { free(h); }
 int fmi2GetFMUstate(Hinge *h, Hinge **s) { return copy(h, s); }
@@ -136,7 +146,7 @@ int fmi2NewDiscreteStates(Hinge *h, Info *info)
 
 Hinge *fmi3InstantiateModelExchange(void) { return new_hinge(); }
 int fmi3EnterInitializationMode(Hinge *h, bool a, double b, double start, bool c, double d) { (void)a, (void)b, (void)c, (void)d; return set_time(h, start); }
-int fmi3ExitInitializationMode(Hinge *h) { (void)h; return 0; }
+int fmi3ExitInitializationMode(Hinge *h) { return initialised(h); }
 int fmi3Reset(Hinge *h) { return reset(h); }
 void fmi3FreeInstance(Hinge *h) { free(h); }
 int fmi3GetFMUState(Hinge *h, Hinge **s) { return copy(h, s); }

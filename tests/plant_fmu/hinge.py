@@ -13,8 +13,11 @@ NAMES = ("tau", "q", "qd", "der(q)", "der(qd)", "z", "inertia", "e", "t_load")
 SCENES = ("wall", "load", "turn", "end")
 
 
-def build(fmi: int, folder: Path, nominal: str = "1.0") -> Path:
-    """Compile it, with a nominal value of its states, and write its archive."""
+def build(fmi: int, folder: Path, nominal: str = "1.0", start: str = "") -> Path:
+    """Compile it, with a nominal value of its states, and write its archive.
+
+    With a start q has that after its initialisation, whatever it is told.
+    """
     path = folder / f"hinge{fmi}.fmu"
     platform = fmpy.platform if fmi == 2 else fmpy.platform_tuple
     with TemporaryDirectory() as work, ZipFile(path, "w") as archive:
@@ -25,6 +28,7 @@ def build(fmi: int, folder: Path, nominal: str = "1.0") -> Path:
             "cc",
             f"-DFMI={fmi}",
             f"-DNOMINAL={nominal}",
+            *([f"-DSTART={start}"] if start else []),
             "-shared",
             "-fPIC",
             "-O2",

@@ -93,7 +93,8 @@ class Fmu(Table):
     variables: dict[str, Name] = Field(
         {},
         description="what the FMU has for q, qd, tau …, or in a target for position and velocity, "
-        "where that is not found by itself: a name, the stem of a family, a slice such as x[0:2], "
+        "where that is not found by itself, and q_start and qd_start where parameters say where "
+        "these start: a name, the stem of a family, a slice such as x[0:2], "
         "a list of names, or a pattern",
     )
     isolate: bool = Field(
