@@ -19,6 +19,7 @@ UNITS = {
     **dict.fromkeys(("q", "q_start", "position_ref", "position"), ("rad", "m")),
     **dict.fromkeys(("qd", "qd_start", "velocity_ref", "velocity"), ("rad/s", "m/s")),
     "acceleration_ref": ("rad/s2", "m/s2"),
+    "reference_time": ("s",),
     **dict.fromkeys(("tau", "tau_applied"), ("N.m", "N")),
     **dict.fromkeys(("disturbance_offset", "disturbance_amplitude"), ("N.m", "N")),
     "disturbance_rate": ("N.m/s", "N/s"),

@@ -24,6 +24,7 @@ from nrs_cosim.bus.text import nearest, quoted
 from nrs_cosim.plant_fmu import cache
 from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
+from nrs_cosim.plant_fmu.bundled.documentation import documentation
 from nrs_cosim.plant_fmu.bundled.model_description import build_description, model_description
 from nrs_cosim.plant_fmu.errors import FmuError
 
@@ -47,7 +48,10 @@ def build(name: str, fmi: int = 3) -> Path:
         known = bundled_models()
         raise FmuError(f"no bundled model {quoted(name)}{nearest(name, known)}")
     return build_model(
-        declaration(name, fmi), {"model.c": (MODELS / name / "model.c").read_bytes()}, fmi
+        declaration(name, fmi),
+        {"model.c": (MODELS / name / "model.c").read_bytes()},
+        fmi,
+        about=(MODELS / name / "readme.md").read_text(encoding="utf-8"),
     )
 
 
@@ -56,16 +60,18 @@ def build_model(
     equations: Mapping[str, bytes],
     fmi: int = 3,
     extra: Mapping[str, bytes] = MappingProxyType({}),
+    about: str = "",
 ) -> Path:
     """The FMU of any model: its declaration, and C files that define what robot.h declares.
 
-    `extra` are further files of the archive, which its token covers too.
+    `extra` are further files of the archive, which its token covers too; `about` is put before the
+    table of variables that is its documentation.
 
     Where it is kept, and what can be wrong, is as for `build`.
     """
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
-    files = _files(model, equations, fmi, extra)
+    files = _files(model, equations, fmi, {**documentation(model, about), **extra})
     kept = f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
     if path := cache.stored(kept):
         return path

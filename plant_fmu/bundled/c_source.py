@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Dimension, Variable
 
 _SETTABLE_IN = {"input": "UNTIL_THE_END", "parameter": "BEFORE_START", "state": "BEFORE_START"}
+_CALCULATED = {"derivative": "DERIVATIVE", "output": "OUTPUT"}
 _NONE, _ONE = Dimension("none", 0, 0), Dimension("one", 1, 1)
 
 
@@ -63,6 +64,8 @@ def c_tables(model: Declaration) -> str:
     )
     return f"""/* Generated from the declaration of {model.name}. */
 
+#include <math.h>
+
 #include "core.h"
 
 const Variable variables[VALUES] = {{
@@ -115,7 +118,9 @@ def _rights(model: Declaration, variable: Variable, within: int) -> str:
         _length(model, rows),
         _length(model, columns),
         _SETTABLE_IN.get(variable.kind, "NEVER"),
-        "true" if variable.kind == "derivative" else "false",
+        _CALCULATED.get(variable.kind, "NOT_CALCULATED"),
+        "-INFINITY" if variable.min is None else repr(variable.min),
+        "INFINITY" if variable.max is None else repr(variable.max),
         str(variable.most or 0),
     )
     return f"{{{', '.join(entry)}}}"

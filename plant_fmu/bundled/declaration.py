@@ -43,10 +43,11 @@ class Dimension:
 class Variable:
     """A variable of the model, with FMI's attributes (FMI 3.0.2, section 2.4.7).
 
-    `dimensions` is empty for a scalar; `start` holds for every element and is None where
-    the model calculates it; `most` bounds a structural parameter; `derivative_of` and
-    `equals` are names of variables of the same shape, the latter when this one is always
-    equal to it.
+    `dimensions` is empty for a scalar; `start`, `min`, `max` and `nominal` hold for every
+    element, `start` being None where the model calculates it, and the limits where there are
+    none; `most` bounds a structural parameter; `derivative_of` and `equals` are names of
+    variables of the same shape, the latter when this one is always equal to it; of those in
+    `each_of` element i depends on element i alone.
     """
 
     name: str
@@ -54,9 +55,13 @@ class Variable:
     dimensions: tuple[Dimension, ...]
     unit: str | None
     start: float | None
+    min: float | None
+    max: float | None
+    nominal: float
     most: int | None
     derivative_of: str | None
     equals: str | None
+    each_of: tuple[str, ...]
     description: str
     value_reference: int
 
@@ -81,7 +86,8 @@ class Variable:
 
     @property
     def variability(self) -> str:
-        return "fixed" if self.kind in {"structural", "parameter"} else "continuous"
+        fixed = {"structural", "parameter", "local"}
+        return "fixed" if self.kind in fixed else "continuous"
 
     @property
     def initial(self) -> str | None:
@@ -166,15 +172,20 @@ def _variable(
     reference: int,
 ) -> Variable:
     has_start = table["kind"] in {"structural", "input", "parameter", "state"}
+    is_structural = table["kind"] == "structural"
     return Variable(
         name=name,
         kind=table["kind"],
         dimensions=tuple(dimensions[length] for length in table.get("shape", ())),
         unit=_unit(table.get("unit"), units),
         start=float(table.get("start", 0.0)) if has_start else None,
-        most=table.get("max"),
+        min=table.get("min"),
+        max=None if is_structural else table.get("max"),
+        nominal=float(table.get("nominal", 1.0)),
+        most=table["max"] if is_structural else None,
         derivative_of=table.get("of"),
         equals=table.get("equals"),
+        each_of=tuple(table.get("each_of", ())),
         description=table["description"],
         value_reference=reference,
     )

@@ -1,12 +1,20 @@
 """A declaration as modelDescription.xml, for FMI 2.0 and 3.0, always the same bytes."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.metadata import version
 from itertools import product
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Variable
 from nrs_cosim.plant_fmu.unit_names import parse_unit
+
+ORIGIN = {
+    "author": "the nrs-cosim authors",
+    "version": version("nrs-cosim"),
+    "copyright": "the nrs-cosim authors",
+    "license": "MIT",
+}
 
 
 def model_description(
@@ -24,6 +32,7 @@ def model_description(
             "modelName": model.name,
             "guid" if fmi == 2 else "instantiationToken": token,
             "description": model.description,
+            **ORIGIN,
             "generationTool": "nrs-cosim",
             "variableNamingConvention": "structured",
         },
@@ -81,6 +90,8 @@ def _capabilities(identifier: str, interface: str, fmi: int) -> dict[str, str]:
         f"canGetAndSet{state}": "true",
         f"canSerialize{state}": "true",
     }
+    if fmi == 2:
+        common["canNotUseMemoryManagementFunctions"] = "true"
     if interface == "CoSimulation":
         return {**common, "canHandleVariableCommunicationStepSize": "true"}
     if fmi == 2:
@@ -116,6 +127,19 @@ def _attributes(variable: Variable, name: str, reference: int) -> dict[str, str]
     return attributes
 
 
+def _set_numbers(element: Element, variable: Variable, size: int) -> None:
+    """The attributes of Real and Float64 that are numbers; the limits hold for each element."""
+    if variable.unit is not None:
+        element.set("unit", variable.unit)
+    for limit in ("min", "max"):
+        if (value := getattr(variable, limit)) is not None:
+            element.set(limit, repr(float(value)))
+    if variable.nominal != 1.0 or variable.kind == "state":
+        element.set("nominal", repr(variable.nominal))
+    if variable.start is not None:
+        element.set("start", " ".join([repr(variable.start)] * size))
+
+
 def _arrays(root: Element, model: Declaration) -> None:
     """FMI 3: one element per variable, and ModelStructure by value reference."""
     variables = SubElement(root, "ModelVariables")
@@ -126,10 +150,7 @@ def _arrays(root: Element, model: Declaration) -> None:
             SubElement(variables, "UInt64", {**attributes, **limits})
             continue
         element = SubElement(variables, "Float64", attributes)
-        if v.unit is not None:
-            element.set("unit", v.unit)
-        if v.start is not None:
-            element.set("start", " ".join([repr(v.start)] * v.size))
+        _set_numbers(element, v, v.size)
         if v.derivative_of is not None:
             element.set("derivative", str(model.variable(v.derivative_of).value_reference))
         for dimension in v.dimensions:
@@ -143,8 +164,8 @@ def _arrays(root: Element, model: Declaration) -> None:
     for tag, unknowns in _unknowns(model):
         for v in unknowns:
             known = _known(model, v)
-            dependency = None if known is None else known.value_reference
-            SubElement(structure, tag, _unknown("valueReference", v.value_reference, dependency))
+            dependencies = {} if known is None else {known.value_reference: "constant"}
+            SubElement(structure, tag, _unknown("valueReference", v.value_reference, dependencies))
 
 
 def _scalars(root: Element, model: Declaration) -> None:
@@ -154,10 +175,7 @@ def _scalars(root: Element, model: Declaration) -> None:
         for i, name in enumerate(element_names(v)):
             attributes = _attributes(v, name, v.value_reference + i)
             element = SubElement(SubElement(variables, "ScalarVariable", attributes), "Real")
-            if v.unit is not None:
-                element.set("unit", v.unit)
-            if v.start is not None:
-                element.set("start", repr(v.start))
+            _set_numbers(element, v, 1)
             if v.derivative_of is not None:
                 state = model.variable(v.derivative_of)
                 element.set("derivative", str(state.value_reference + i + 1))
@@ -173,9 +191,11 @@ def _scalars(root: Element, model: Declaration) -> None:
         for v in unknowns:
             known = _known(model, v)
             for i in range(v.size):
-                dependency = None if known is None else known.value_reference + i + 1
+                dependencies = {} if known is None else {known.value_reference + i + 1: "constant"}
+                if tag == "Output" and known is None:
+                    dependencies = dict.fromkeys(_knowns(model, v, i), "dependent")
                 index = v.value_reference + i + 1
-                SubElement(group, "Unknown", _unknown("index", index, dependency))
+                SubElement(group, "Unknown", _unknown("index", index, dependencies))
 
 
 def _unknowns(model: Declaration) -> Iterator[tuple[str, Iterable[Variable]]]:
@@ -191,7 +211,20 @@ def _known(model: Declaration, variable: Variable) -> Variable | None:
     return None if variable.equals is None else model.variable(variable.equals)
 
 
-def _unknown(key: str, number: int, dependency: int | None) -> dict[str, str]:
-    if dependency is None:
+def _knowns(model: Declaration, output: Variable, i: int) -> Iterator[int]:
+    """The indices of the scalars on which element i of an output depends: of those in `each_of`
+    its own alone."""
+    for v in model.of_kind("independent", "input", "state"):
+        own = (i,) if v.name in output.each_of else range(v.size)
+        yield from (v.value_reference + j + 1 for j in own)
+
+
+def _unknown(key: str, number: int, dependencies: Mapping[int, str]) -> dict[str, str]:
+    """All that is known may count where no dependencies are given."""
+    if not dependencies:
         return {key: str(number)}
-    return {key: str(number), "dependencies": str(dependency), "dependenciesKind": "constant"}
+    return {
+        key: str(number),
+        "dependencies": " ".join(map(str, dependencies)),
+        "dependenciesKind": " ".join(dependencies.values()),
+    }

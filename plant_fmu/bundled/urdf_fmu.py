@@ -43,7 +43,9 @@ def build_urdf(
     }
     begin("compiling")
     joints = [Joint(j.name, "m" if j.kind == "prismatic" else "rad") for j in robot.axes]
-    return build_model(_declaration(robot, gravity), equations, fmi, {JOINTS: write_joints(joints)})
+    about = (MODELS / "rigid_body" / "readme.md").read_text(encoding="utf-8")
+    names = {JOINTS: write_joints(joints)}
+    return build_model(_declaration(robot, gravity), equations, fmi, names, about)
 
 
 def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:

@@ -1,6 +1,7 @@
 """The FMU holds the PD loop: one doStep an interval, exact to the FMU's own tolerance.
 
-Its inputs are ε(t_k⁺) and υ(t_k⁺), and it extrapolates the reference itself; so it does with an
+Its inputs are ε(t_k⁺) and υ(t_k⁺), and it extrapolates the reference itself: since the time in its
+input `reference_time`, or, where it has none, since it was last given one. So it does with an
 acceleration, where it has an input for it. Where it has none, a reference ε + s υ + s²/2 a is given
 as its chord over each step: off by a step²/8 in position and by a step/2 in velocity.
 """
@@ -21,6 +22,7 @@ from nrs_cosim.plant_fmu.plants import Array, Body
 
 REFERENCE = ("position_ref", "velocity_ref")
 ACCELERATION = "acceleration_ref"
+TIME = "reference_time"
 GAINS = ("kp", "kd")
 WAVES = ("amplitude", "frequency", "phase")
 DISTURBANCE = tuple(f"disturbance_{part}" for part in ("offset", "rate", *WAVES))
@@ -44,10 +46,13 @@ class ReferenceDrivenPlants(Stepped):
         super().__init__(
             library, bodies, names, lambda body: _start_values(body, archive, names), outputs, why
         )
-        self._reference, self._write_reference = self._inputs(*REFERENCE)
+        sizes = dict.fromkeys(REFERENCE, self.m)
+        if takes(archive, names, TIME):
+            sizes[TIME] = 1
+        self._reference, self._write_reference = self._inputs(sizes)
         self._acceleration: Array | None = None
         if takes(archive, names, ACCELERATION):
-            self._acceleration, self._write_acceleration = self._inputs(ACCELERATION)
+            self._acceleration, self._write_acceleration = self._inputs({ACCELERATION: self.m})
         self._curve: tuple[float, Array] | None = None
         """What is given in chords: since when, s, and what reference, (3, rows, m)."""
         if self._tells_torque:
@@ -83,7 +88,8 @@ class ReferenceDrivenPlants(Stepped):
         # The law has them too, for a checkpoint, and for the torque where the FMU tells none.
         self.law.hold(self.time, position, velocity, acceleration)
         self._reference[:, : self.m] = position
-        self._reference[:, self.m :] = velocity
+        self._reference[:, self.m : 2 * self.m] = velocity
+        self._reference[:, 2 * self.m :] = self.time
         self._write_reference(self.time)
         given = self._acceleration
         if given is not None and (acceleration is not None or given.any()):
@@ -106,6 +112,7 @@ def _start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> di
         "position_ref": body.position,
         "velocity_ref": body.velocity,
         **({ACCELERATION: np.zeros(len(body.q))} if takes(archive, names, ACCELERATION) else {}),
+        **({TIME: np.zeros(1)} if takes(archive, names, TIME) else {}),
     }
 
 

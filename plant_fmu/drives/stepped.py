@@ -105,10 +105,10 @@ class Stepped:
             self.instances.expect_start(bodies, self.state)
         self._tell_torque()
 
-    def _inputs(self, *quantities: str) -> tuple[Array, Callable[[float], None]]:
-        """Return rows (rows, numbers) for inputs of m numbers each, and the act that gives them."""
-        rows = np.zeros((len(self.outputs), len(quantities) * self.m))
-        found = [self.instances.vector(name, self.m) for name in quantities]
+    def _inputs(self, sizes: Mapping[str, int]) -> tuple[Array, Callable[[float], None]]:
+        """Return rows (rows, numbers) for inputs of given sizes, and the act that gives them."""
+        rows = np.zeros((len(self.outputs), sum(sizes.values())))
+        found = [self.instances.vector(name, size) for name, size in sizes.items()]
         return rows, self.instances.writes(found, rows)
 
     def _tell_torque(self) -> None:

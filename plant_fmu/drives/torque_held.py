@@ -31,7 +31,7 @@ class TorqueHeldPlants(Stepped):
         super().__init__(library, bodies, names, _start_values, ("q", "qd"), why)
         self.drive, self._control_step = drive, control_step
         self._before = States(self.instances) if heun else None
-        self._torque, self._write_torque = self._inputs("tau")
+        self._torque, self._write_torque = self._inputs({"tau": self.m})
 
     def advance(self, start: float, step: float) -> None:
         """Advance from a time by a step, in s."""

@@ -1,6 +1,7 @@
 """What the bundled models refuse: accesses, calls, states, tolerances, and steps that diverge."""
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,7 +38,7 @@ def test_undeclared_accesses_of_variables_are_refused(robot: Open, fmi: int) -> 
             "no variable has the value reference 9999"
         )
         assert r.refuses(lambda: r.set("tau", [np.nan, 0.0])) == "setting tau to nan"
-        for name in ("time", "der(q)", "tau_applied", "reference_time"):
+        for name in ("time", "der(q)", "tau_applied", "disturbance_terms"):
             value = np.zeros(declaration("two_link_arm").variable(name).size)
             assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
                 f"setting {name} is not allowed before initialization"
@@ -48,6 +49,98 @@ def test_undeclared_accesses_of_variables_are_refused(robot: Open, fmi: int) -> 
             assert r.refuses(lambda name=name, value=value: r.set(name, value)) == (
                 f"setting {name} is not allowed in step mode"
             )
+
+
+@each_version
+def test_a_set_that_is_refused_leaves_no_trace(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        setter = r.fmu.setReal if fmi == 2 else r.fmu.setFloat64
+        names = ["tau", "position_ref", "m1"]
+        references = [reference for name in names for reference in r.references(name)]
+        before = saved(r)
+        for last in (np.nan, -1.0, np.inf):
+            r.refuses(lambda last=last: setter(references, [1.0, 2.0, 3.0, 4.0, last]))
+            assert saved(r) == before
+        assert r.said[-2] == "m1: expected 0 to inf, got -1"
+
+
+def saved(r: Robot) -> bytes:
+    state = r.fmu.getFMUState()
+    serialized = bytes(r.fmu.serializeFMUState(state))
+    r.fmu.freeFMUState(state)
+    return serialized
+
+
+@each_version
+def test_altered_states_are_refused(robot: Open, fmi: int) -> None:
+    with robot("two_link_arm", fmi) as r:
+        r.initialize(tau=[1.25, 2.0], relative_tolerance=1e-7)
+        r.fmu.doStep(0.0, H)
+        whole = saved(r)
+
+        def altered(old: bytes, new: bytes) -> Callable[[], None]:
+            assert whole.count(old) == 1
+            return lambda: r.fmu.deserializeFMUState(whole.replace(old, new))
+
+        def number(value: float) -> bytes:
+            return np.array(value).tobytes()
+
+        step_mode = (16).to_bytes(4, sys.byteorder)
+        kind_and_mode = (1).to_bytes(4, sys.byteorder) + step_mode
+        for mode in (0, 4, 48, 64, 12345, -1 % 2**32):
+            bad = kind_and_mode[:4] + mode.to_bytes(4, sys.byteorder)
+            assert "the state has the mode" in r.refuses(altered(kind_and_mode, bad))
+        for bad in (np.nan, np.inf):
+            assert "setting tau" in r.refuses(altered(number(1.25), number(bad)))
+        assert "relative_tolerance: expected" in r.refuses(altered(number(1e-7), number(0.0)))
+        assert "the time nan" in r.refuses(altered(number(H), number(np.nan)))
+        assert saved(r) == whole
+
+
+@each_version
+def test_what_a_state_claims_of_calculated_numbers_is_not_trusted(robot: Open, fmi: int) -> None:
+    with robot("planar_robot", fmi) as r:
+        r.initialize(disturbance_amplitude=np.ones((2, 8)), disturbance_offset=[3.0, 0.0])
+        r.fmu.doStep(0.0, H)
+        whole = saved(r)
+        eight = np.array([8.0, 8.0]).tobytes()
+        assert whole.count(eight) == 1
+        for claim in (1e6, np.nan, -1.0):
+            bad = whole.replace(eight, np.array([claim, claim]).tobytes())
+            r.fmu.setFMUState(r.fmu.deserializeFMUState(bad))
+            assert r.get("disturbance_terms").tolist() == [8.0, 8.0]
+
+
+@each_version
+def test_nothing_is_computed_past_the_stop_time(robot: Open, fmi: int) -> None:
+    def stopping(r: Robot, start: float, stop: float) -> None:
+        if fmi == 2:
+            r.fmu.setupExperiment(startTime=start, stopTime=stop)
+            r.fmu.enterInitializationMode()
+        else:
+            r.fmu.enterInitializationMode(startTime=start, stopTime=stop)
+
+    with robot("planar_robot", fmi) as r:
+        assert "stop time is 0" in r.refuses(lambda: stopping(r, 1.0, 0.0))
+        stopping(r, 0.0, 0.3)
+        r.fmu.exitInitializationMode()
+        before = saved(r)
+        message = r.refuses(lambda: r.fmu.doStep(0.0, 0.4))
+        assert message == "a step to t = 0.40000000000000002 s, past the stop time " + (
+            "0.29999999999999999 s"
+        )
+        assert saved(r) == before
+        time = 0.0
+        for _ in range(3):
+            r.fmu.doStep(time, 0.1)
+            time += 0.1  # 0.30000000000000004 in the end
+    with robot("planar_robot", fmi, "Model") as r:
+        stopping(r, 0.0, 0.3)
+        r.fmu.exitInitializationMode()
+        r.fmu.enterContinuousTimeMode()
+        r.derivatives(0.4, np.zeros(4))  # a solver may look ahead
+        assert "past the stop time" in r.refuses(r.fmu.completedIntegratorStep)
+        assert "past the stop time" in r.refuses(r.fmu.enterEventMode)
 
 
 @each_version

@@ -6,8 +6,8 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "model.h"
@@ -54,8 +54,9 @@ static void begin(State *state, Kind kind)
     strcpy(state->token, INSTANTIATION_TOKEN);
     state->kind = kind;
     state->mode = INSTANTIATED;
+    state->stop = INFINITY;
     memcpy(&state->values, start_values, sizeof state->values);
-    model_start(&state->values);
+    model_locals(&state->values);
 }
 
 bool core_instantiate(Instance *self, Kind kind, const char *token)
@@ -75,19 +76,40 @@ bool core_reset(Instance *self)
     return true;
 }
 
-bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, double time)
+bool core_is_within_limits(const Instance *self, const Variable *variable, double value)
+{
+    if (!isfinite(value))
+        return core_refuse(self, "setting %s to %g", variable->name, value);
+    return (value >= variable->min && value <= variable->max) ||
+           core_refuse(self, "%s: expected %g to %g, got %g", variable->name, variable->min,
+                       variable->max, value);
+}
+
+bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, double start,
+                   bool stop_defined, double stop)
 {
     if (!core_expect(self, INSTANTIATED, "setting up the experiment"))
         return false;
-    if (!isfinite(time))
-        return core_refuse(self, "the start time is %g", time);
+    if (!isfinite(start))
+        return core_refuse(self, "the start time is %g", start);
+    if (stop_defined && !(stop >= start))
+        return core_refuse(self, "the stop time is %.17g s, the start time %.17g s", stop, start);
     Values *values = &self->state.values;
-    if (tolerance_defined)
+    if (tolerance_defined) {
+        const size_t index = offsetof(Values, relative_tolerance) / sizeof(double);
+        if (!core_is_within_limits(self, &variables[index], tolerance))
+            return false;
         values->relative_tolerance = tolerance;
-    model_outputs(values);
-    values->time = time;
-    model_start(values);
+    }
+    values->time = start;
+    self->state.stop = stop_defined ? stop : INFINITY;
     return true;
+}
+
+/* An importer that adds up time arrives at its stop time but for rounding. */
+static bool is_past(double time, double stop)
+{
+    return time > stop + 1e-9 * fmax(1.0, fabs(stop));
 }
 
 bool core_enter_initialization(Instance *self)
@@ -99,9 +121,6 @@ bool core_exit_initialization(Instance *self)
 {
     if (!core_expect(self, INITIALIZATION, "leaving initialization mode"))
         return false;
-    const double tolerance = self->state.values.relative_tolerance;
-    if (!(tolerance >= 1e-14 && tolerance <= 1.0))
-        return core_refuse(self, "relative_tolerance: expected 1e-14 to 1, got %g", tolerance);
     self->state.mode = self->state.kind == CO_SIMULATION ? STEP : EVENT;
     return true;
 }
@@ -175,13 +194,17 @@ bool core_get(Instance *self, const unsigned references[], size_t n_references, 
     if (!core_expect(self, ANY_MODE, "reading a variable"))
         return false;
     State *state = &self->state;
-    model_outputs(&state->values);
+    bool outputs_are_current = false;
     for (size_t i = 0; i < n_references; ++i) {
         Block from;
         if (!find(self, references[i], n_values, &from))
             return false;
-        if (variables[references[i]].is_derivative)
+        const Calculated calculated = variables[references[i]].calculated;
+        if (calculated == DERIVATIVE)
             update_derivatives(state);
+        if (calculated == OUTPUT && !outputs_are_current)
+            model_outputs(&state->values);
+        outputs_are_current |= calculated == OUTPUT;
         for (size_t row = 0; row < from.rows; ++row, values += from.columns)
             memcpy(values, from.first + row * from.stride, from.columns * sizeof *values);
         n_values -= from.rows * from.columns;
@@ -196,30 +219,45 @@ static bool may_set(const Instance *self, unsigned reference, const double value
         return core_refuse(self, "setting %s is not allowed %s", variable->name,
                            mode_name(self->state.mode));
     for (size_t i = 0; i < size; ++i)
-        if (!isfinite(values[i]))
-            return core_refuse(self, "setting %s to %g", variable->name, values[i]);
+        if (!core_is_within_limits(self, variable, values[i]))
+            return false;
     return true;
+}
+
+/* Looks at all before anything is written, so that a call that is refused leaves no trace. */
+static bool may_set_all(Instance *self, const unsigned references[], size_t n_references,
+                        const double values[], size_t n_values)
+{
+    for (size_t i = 0; i < n_references; ++i) {
+        Block to;
+        if (!find(self, references[i], n_values, &to))
+            return false;
+        const size_t size = to.rows * to.columns;
+        if (!may_set(self, references[i], values, size))
+            return false;
+        values += size;
+        n_values -= size;
+    }
+    return used_up(self, n_values);
 }
 
 bool core_set(Instance *self, const unsigned references[], size_t n_references,
               const double values[], size_t n_values)
 {
-    if (!core_expect(self, ANY_MODE, "setting a variable"))
+    if (!core_expect(self, ANY_MODE, "setting a variable") ||
+        !may_set_all(self, references, n_references, values, n_values))
         return false;
-    State *state = &self->state;
-    model_outputs(&state->values);
+    bool before_start = false;
     for (size_t i = 0; i < n_references; ++i) {
-        Block to;
-        if (!find(self, references[i], n_values, &to) ||
-            !may_set(self, references[i], values, to.rows * to.columns))
-            return false;
+        const Block to = block_of(self, references[i]);
         for (size_t row = 0; row < to.rows; ++row, values += to.columns)
             memcpy(to.first + row * to.stride, values, to.columns * sizeof *values);
-        model_was_set(&state->values, references[i]);
-        state->derivatives_are_current = false;
-        n_values -= to.rows * to.columns;
+        before_start |= variables[references[i]].settable_in == BEFORE_START;
     }
-    return used_up(self, n_values);
+    if (before_start)
+        model_locals(&self->state.values);
+    self->state.derivatives_are_current = false;
+    return true;
 }
 
 /* Structural parameters */
@@ -244,7 +282,7 @@ static void restart_sized_by(Values *values, unsigned reference)
             memcpy((double *)values + i, start_values + i,
                    rows.most * columns.most * sizeof *start_values);
     }
-    model_start(values);
+    model_locals(values);
 }
 
 bool core_get_counts(Instance *self, const unsigned references[], size_t n_references,
@@ -264,13 +302,18 @@ bool core_set_counts(Instance *self, const unsigned references[], size_t n_refer
     if (!core_expect(self, CONFIGURATION, "setting a structural parameter") ||
         !are_structural(self, references, n_references, n_counts))
         return false;
-    Values *values = &self->state.values;
     for (size_t i = 0; i < n_references; ++i) {
         const Variable *variable = &variables[references[i]];
         if (counts[i] < 1 || counts[i] > variable->most)
             return core_refuse(self, "%s: expected 1 to %u, got %" PRIu64, variable->name,
                                variable->most, counts[i]);
-        ((double *)values)[references[i]] = (double)counts[i];
+    }
+    Values *values = &self->state.values;
+    for (size_t i = 0; i < n_references; ++i) {
+        double *count = (double *)values + references[i];
+        if (*count == (double)counts[i])
+            continue;
+        *count = (double)counts[i];
         restart_sized_by(values, references[i]);
         self->state.derivatives_are_current = false;
     }
@@ -297,10 +340,25 @@ bool core_set_time(Instance *self, double time)
     return true;
 }
 
+/* A solver may look beyond the stop time, as FMPy's does, to interpolate; but not go there. */
+bool core_accept_time(Instance *self, int modes, const char *what)
+{
+    if (!core_expect(self, modes, what))
+        return false;
+    const double time = self->state.values.time;
+    return !is_past(time, self->state.stop) ||
+           core_refuse(self, "%s at t = %.17g s, past the stop time %.17g s", what, time,
+                       self->state.stop);
+}
+
 bool core_set_states(Instance *self, const double x[], size_t n)
 {
     if (!core_expect(self, CONTINUOUS_TIME, "setting the states") || !all_states(self, n))
         return false;
+    for (size_t i = 0; i < n; ++i)
+        if (!isfinite(x[i]))
+            return core_refuse(self, "setting state %lu of %lu to %g", (unsigned long)i + 1,
+                               (unsigned long)n, x[i]);
     set_states(&self->state.values, x);
     self->state.derivatives_are_current = false;
     return true;
@@ -351,6 +409,9 @@ bool core_step(Instance *self, double time, double step)
                            values->time);
     if (!(isfinite(end) && step > 0.0 && end > values->time))
         return core_refuse(self, "at t = %.17g s: a step of %g s does not advance time", time, step);
+    if (is_past(end, state->stop))
+        return core_refuse(self, "a step to t = %.17g s, past the stop time %.17g s", end,
+                           state->stop);
 
     update_derivatives(state);
     switch (dormand_prince(values, end, &state->internal_step)) {
@@ -366,78 +427,4 @@ bool core_step(Instance *self, double time, double step)
                            values->time, state->internal_step);
     }
     return false;
-}
-
-/* State */
-
-static bool is_ours(const Instance *self, const State *state)
-{
-    if (memcmp(state->token, INSTANTIATION_TOKEN, sizeof state->token) != 0)
-        return core_refuse(self, "the state is not one of this FMU");
-    if (state->kind != self->state.kind)
-        return core_refuse(self, "the state is of the other kind, model exchange or co-simulation");
-    const double *theirs = (const double *)&state->values;
-    const double *ours = (const double *)&self->state.values;
-    for (int i = 0; i < VALUES; ++i)
-        if (variables[i].most && theirs[i] != ours[i])
-            return core_refuse(self, "the state has %s = %g, this instance %g", variables[i].name,
-                               theirs[i], ours[i]);
-    return true;
-}
-
-static bool store(const Instance *self, const void *bytes, void **state)
-{
-    if (!*state)
-        *state = malloc(sizeof(State));
-    if (!*state)
-        return core_refuse(self, "out of memory");
-    memcpy(*state, bytes, sizeof(State));
-    return true;
-}
-
-bool core_get_state(Instance *self, void **state)
-{
-    return core_expect(self, ANY_MODE, "getting the state") && store(self, &self->state, state);
-}
-
-bool core_set_state(Instance *self, const void *state)
-{
-    if (!core_expect(self, ANY_MODE, "setting the state"))
-        return false;
-    if (!state)
-        return core_refuse(self, "setting no state");
-    if (!is_ours(self, state))
-        return false;
-    memcpy(&self->state, state, sizeof(State));
-    return true;
-}
-
-bool core_free_state(void **state)
-{
-    free(*state);
-    *state = NULL;
-    return true;
-}
-
-bool core_serialize(Instance *self, const void *state, void *bytes, size_t size)
-{
-    if (!core_expect(self, ANY_MODE, "serializing a state"))
-        return false;
-    if (!state || size != sizeof(State))
-        return core_refuse(self, "serializing %s state of %lu bytes to %lu", state ? "a" : "no",
-                           (unsigned long)sizeof(State), (unsigned long)size);
-    memcpy(bytes, state, sizeof(State));
-    return true;
-}
-
-bool core_deserialize(Instance *self, const void *bytes, size_t size, void **state)
-{
-    State copy;
-    if (!core_expect(self, ANY_MODE, "deserializing a state"))
-        return false;
-    if (size != sizeof copy)
-        return core_refuse(self, "a serialized state has %lu bytes, got %lu",
-                           (unsigned long)sizeof copy, (unsigned long)size);
-    memcpy(&copy, bytes, sizeof copy);
-    return is_ours(self, &copy) && store(self, &copy, state);
 }

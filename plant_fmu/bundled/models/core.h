@@ -2,7 +2,7 @@
  *
  * State holds all that a simulation changes, and no pointer: an FMU state is a copy of
  * it. Each function returns whether it did what was asked; when it did not, it has
- * told the importer why, and an instance that is not stepping is left as it was. */
+ * told the importer why, and left the instance as it was, but for a step. */
 
 #ifndef CORE_H
 #define CORE_H
@@ -43,12 +43,16 @@ typedef struct {
     unsigned by;
 } Length;
 
+/* By what the number is brought up to date before it is read. */
+typedef enum { NOT_CALCULATED, DERIVATIVE, OUTPUT } Calculated;
+
 /* What the importer may do with the number of Values at the same index. */
 typedef struct {
     const char *name;
     Length rows, columns; /* of the real variable that begins here; 0 inside of one */
     int settable_in;
-    bool is_derivative;
+    Calculated calculated;
+    double min, max;
     unsigned most; /* of a structural parameter; 0 for a real variable */
 } Variable;
 
@@ -61,6 +65,7 @@ typedef struct {
     Mode mode;
     bool derivatives_are_current;
     double internal_step; /* s: of dormand_prince */
+    double stop;          /* s: beyond which nothing is computed; infinite where none is set */
     Values values;
 } State;
 
@@ -79,8 +84,12 @@ bool core_refuse(const Instance *self, const char *format, ...);
 /* Whether the instance is in one of the modes; otherwise refuses `what`. */
 bool core_expect(const Instance *self, int modes, const char *what);
 
+/* Whether a number may be that of a variable; otherwise refuses it. */
+bool core_is_within_limits(const Instance *self, const Variable *variable, double value);
+
 bool core_reset(Instance *self);
-bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, double time);
+bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, double start,
+                   bool stop_defined, double stop);
 bool core_enter_initialization(Instance *self);
 bool core_exit_initialization(Instance *self);
 bool core_change_mode(Instance *self, int from, Mode to, const char *what);
@@ -90,7 +99,7 @@ bool core_get(Instance *self, const unsigned references[], size_t n_references,
 bool core_set(Instance *self, const unsigned references[], size_t n_references,
               const double values[], size_t n_values);
 
-/* Structural parameters. Setting one returns all variables that it sizes to their starts. */
+/* Structural parameters. Changing one returns all variables that it sizes to their starts. */
 bool core_get_counts(Instance *self, const unsigned references[], size_t n_references,
                      uint64_t counts[], size_t n_counts);
 bool core_set_counts(Instance *self, const unsigned references[], size_t n_references,
@@ -98,6 +107,7 @@ bool core_set_counts(Instance *self, const unsigned references[], size_t n_refer
 
 /* Model exchange. */
 bool core_set_time(Instance *self, double time);
+bool core_accept_time(Instance *self, int modes, const char *what);
 bool core_set_states(Instance *self, const double x[], size_t n);
 bool core_get_states(Instance *self, double x[], size_t n);
 bool core_get_derivatives(Instance *self, double dx[], size_t n);
@@ -106,7 +116,7 @@ bool core_get_nominals(Instance *self, double nominals[], size_t n);
 /* Co-simulation: on failure time and states are those of the last accepted internal step. */
 bool core_step(Instance *self, double time, double step);
 
-/* FMU states are blocks of malloc; *state is reused when it is not NULL. */
+/* saved_state.c. FMU states are blocks of malloc; *state is reused when it is not NULL. */
 bool core_get_state(Instance *self, void **state);
 bool core_set_state(Instance *self, const void *state);
 bool core_free_state(void **state);

@@ -70,7 +70,7 @@ FMI(Status) FMI(CompletedIntegratorStep)(void *self, FMI(Boolean) no_set_prior,
                                          FMI(Boolean) *enter_event_mode, FMI(Boolean) *terminate)
 {
     *enter_event_mode = *terminate = false;
-    return status(core_expect(self, CONTINUOUS_TIME, "completing an integrator step"));
+    return status(core_accept_time(self, CONTINUOUS_TIME, "completing an integrator step"));
 }
 
 FMI(Status) FMI(GetEventIndicators)(void *self, double indicators[], size_t n)

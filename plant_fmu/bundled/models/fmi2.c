@@ -50,9 +50,11 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
 CALL(SetupExperiment,
      (void *self, int tolerance_defined, double tolerance, double start, int stop_defined,
       double stop),
-     core_start_at(self, tolerance_defined, tolerance, start))
+     core_start_at(self, tolerance_defined, tolerance, start, stop_defined, stop))
 CALL(EnterInitializationMode, (void *self), core_enter_initialization(self))
-MODE(EnterEventMode, EVENT | CONTINUOUS_TIME, EVENT, "entering event mode")
+CALL(EnterEventMode, (void *self),
+     core_accept_time(self, EVENT | CONTINUOUS_TIME, "entering event mode") &&
+         core_change_mode(self, EVENT | CONTINUOUS_TIME, EVENT, "entering event mode"))
 
 /* Variables */
 

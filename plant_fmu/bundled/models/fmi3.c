@@ -81,8 +81,11 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
 CALL(EnterInitializationMode,
      (void *self, bool tolerance_defined, double tolerance, double start, bool stop_defined,
       double stop),
-     core_start_at(self, tolerance_defined, tolerance, start) && core_enter_initialization(self))
-MODE(EnterEventMode, CONTINUOUS_TIME, EVENT, "entering event mode")
+     core_start_at(self, tolerance_defined, tolerance, start, stop_defined, stop) &&
+         core_enter_initialization(self))
+CALL(EnterEventMode, (void *self),
+     core_accept_time(self, CONTINUOUS_TIME, "entering event mode") &&
+         core_change_mode(self, CONTINUOUS_TIME, EVENT, "entering event mode"))
 MODE(ExitConfigurationMode, CONFIGURATION, INSTANTIATED, "leaving configuration mode")
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance self)

@@ -1,15 +1,13 @@
 /* d/dt (q, qd) = (qd, acceleration(q, qd, tau_applied + tau_d)), where
  *
  *   tau_applied = tau + kp (eps(t) - q) + kd (ups(t) - qd)
- *   eps(t)      = reference_position + s reference_velocity + s s/2 acceleration_ref
- *   ups(t)      = reference_velocity + s acceleration_ref,   s = t - reference_time
+ *   eps(t)      = position_ref + s velocity_ref + s s/2 acceleration_ref
+ *   ups(t)      = velocity_ref + s acceleration_ref,   s = max(0, t - reference_time)
  *   tau_d       = offset + rate t + sum of amplitude sin(frequency t + phase)
  *
- * The reference flows: position_ref reads eps(t) and velocity_ref ups(t), and setting
- * one of the three restarts it at the time of the call. Whatever is not set keeps its
- * value at that instant, so a new velocity alone leaves eps continuous, and a new
- * position holds in whichever order and number of calls they are set. A line is
- * followed without the terms of an acceleration, which might turn -0 into 0. */
+ * The reference is a function of the inputs and the time alone, however often an importer
+ * sets them: it moves on from reference_time, and stays as it is where that is yet to come.
+ * A line is followed without the terms of an acceleration, which might turn -0 into 0. */
 
 #include "robot.h"
 
@@ -17,28 +15,32 @@
 
 #include "model.h"
 
-static double reference(const Values *v, double t, int i)
+static double since_given(const Values *v, double t)
 {
-    const double s = t - v->reference_time;
-    const double line = v->reference_position[i] + s * v->reference_velocity[i];
+    return t > v->reference_time ? t - v->reference_time : 0.0;
+}
+
+static double reference(const Values *v, double s, int i)
+{
+    const double line = v->position_ref[i] + s * v->velocity_ref[i];
     return v->acceleration_ref[i] == 0.0 ? line : line + s * s / 2 * v->acceleration_ref[i];
 }
 
-static double reference_rate(const Values *v, double t, int i)
+static double reference_rate(const Values *v, double s, int i)
 {
-    const double s = t - v->reference_time;
-    return v->acceleration_ref[i] == 0.0 ? v->reference_velocity[i]
-                                         : v->reference_velocity[i] + s * v->acceleration_ref[i];
+    return v->acceleration_ref[i] == 0.0 ? v->velocity_ref[i]
+                                         : v->velocity_ref[i] + s * v->acceleration_ref[i];
 }
 
 static void applied(const Values *v, double t, const double q[M], const double qd[M],
                     double tau[M])
 {
     const int m = m_of(v);
+    const double s = since_given(v, t);
     double e[M], ed[M];
     for (int i = 0; i < m; ++i) {
-        e[i] = reference(v, t, i) - q[i];
-        ed[i] = reference_rate(v, t, i) - qd[i];
+        e[i] = reference(v, s, i) - q[i];
+        ed[i] = reference_rate(v, s, i) - qd[i];
     }
     for (int i = 0; i < m; ++i) {
         tau[i] = v->tau[i];
@@ -73,23 +75,10 @@ void model_derivatives(const Values *values, double t, const double x[STATES],
 
 void model_outputs(Values *values)
 {
-    for (int i = 0; i < m_of(values); ++i) {
-        values->position_ref[i] = reference(values, values->time, i);
-        values->velocity_ref[i] = reference_rate(values, values->time, i);
-    }
     applied(values, values->time, values->q, values->qd, values->tau_applied);
 }
 
-static void restart_reference(Values *values)
-{
-    values->reference_time = values->time;
-    for (int i = 0; i < m_of(values); ++i) {
-        values->reference_position[i] = values->position_ref[i];
-        values->reference_velocity[i] = values->velocity_ref[i];
-    }
-}
-
-static void count_terms(Values *values)
+void model_locals(Values *values)
 {
     for (int i = 0; i < m_of(values); ++i) {
         int n = terms_of(values);
@@ -97,18 +86,4 @@ static void count_terms(Values *values)
             --n;
         values->disturbance_terms[i] = n;
     }
-}
-
-void model_start(Values *values)
-{
-    restart_reference(values);
-}
-
-void model_was_set(Values *values, size_t index)
-{
-    if (IS_PART_OF(index, position_ref) || IS_PART_OF(index, velocity_ref) ||
-        IS_PART_OF(index, acceleration_ref))
-        restart_reference(values);
-    if (IS_PART_OF(index, disturbance_amplitude))
-        count_terms(values);
 }
