@@ -20,7 +20,8 @@ from benchmarks.memory import now
 from benchmarks.work import AMPLITUDE, FREQUENCY, KD, KP, H, Motion
 from nrs_cosim.plant_fmu.archives.archive import find_archive, unpacked
 
-INPUTS, OUTPUTS = ("position_ref", "velocity_ref"), ("q", "qd", "tau_applied")
+INPUTS = ("position_ref", "velocity_ref", "reference_time")
+OUTPUTS = ("q", "qd", "tau_applied")
 
 
 def as_json(state: np.ndarray, reference: np.ndarray) -> dict[str, list[float]]:
@@ -34,8 +35,18 @@ def as_json(state: np.ndarray, reference: np.ndarray) -> dict[str, list[float]]:
         "q": state[:2].tolist(),
         "qd": state[2:].tolist(),
         "position_ref": reference[:2].tolist(),
-        "velocity_ref": reference[2:].tolist(),
+        "velocity_ref": reference[2:4].tolist(),
+        "reference_time": [0.0],
     }
+
+
+def inputs_of(motion: Motion) -> np.ndarray:
+    """Return what the arms are given at each tick, (ticks, arms, 5): the time of theirs is last."""
+    ticks, n, _ = motion.references.shape
+    # Where an arm's last step has led it: the time at which it began, and the step.
+    times = [0.0, *(k / 10 + H for k in range(ticks - 1))]
+    given = np.broadcast_to(np.array(times)[:, None, None], (ticks, n, 1))
+    return np.concatenate([motion.references, given], axis=2)
 
 
 @contextmanager
@@ -63,7 +74,7 @@ def start(arm: FMU3Slave, by_name: dict[str, int], as_json: dict[str, list[float
 
 def fmpys(motion: Motion) -> dict[str, float]:
     """Step all arms by FMPy's own methods; return seconds, of the wall and of the processor."""
-    n, given = len(motion.start), motion.references.tolist()
+    n, given = len(motion.start), inputs_of(motion).tolist()
     with loaded() as (prototype, by_name):
         arms = []
         for row in range(n):
@@ -104,7 +115,7 @@ def prebound(motion: Motion) -> dict[str, float]:
             arm = copy(prototype)
             arm.component = handle
             start(arm, by_name, as_json(motion.start[row], motion.references[0, row]))
-        values, states = np.zeros((n, 4)), np.zeros((n, 6))
+        values, states = np.zeros((n, 5)), np.zeros((n, 6))
         into = [values.ctypes.data + row * values.strides[0] for row in range(n)]
         out_of = [states.ctypes.data + row * states.strides[0] for row in range(n)]
         inputs, outputs = (
@@ -118,11 +129,11 @@ def prebound(motion: Motion) -> dict[str, float]:
         rows = list(zip(handles, into, out_of, strict=True))
 
         def ticks() -> None:
-            for k, references in enumerate(motion.references):
+            for k, references in enumerate(inputs_of(motion)):
                 t = k / 10  # s, as k × 100 ms are rounded
                 values[:] = references
                 for handle, given, found in rows:
-                    set_(handle, inputs, 2, given, 4)
+                    set_(handle, inputs, 3, given, 5)
                     step(handle, t, H, True, *ends)
                     get(handle, outputs, 3, found, 6)
 
