@@ -42,6 +42,8 @@ SCENARIO = "scenario.toml"
 """The attachment that holds the scenario's text."""
 ASSETS = "nrs.assets"
 """The metadata record of what the scenario names and is attached beside it, by field."""
+URDFS = "nrs.urdfs"
+"""The metadata record of the attachments that are URDFs: the robots that each is of, as JSON."""
 
 MOST_JOINTS = 2**20
 """More than any robot has; a message of so many is 40 MiB."""
@@ -121,6 +123,10 @@ class AssetRecords(RootModel[dict[str, Json[AssetRecord]]]):
     """`nrs.assets`."""
 
 
+class UrdfRecords(RootModel[dict[str, Json[tuple[int, ...]]]]):
+    """`nrs.urdfs`."""
+
+
 class EndRecord(_Record):
     """`nrs.end`."""
 
@@ -158,6 +164,8 @@ class About:
     """The text of the scenario."""
     assets: Mapping[str, AssetRecord]
     """By the field of the scenario that names each."""
+    urdfs: Mapping[int, bytes]
+    """Of each robot of which one is known."""
 
     @property
     def plants(self) -> list[dict[str, Any]]:
@@ -215,7 +223,28 @@ def read_about(
                 asset.attachment,
                 f"the content that {field} had, of SHA-256 {asset.sha256[:16]}…, got {got[:16]}…",
             )
-    return About(run, metadata[VERSIONS], parent, scenario, assets)
+    urdfs = _urdfs(path, metadata.get(URDFS, {}), attachments, n)
+    return About(run, metadata[VERSIONS], parent, scenario, assets, urdfs)
+
+
+def _urdfs(
+    path: object,
+    record: Mapping[str, str],
+    attachments: Mapping[str, tuple[str, bytes]],
+    n: int,
+) -> dict[int, bytes]:
+    found: dict[int, bytes] = {}
+    for name, robots in parse(path, URDFS, UrdfRecords, record).root.items():
+        if name not in attachments:
+            raise _wrong(path, name, f"this attachment, which {URDFS} names, got none")
+        content = attachments[name][1]
+        if name != f"{(got := sha256(content).hexdigest())}.urdf":
+            raise _wrong(path, name, f"the content of that SHA-256, got {got[:16]}…")
+        for robot in robots:
+            if robot in found or not 1 <= robot <= n:
+                raise _wrong(path, f"{URDFS}: {name}", f"robots of the {n}, once, got {robot}")
+            found[robot] = content
+    return found
 
 
 def parse(path: object, name: str, model: type[_Model], fields: Mapping[str, str]) -> _Model:

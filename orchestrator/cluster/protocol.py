@@ -133,6 +133,7 @@ class PlantDescription(Note):
     sha256: str
     robots: tuple[int, ...]
     joints: tuple[dict[str, str], ...]
+    urdf: str
 
 
 class Ready(Note):

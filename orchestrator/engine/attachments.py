@@ -1,7 +1,9 @@
 """A recording has its scenario's text to the byte, and beside it what the text names, by content.
 
 That are edges and samples of files, and the user's own FMUs where the user wants it. An FMU is
-native code: of a recording it is run only where the user allows it, and from the store of FMUs.
+native code: of a recording it is run only where the user allows it, and from the store of FMUs. So
+that a recording is drawn without its FMUs, it also has each robot's URDF, once for all that share
+it.
 """
 
 import json
@@ -13,10 +15,15 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import FMU, Asset, Assets, sha256_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
+from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
 from nrs_cosim.plant_fmu.cache import keep_fmu
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.recordings.mcap.container import MOST_ATTACHED
-from nrs_cosim.recordings.metadata import SCENARIO, AssetRecord
+from nrs_cosim.recordings.metadata import SCENARIO, URDFS, AssetRecord
+
+XML = "application/xml"
+Urdfs = Mapping[bytes, Sequence[int]]
+"""The robots that share each URDF."""
 
 
 def expect_attachable(assets: Assets) -> None:
@@ -39,11 +46,13 @@ def recorded_assets(experiment: Experiment, plants: Sequence[Mapping[str, Any]])
     }
 
 
-def attachments(experiment: Experiment, assets: Assets) -> dict[str, tuple[str, bytes]]:
+def attachments(
+    experiment: Experiment, assets: Assets, urdfs: Urdfs
+) -> dict[str, tuple[str, bytes]]:
     """Return what is attached to a recording, by name: media type and content."""
     text = {SCENARIO: ("application/toml", experiment.text.encode())}
     beside = {asset.attachment: (asset.media_type, asset.content) for asset in assets.values()}
-    return text | beside
+    return text | beside | {_name_of(urdf): (XML, urdf) for urdf in urdfs}
 
 
 def asset_records(assets: Assets) -> dict[str, str]:
@@ -58,6 +67,30 @@ def asset_records(assets: Assets) -> dict[str, str]:
         for field, asset in assets.items()
     }
     return {field: json.dumps(record.model_dump()) for field, record in records.items()}
+
+
+def urdfs_of(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[bytes, list[int]]:
+    """Return the URDFs that are known of a run's plants, and which robots have each."""
+    found: dict[bytes, list[int]] = {}
+    for plant in plants:
+        fmu, names = plant["fmu"], [joint["name"] for joint in plant["joints"]]
+        for robot in plant["robots"]:
+            text = plant["urdf"]
+            if fmu in bundled_models():
+                text = model_urdf(fmu, experiment.of_robot(robot).plant.parameters, names)
+            if text:
+                found.setdefault(text.encode(), []).append(robot)
+    return found
+
+
+def urdf_records(urdfs: Urdfs) -> dict[str, dict[str, str]]:
+    """Return the metadata record that says whose each URDF is, if there is any."""
+    records = {_name_of(urdf): json.dumps(robots) for urdf, robots in urdfs.items()}
+    return {URDFS: records} if records else {}
+
+
+def _name_of(urdf: bytes) -> str:
+    return f"{sha256_of(urdf)}.urdf"
 
 
 def with_fmus(experiment: Experiment) -> Experiment:

@@ -69,6 +69,7 @@ class Robots:
                     {"name": joint.name, "unit": joint.unit}
                     for joint in group.joints(of[group.rows[0]].parameters)
                 ],
+                "urdf": group.archive.urdf,
             }
             for group, plants in zip(groups, fleet.plants, strict=True)
         ]

@@ -22,6 +22,8 @@ from nrs_cosim.orchestrator.engine.attachments import (
     attachments,
     expect_attachable,
     recorded_assets,
+    urdf_records,
+    urdfs_of,
 )
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
@@ -121,7 +123,7 @@ def run(
         wire = workers.wire()
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.describe_plants()
-        assets = recorded_assets(experiment, plants)
+        assets, urdfs = recorded_assets(experiment, plants), urdfs_of(experiment, plants)
         topics = channels(experiment.codecs, n, faulty, checkpoints, plants, measuring)
         writer = stack.enter_context(
             Writer(
@@ -134,9 +136,10 @@ def run(
                     VERSIONS: _versions(),
                     **fields_record(experiment.codecs),
                     **({ASSETS: asset_records(assets)} if assets else {}),
+                    **urdf_records(urdfs),
                     **(metadata or {}),
                 },
-                attachments=attachments(experiment, assets),
+                attachments=attachments(experiment, assets, urdfs),
                 compression=compression,
             )
         )
@@ -241,7 +244,7 @@ def _about_run(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> d
         "name": experiment.name,
         "folder": str(experiment.folder.absolute()),
         **{key: str(number) for key, number in told_of(experiment).items()},
-        "plants": json.dumps(plants),
+        "plants": json.dumps([{k: v for k, v in plant.items() if k != "urdf"} for plant in plants]),
     }
 
 

@@ -92,9 +92,10 @@ def parent(reader: Reader, changes: Sequence[Change]) -> dict[str, dict[str, str
 
 def _descriptions_of(reader: Reader, robots: Sequence[int]) -> list[dict[str, Any]]:
     """Return what a recording tells of some robots' plants, by group."""
-    descriptions = []
-    for group in about(reader).plants:
+    descriptions, said = [], about(reader)
+    for group in said.plants:
         mine = [robot for robot in group["robots"] if robot in set(robots)]
         if mine:
-            descriptions.append({**group, "robots": mine})
+            urdf = said.urdfs.get(mine[0], b"").decode()
+            descriptions.append({**group, "robots": mine, "urdf": urdf})
     return descriptions

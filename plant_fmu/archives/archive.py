@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,7 +18,7 @@ from nrs_cosim.plant_fmu.bundled.builder import build, built_here
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.folders import own_folder
-from nrs_cosim.plant_fmu.joints import Joint, read_joints
+from nrs_cosim.plant_fmu.joints import Joint, read_joints, read_urdf_text
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +34,8 @@ class Archive:
     """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
     joints: tuple[Joint, ...] = ()
     """What it calls its joints; none where it does not say."""
+    urdf: str = field(default="", repr=False)
+    """The URDF that it was built from, as far as that is kept."""
 
     @property
     def name(self) -> str:
@@ -128,8 +130,8 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
     with _file(path, label) as file, opened_archive(file, label) as archive:
         description = read_description(archive, label)
         why_not = obstacle(description, archive.namelist())
-        joints = read_joints(archive, label)
-        return Archive(label, path, _digest(file), description, why_not, joints)
+        joints, urdf = read_joints(archive, label), read_urdf_text(archive, label)
+        return Archive(label, path, _digest(file), description, why_not, joints, urdf)
 
 
 def open_archive(path: Path, label: str | None = None) -> Archive:

@@ -17,6 +17,7 @@ from nrs_cosim.plant_fmu.bundled.urdf_elements import (
 from nrs_cosim.plant_fmu.bundled.urdf_inertia import SOME_INERTIA, judge_inertias
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Inertial, UrdfRobot
+from nrs_cosim.plant_fmu.bundled.urdf_text import kept_text
 from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, moving_links
 from nrs_cosim.plant_fmu.bundled.urdf_xacro import expect_expanded
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element, read_xml
@@ -33,7 +34,8 @@ def read_urdf(path: Path) -> UrdfRobot:
     robot = _robot(root, path.stem, faults, warnings)
     if faults:
         raise FmuError("\n".join(f"{path}: {line}" for line in faults.lines()))
-    return replace(robot, warnings=warnings.lines())
+    text = kept_text(root, robot.name, robot.joints)
+    return replace(robot, warnings=warnings.lines(), text=text)
 
 
 def _root(path: Path, warnings: Remarks) -> Element:

@@ -13,7 +13,7 @@ from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.plant_fmu.bundled.builder import build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Three, UrdfRobot
-from nrs_cosim.plant_fmu.joints import JOINTS, Joint, write_joints
+from nrs_cosim.plant_fmu.joints import JOINTS, URDF, Joint, write_joints
 
 GRAVITY: Three = (0.0, 0.0, -9.80665)
 """m/s2, in the frame of the base link."""
@@ -43,9 +43,9 @@ def build_urdf(
     }
     begin("compiling")
     joints = [Joint(j.name, "m" if j.kind == "prismatic" else "rad") for j in robot.axes]
+    extra = {JOINTS: write_joints(joints), URDF: robot.text}
     about = (MODELS / "rigid_body" / "readme.md").read_text(encoding="utf-8")
-    names = {JOINTS: write_joints(joints)}
-    return build_model(_declaration(robot, gravity), equations, fmi, names, about)
+    return build_model(_declaration(robot, gravity), equations, fmi, extra, about)
 
 
 def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:

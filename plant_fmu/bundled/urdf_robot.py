@@ -1,6 +1,6 @@
 """A robot as its URDF describes it: links, joints, and the tree that they form, its base fixed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -70,6 +70,8 @@ class UrdfRobot:
     joints: tuple[UrdfJoint, ...]
     warnings: tuple[str, ...] = ()
     """What of the file was read otherwise than it is written, or is left out of the dynamics."""
+    text: bytes = field(default=b"", repr=False, compare=False)
+    """What is kept of the file; see `urdf_text`."""
 
     @property
     def axes(self) -> tuple[UrdfJoint, ...]:

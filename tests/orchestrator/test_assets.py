@@ -123,7 +123,8 @@ def test_the_scenario_text_is_recorded_verbatim_and_files_by_hash(ran):
         "network.edges": "net.csv",
         "target.file": "track.csv",
     }
-    assert attached.keys() == {asset["attachment"] for asset in assets.values()}
+    urdfs = records["nrs.urdfs"].keys()
+    assert attached.keys() - urdfs == {asset["attachment"] for asset in assets.values()}
     for asset in assets.values():
         media_type, data = attached[asset["attachment"]]
         assert media_type == "text/csv"
@@ -333,12 +334,12 @@ def test_attachments_are_validated_like_files(ran, tmp_path, which):
     assert message in done.stderr
 
 
-def test_a_scenario_without_files_attaches_only_its_text(tmp_path):
+def test_a_scenario_without_files_attaches_its_text_and_the_robots_urdf(tmp_path):
     path = tmp_path / "a.mcap"
     done = nrs("run", PAPER_FILE, "--set", "run.duration=0.3", "-o", path)
     assert done.returncode == 0, done.stderr
     with Reader(path) as reader:
-        assert reader.attachments.keys() == {"scenario.toml"}
+        assert reader.attachments.keys() == {"scenario.toml", *reader.metadata["nrs.urdfs"]}
         assert ASSETS not in reader.metadata
 
 

@@ -64,7 +64,7 @@ def test_rerun_loads_every_message(example: Path) -> None:
         if not chunk.is_static:
             rows[chunk.entity_path] += chunk.num_rows
     with Reader(example) as ours:
-        expected = Counter(f"/{topic}" for _, topic, _, _ in ours.messages())
+        expected = Counter(topic for _, topic, _, _ in ours.messages())
         assert (
             reader(example).info().message_count == describe(ours, experiment_of(ours))["messages"]
         )

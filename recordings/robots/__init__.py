@@ -1,0 +1,1 @@
+"""Robots as they are drawn: what a URDF says of links and joints, and where they are at a time."""

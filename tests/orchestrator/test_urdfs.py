@@ -1,0 +1,106 @@
+"""A recording has the URDF of each robot of which one is known, by its content."""
+
+import hashlib
+import json
+from contextlib import ExitStack
+from zipfile import ZipFile
+
+import pytest
+
+from nrs_cosim.orchestrator.cluster.protocol import PlantDescription, Ready
+from nrs_cosim.orchestrator.engine.robots import Robots
+from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
+from nrs_cosim.plant_fmu.joints import JOINTS, URDF
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.metadata import URDFS
+from tests.command import nrs
+from tests.orchestrator.test_assets import again
+from tests.scenarios import paper, write
+
+ELBOWED = model_urdf("two_link_arm", {"r1": 0.7}, ["shoulder", "elbow"])
+CHANGES = {
+    "run.duration": 0.2,
+    "network": {"edge_list": [[0, 1], [1, 2], [2, 3], [3, 4]]},
+    "initial": None,
+    "disturbance": None,
+    "robots": [
+        {"id": 2, "plant": {"parameters": {"r1": 1.5}}},
+        {"id": 4, "plant": {"fmu": "own.fmu"}},
+    ],
+}
+BUNDLED = ["q[1]", "q[2]"]
+EXPECTED = {
+    **dict.fromkeys([1, 3], model_urdf("two_link_arm", {}, BUNDLED)),
+    2: model_urdf("two_link_arm", {"r1": 1.5}, BUNDLED),
+    4: ELBOWED,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with an FMU of whoever that has a URDF, a scenario and a run of it."""
+    folder = tmp_path_factory.mktemp("urdfs")
+    joints = [{"name": name, "unit": "rad"} for name in ("shoulder", "elbow")]
+    with ZipFile(build("two_link_arm")) as source, ZipFile(folder / "own.fmu", "w") as own:
+        for entry in source.infolist():
+            own.writestr(entry, source.read(entry))
+        own.writestr(JOINTS, json.dumps(joints))
+        own.writestr(URDF, ELBOWED)
+    write(folder / "run.toml", CHANGES)
+    done = nrs("run", folder / "run.toml", "-o", folder / "run.mcap")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def urdfs(path):
+    with Reader(path) as reader:
+        return {robot: text.decode() for robot, text in reader.about.urdfs.items()}
+
+
+def test_each_urdf_is_attached_once_under_its_hash(folder):
+    assert urdfs(folder / "run.mcap") == EXPECTED
+    with Reader(folder / "run.mcap") as reader:
+        attached = {name: data for name, (_, data) in reader.attachments.items() if "urdf" in name}
+        names = {channel.topic: channel.metadata.get("joints") for channel in reader.channels}
+    assert len(attached) == 3
+    for name, data in attached.items():
+        assert name == f"{hashlib.sha256(data).hexdigest()}.urdf"
+    assert names["/robot_4/state"] == '["shoulder", "elbow"]'
+
+
+def test_a_worker_tells_the_urdfs_of_its_robots(folder):
+    with ExitStack() as stack:
+        robots = Robots.opened(stack, paper(CHANGES, folder=folder), [3, 4])
+        plants = tuple(PlantDescription(**plant) for plant in robots.plant_descriptions)
+    ready = Ready.read(Ready(incarnation="a", plants=plants).written())
+    assert [plant.urdf for plant in ready.plants] == ["", ELBOWED]
+
+
+def test_a_changed_run_keeps_the_urdfs_of_robots_that_are_not_changed(folder):
+    change = "robots=1,plant.parameters={r1=2.0}"
+    done = nrs("replay", folder / "run.mcap", "--plant", change, "-o", folder / "changed.mcap")
+    assert done.returncode == 0, done.stderr
+    longer = {1: model_urdf("two_link_arm", {"r1": 2.0}, BUNDLED)}
+    assert urdfs(folder / "changed.mcap") == EXPECTED | longer
+
+
+@pytest.mark.parametrize(
+    ("records", "wrong"),
+    [
+        ({"a.urdf": "[1]"}, "a.urdf: expected this attachment, which nrs.urdfs names"),
+        ({"scenario.toml": "[1]"}, "scenario.toml: expected the content of that SHA-256"),
+        ({None: "[9]"}, "expected robots of the 4, once, got 9"),
+        ({None: "[1, 1]"}, "expected robots of the 4, once, got 1"),
+        ({None: "one"}, "nrs.urdfs: "),
+    ],
+)
+def test_records_of_urdfs_that_are_none_are_refused(folder, tmp_path, records, wrong):
+    with Reader(folder / "run.mcap") as reader:
+        name = next(iter(reader.metadata[URDFS]))
+    said = {key or name: value for key, value in records.items()}
+    changed = {"records": lambda kept: {**kept, URDFS: said}}
+    with pytest.raises(UnreadableError) as error:
+        Reader(again(folder / "run.mcap", tmp_path / "new.mcap", **changed))
+    assert wrong in str(error.value)
