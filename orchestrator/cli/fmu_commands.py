@@ -9,7 +9,7 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.orchestrator.cli.options import whole_number
+from nrs_cosim.orchestrator.cli.options import number, whole_number
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from nrs_cosim.plant_fmu.archives.archive import Archive
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
+LEAST = 1e-6
+"""Of a speed and a frequency that a robot may have, and the inverse of the largest."""
 _STIFF_TOO = {"alone", "resumed"}
 """What a robot fails as well that is only costly to step: with links of grams, and damping."""
 
@@ -120,6 +122,37 @@ def fmu_from_urdf(
             help="In m/s2, in the frame of the base link; 0,0,-9.80665 unless given.",
         ),
     ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT[=VALUE]",
+            help="Fix a joint, at so many rad or m or as near to 0 as its limits let it; often.",
+        ),
+    ] = None,
+    base_link: Annotated[
+        str,
+        typer.Option(metavar="LINK", help="Fix this link, and leave out what is not above it."),
+    ] = "",
+    tip_link: Annotated[
+        str,
+        typer.Option(metavar="LINK", help="Fix all joints but those between the base and a link."),
+    ] = "",
+    friction: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SPEED",
+            parser=number("--friction"),
+            help="Have the file's dry friction, smoothed over so many rad/s or m/s.",
+        ),
+    ] = None,
+    stops: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ",
+            parser=number("--stops"),
+            help="Have soft stops at the joints' limits, on which a joint swings as fast at most.",
+        ),
+    ] = None,
 ) -> None:
     """Write the rigid-body dynamics of a URDF's joints as an FMU, once it is checked."""
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
@@ -128,14 +161,21 @@ def fmu_from_urdf(
     from nrs_cosim.plant_fmu.bundled.builder import copy_out
     from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
     from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+    from nrs_cosim.plant_fmu.bundled.urdf_selection import Selection
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
     from nrs_cosim.plant_fmu.checking.subprocess_check import check_built
 
     pull = GRAVITY if gravity is None else _three_numbers("--gravity", gravity)
+    for option, value in (("--friction", friction), ("--stops", stops)):
+        if value is not None and not LEAST <= value <= 1 / LEAST:
+            expected = f"expected {LEAST:g} to {1 / LEAST:g}"
+            raise InputError(f"{option}: {expected}, got {value:g}")
+    locked = dict(map(_locked, lock or ()))
+    chosen = Selection(locked, base_link, tip_link, friction or 0.0, stops or 0.0)
     expect_replaceable(output, "FMU", b"PK")
     with stages(err) as begin:
         begin("reading")
-        robot = read_urdf(urdf)
+        robot = read_urdf(urdf, chosen)
         for warning in robot.warnings:
             say("yellow", "warning", f"{urdf}: {warning}")
         built = build_urdf(robot, fmi, pull, begin)
@@ -155,6 +195,17 @@ def fmu_from_urdf(
         raise typer.Exit(FAILED)
     copy_out(built, output)
     out.print(str(output), markup=False)
+
+
+def _locked(text: str) -> tuple[str, float | None]:
+    """Return the joint of `JOINT` or `JOINT=VALUE`, and the value; a name may have a = in it."""
+    name, equals, value = text.rpartition("=")
+    if not equals:
+        return text, None
+    try:
+        return name, decimal(value)
+    except ValueError:
+        raise InputError(f"--lock: expected JOINT or JOINT=VALUE, got {quoted(text)}") from None
 
 
 def _three_numbers(option: str, text: str) -> tuple[float, float, float]:

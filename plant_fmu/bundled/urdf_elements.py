@@ -5,24 +5,29 @@ told. Of a link's `<inertial>` the faults are kept apart: only some links' inert
 """
 
 from collections.abc import Iterator, Sequence
+from math import inf
 from typing import cast, get_args
 
 import numpy as np
 
+from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import (
+    BOUNDLESS,
     ZERO,
+    Following,
     Inertial,
     Kind,
+    Limits,
     Link,
     Pose,
     Three,
     UrdfJoint,
 )
+from nrs_cosim.plant_fmu.bundled.urdf_selection import FREE
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element
 
-_FREE = {"floating", "planar"}
 _DEFAULT_AXIS: Three = (1.0, 0.0, 0.0)
 LARGEST = 1e30
 """Beyond what is of any robot; masses, and squares of lengths and rates, stay finite together."""
@@ -77,36 +82,61 @@ def read_link(name: str, element: Element) -> tuple[Link, Remarks]:
 def read_joint(
     name: str, element: Element, links: dict[str, Link], faults: Remarks, warnings: Remarks
 ) -> UrdfJoint:
-    """Return a joint, as a fixed one where its kind is not supported."""
+    """Return a joint, as a fixed one where there is no such kind."""
     read = _Reading("joint", name, faults)
     kind = element.get("type", "")
-    if kind in _FREE:
-        read.fault(
-            f"type {quoted(kind)} is not supported, for the base is fixed; remove the joint and "
-            "the link "
-            'above it, or give it type="fixed"'
-        )
-    elif kind not in get_args(Kind):
+    parent, child = (_end(element, tag, read, links) for tag in ("parent", "child"))
+    if kind in FREE or kind == "fixed":
+        return UrdfJoint(name, kind, parent, child, read.pose(element))
+    if kind not in get_args(Kind):
         expected = "revolute, continuous, prismatic or fixed"
         read.fault(f"type: expected {expected}, got {quoted(kind)}")
-    if element.find("mimic") is not None:
-        read.fault("<mimic> is not supported; remove it, or make the joint fixed")
-    parent, child = (_end(element, tag, read, links) for tag in ("parent", "child"))
-    if kind in _FREE or kind not in get_args(Kind) or kind == "fixed":
-        return UrdfJoint(name, "fixed", parent, child, read.pose(element), ZERO, 0.0)
-    damping, friction = 0.0, 0.0
-    dynamics = element.find("dynamics")
+        return UrdfJoint(name, "fixed", parent, child, read.pose(element))
+    damping, friction, mimic = 0.0, 0.0, None
+    dynamics, follows = element.find("dynamics"), element.find("mimic")
     if dynamics is not None:
         damping, friction = (
             read.number(dynamics, key, "<dynamics> ", "0") for key in ("damping", "friction")
         )
     if damping < 0.0:
         read.fault(f"<dynamics> damping: expected 0 or more, got {damping:g}")
-    if friction:
-        warnings.add(f"its dry friction of {friction:g} is left out", "joint", name)
-    axis = _axis(element, read, warnings)
-    pose = read.pose(element)
-    return UrdfJoint(name, cast("Kind", kind), parent, child, pose, axis, damping)
+    if friction < 0.0:
+        warnings.add(f"its negative dry friction of {friction:g} is left out", "joint", name)
+        friction = 0.0
+    if follows is not None:
+        factor = read.number(follows, "multiplier", "<mimic> ", "1")
+        offset = read.number(follows, "offset", "<mimic> ", "0")
+        mimic = Following(follows.get("joint", "").strip(), factor, offset)
+    return UrdfJoint(
+        name,
+        cast("Kind", kind),
+        parent,
+        child,
+        read.pose(element),
+        _axis(element, read, warnings),
+        damping,
+        friction,
+        _limits(element, kind),
+        mimic=mimic,
+    )
+
+
+def _limits(element: Element, kind: str) -> Limits:
+    """What is given of them; what is faulty is none, for the dynamics do not depend on it."""
+    limit = element.find("limit")
+    if limit is None:
+        return BOUNDLESS
+
+    def given(key: str, default: str, instead: float) -> float:
+        try:
+            return decimal(limit.get(key, default))
+        except ValueError:
+            return instead
+
+    lower, upper = given("lower", "0", -inf), given("upper", "0", inf)
+    if kind == "continuous" or lower > upper:
+        lower, upper = -inf, inf
+    return Limits(lower, upper, given("effort", "", inf))
 
 
 class _Reading:

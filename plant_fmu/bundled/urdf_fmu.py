@@ -54,8 +54,7 @@ def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:
     own = {
         "description": (
             f"Rigid-body dynamics of {robot.name} from its URDF, base fixed, gravity "
-            f"({', '.join(f'{g:g}' for g in gravity)}) m/s2; joint limits and dry friction are "
-            "left out"
+            f"({', '.join(f'{g:g}' for g in gravity)}) m/s2; {_left_out(robot)}"
         ),
         "dimensions": {"m": m},
         "units": _units(robot),
@@ -68,6 +67,15 @@ def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:
         for v in plain.variables
     )
     return replace(plain, variables=tuple(variables))
+
+
+def _left_out(robot: UrdfRobot) -> str:
+    forces = {
+        "joint limits": any(joint.stop for joint in robot.joints),
+        "dry friction": bool(robot.friction_speed),
+    }
+    missing = [name for name, there in forces.items() if not there]
+    return f"{' and '.join(missing)} left out" if missing else "with soft stops and dry friction"
 
 
 def _units(robot: UrdfRobot) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 A moving joint k carries a body: its child link and all that is fixed to it. With S_k the joint's
 axis and I_k the body's inertia, S_k^T I_k S_k > 0 for every k makes the mass matrix positive
 definite at every q: the outermost joint that moves first gives its body kinetic energy. This is
-sufficient and not necessary: two joints with a massless link between them may turn the same body.
+sufficient and not necessary: two joints with a massless link between them may turn the same body,
+and a joint that mimics another may turn none.
 So where it does not hold, M is looked at in postures drawn at random. Links that do not move are
 in no equation, and their inertias are not looked at.
 """
@@ -13,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from nrs_cosim.plant_fmu.bundled.urdf_bodies import RigidBody, bodies
+from nrs_cosim.plant_fmu.bundled.urdf_couplings import Couplings
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Inertial, Link, UrdfJoint
 from nrs_cosim.plant_fmu.bundled.urdf_tree import mass_matrix, moving_links
@@ -30,10 +33,16 @@ _GIVE = (
 )
 
 
+def postures(coupled: Couplings) -> Array:
+    """Return the postures that are looked at, (POSTURES, m), rad or m."""
+    random = np.random.Generator(np.random.Philox(SEED))
+    return random.uniform(-np.pi, np.pi, (POSTURES, coupled.G.shape[1]))
+
+
 def judge_inertias(
     links: Mapping[str, Link],
     order: Sequence[UrdfJoint],
-    axes: Sequence[UrdfJoint],
+    coupled: Couplings,
     faults: Remarks,
     warnings: Remarks,
 ) -> None:
@@ -49,15 +58,9 @@ def judge_inertias(
                 name,
             )
             links[name] = replace(links[name], inertial=SOME_INERTIA)
-    light = [
-        joint
-        for joint in axes
-        if not _has_inertia(
-            joint, [(links[n].inertial, R, p) for n, (by, R, p) in moving.items() if by is joint]
-        )
-    ]
+    light = [body.joint for body in bodies(links, order) if not _has_inertia(body)]
     if light:
-        _judge_mass(links, order, axes, light, faults, warnings)
+        _judge_mass(links, order, coupled, light, faults, warnings)
 
 
 def _scale(inertials: Sequence[Inertial], order: Sequence[UrdfJoint]) -> float:
@@ -73,35 +76,29 @@ def _scale(inertials: Sequence[Inertial], order: Sequence[UrdfJoint]) -> float:
     )
 
 
-def _has_inertia(joint: UrdfJoint, body: Sequence[tuple[Inertial, Array, Array]]) -> bool:
-    """Whether S^T I S > 0 of a joint's body, whose links are at R and p in the joint's frame."""
-    if joint.kind == "prismatic":
-        return any(inertial.mass > 0 for inertial, _, _ in body)
-    about, largest = 0.0, 0.0
-    for inertial, R, p in body:
-        centre = p + R @ inertial.origin.xyz
-        axis = (R @ inertial.origin.rotation).T @ joint.axis
-        about += float(axis @ inertial.inertia @ axis)
-        about += inertial.mass * float(np.sum(np.cross(joint.axis, centre) ** 2))
-        largest += abs(float(np.trace(inertial.inertia))) + inertial.mass * float(centre @ centre)
-    return about > ROUNDING * largest
+def _has_inertia(body: RigidBody) -> bool:
+    """Whether S^T I S > 0 of a joint and its body."""
+    if body.joint.rotor > 0.0:
+        return True
+    if body.joint.kind == "prismatic":
+        return body.mass > 0.0
+    return bool(body.inertia[2, 2] > ROUNDING * np.abs(np.trace(body.inertia)))
 
 
 def _judge_mass(
     links: Mapping[str, Link],
     order: Sequence[UrdfJoint],
-    axes: Sequence[UrdfJoint],
+    coupled: Couplings,
     light: Sequence[UrdfJoint],
     faults: Remarks,
     warnings: Remarks,
 ) -> None:
     """Say whether M is positive definite at random postures, though some bodies fail."""
-    random = np.random.Generator(np.random.Philox(SEED))
-    drawn = random.uniform(-np.pi, np.pi, (POSTURES, len(axes)))
-    found = [mass_matrix(links, order, axes, q) for q in drawn]
+    found = [mass_matrix(links, order, coupled, q) for q in postures(coupled)]
     empty = np.all([np.diag(M) <= ROUNDING * largest for M, largest in found], axis=0)
     if empty.any():
-        for joint in (joint for joint, none in zip(axes, empty, strict=True) if none):
+        leading = [joint for joint in coupled.moving if joint.mimic is None]
+        for joint in (joint for joint, none in zip(leading, empty, strict=True) if none):
             what = "mass" if joint.kind == "prismatic" else "inertia about its joint's axis"
             text = f"no {what}, all that moves with it included; {_GIVE}"
             faults.add(text, "link", joint.child)

@@ -1,7 +1,8 @@
 """A robot as its URDF describes it: links, joints, and the tree that they form, its base fixed."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from math import atan2, cos, sin
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,10 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 Three = tuple[float, float, float]
 Kind = Literal["revolute", "continuous", "prismatic", "fixed"]
+"""What a joint may be; `floating` and `planar` ones are read, and refused unless they are locked.
+
+A locked joint is a fixed one, whose origin is where it was locked.
+"""
 
 ZERO: Three = (0.0, 0.0, 0.0)
 
@@ -26,6 +31,19 @@ class Pose:
         """R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3)."""
         matrix: Array = Rotation.from_euler("xyz", self.rpy).as_matrix()
         return matrix
+
+    def turned(self, about: Array) -> "Pose":
+        """Return the frame after a rotation by a vector (3,), rad, in its own axes.
+
+        The yaw is found first, and the others beside it, so that all three are right together
+        where a pitch of a quarter turn leaves one of them open.
+        """
+        R = self.rotation @ Rotation.from_rotvec(about).as_matrix()
+        yaw = atan2(R[1, 0], R[0, 0])
+        c, s = cos(yaw), sin(yaw)
+        pitch = atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+        roll = atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+        return Pose(self.xyz, (roll, pitch, yaw))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +63,46 @@ class Link:
     inertial: Inertial
 
 
+class Following(NamedTuple):
+    """q = multiplier * (q of the joint `leader`) + offset, in rad or m."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+class Limits(NamedTuple):
+    """What `<limit>` says, in rad or m, and N m or N; infinite what it does not."""
+
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float = np.inf
+
+
+BOUNDLESS = Limits()
+
+
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
     """A joint from a parent link to a child link; `axis` has length 1, and 0 for a fixed joint.
 
-    `damping` is in N m s/rad or N s/m; dry friction is left out.
+    `damping` is in N m s/rad or N s/m, dry `friction` in N m or N. `rotor` is the inertia of the
+    motor's rotor as the joint feels it, in kg m2 or kg, and `stop` the stiffness of the soft stops
+    at its limits in N m/rad or N/m, 0 for none.
     """
 
     name: str
-    kind: Kind
+    kind: Kind | Literal["floating", "planar"]
     parent: str
     child: str
     origin: Pose
-    axis: Three
-    damping: float
+    axis: Three = ZERO
+    damping: float = 0.0
+    friction: float = 0.0
+    limits: Limits = BOUNDLESS
+    rotor: float = 0.0
+    mimic: Following | None = None
+    stop: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +112,8 @@ class UrdfRobot:
     name: str
     links: tuple[Link, ...]
     joints: tuple[UrdfJoint, ...]
+    friction_speed: float = 0.0
+    """rad/s or m/s, over which dry friction changes its sign; 0 where there is none."""
     warnings: tuple[str, ...] = ()
     """What of the file was read otherwise than it is written, or is left out of the dynamics."""
     text: bytes = field(default=b"", repr=False, compare=False)
@@ -75,5 +121,5 @@ class UrdfRobot:
 
     @property
     def axes(self) -> tuple[UrdfJoint, ...]:
-        """The joints that move: entry i of q belongs to the i-th."""
-        return tuple(joint for joint in self.joints if joint.kind != "fixed")
+        """The joints that move by themselves: entry i of q belongs to the i-th."""
+        return tuple(joint for joint in self.joints if joint.kind != "fixed" and not joint.mimic)

@@ -1,7 +1,7 @@
 """The joints of a URDF as one tree from the base, and the mass matrix of what they carry.
 
-M(q) = sum over links of J^T diag(m, m, m, I) J, with J the Jacobian of the link's centre of mass in
-the axes of the base.
+M = sum over links of J^T diag(m, m, m, I) J, with J the Jacobian of the link's centre of mass in
+the axes of the base; of the joints that move by themselves, G^T (M + rotors) G (`urdf_couplings`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,12 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.plant_fmu.bundled.urdf_couplings import Couplings
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Link, UrdfJoint
 
 DEEPEST = 500
-"""Joints between a link and the base: adam goes down the tree by recursion, of which Python has an
-end at about twice as many."""
+"""Joints between a link and the base: the mass matrix of a chain takes code with their square."""
 
 
 def from_the_base(
@@ -67,29 +67,27 @@ def from_the_base(
     return None if looped or len(bases) != 1 or unreached else tuple(order)
 
 
-def moving_links(order: Sequence[UrdfJoint]) -> dict[str, tuple[UrdfJoint, Array, Array]]:
-    """Return the links that move: the joint of each, and R (3, 3) and p (3,) in its frame, m."""
-    moving: dict[str, tuple[UrdfJoint, Array, Array]] = {}
+def moving_links(order: Sequence[UrdfJoint]) -> set[str]:
+    """Return the links that move, of joints that come each after that of its parent link."""
+    moving: set[str] = set()
     for joint in order:
-        if joint.kind != "fixed":
-            moving[joint.child] = joint, np.eye(3), np.zeros(3)
-        elif joint.parent in moving:
-            mover, R, p = moving[joint.parent]
-            moving[joint.child] = mover, R @ joint.origin.rotation, p + R @ joint.origin.xyz
+        if joint.kind != "fixed" or joint.parent in moving:
+            moving.add(joint.child)
     return moving
 
 
 def mass_matrix(
-    links: Mapping[str, Link], order: Sequence[UrdfJoint], axes: Sequence[UrdfJoint], q: Array
+    links: Mapping[str, Link], order: Sequence[UrdfJoint], coupled: Couplings, q: Array
 ) -> tuple[Array, Array]:
     """Return M(q), (m, m), and for each of its diagonal the largest that any axis could give, (m,).
 
-    `axes` are the joints that move, in the order of q (m,), rad or m.
+    q (m,), rad or m, is of the joints that move by themselves.
     """
-    m = len(axes)
-    number = {joint.name: k for k, joint in enumerate(axes)}
-    mass, largest = np.zeros((m, m)), np.zeros(m)
-    for name, R, p, movers in _frames(order, number, q):
+    m = len(coupled.moving)
+    number = {joint.name: k for k, joint in enumerate(coupled.moving)}
+    largest = np.array([joint.rotor for joint in coupled.moving])
+    mass = np.diag(largest)
+    for name, R, p, movers in _frames(order, number, coupled.G @ q + coupled.offset):
         inertial = links[name].inertial
         turned = R @ inertial.origin.rotation
         inertia = turned @ np.array(inertial.inertia) @ turned.T
@@ -104,7 +102,7 @@ def mass_matrix(
                 slides[:, k], turns[:, k] = np.cross(axis, arm), axis
                 largest[k] += np.abs(np.trace(inertia)) + inertial.mass * (arm @ arm)
         mass += inertial.mass * slides.T @ slides + turns.T @ inertia @ turns
-    return mass, largest
+    return coupled.G.T @ mass @ coupled.G, (np.abs(coupled.G).T @ np.sqrt(largest)) ** 2
 
 
 def _frames(

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_couplings import couplings
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import UrdfRobot
 from nrs_cosim.plant_fmu.bundled.urdf_tree import from_the_base, mass_matrix
 from tests.plant_fmu.equations import Equations
+from tests.plant_fmu.pinocchio_reference import Reference
 from tests.plant_fmu.random_robots import KINDS, MOST_JOINTS, RandomRobot, random_robot
 
 TREES, STATES = 220, 3
@@ -37,37 +39,10 @@ def robots() -> list[RandomRobot]:
     return [random_robot(seed) for seed in range(TREES)]
 
 
-class Reference:
-    """Pinocchio's articulated bodies, with q, qd and force in the file's order of joints."""
-
-    def __init__(self, pinocchio, robot: RandomRobot, gravity) -> None:
-        self.pinocchio, self.robot = pinocchio, robot
-        self.model = pinocchio.buildModelFromXML(robot.text)
-        self.model.gravity.linear = np.array(gravity)
-        self.data = self.model.createData()
-        self.damping = np.array([joint.damping for joint in robot.moving])
-
-        self.ids = [self.model.getJointId(joint.name) for joint in robot.moving]
-        self.into = [self.model.joints[i].idx_v for i in self.ids]
-
-    def acceleration(self, q, qd, force):
-        v, tau = np.zeros(self.model.nv), np.zeros(self.model.nv)
-        v[self.into], tau[self.into] = qd, force - self.damping * qd
-        return self.pinocchio.aba(self.model, self.data, self._theirs(q), v, tau)[self.into]
-
-    def mass(self, q):
-        upper = np.triu(self.pinocchio.crba(self.model, self.data, self._theirs(q)))
-        return (upper + np.triu(upper, 1).T)[np.ix_(self.into, self.into)]
-
-    def _theirs(self, q):
-        theirs = self.pinocchio.neutral(self.model)
-        for i, joint, angle in zip(self.ids, self.robot.moving, q, strict=True):
-            there = self.model.joints[i].idx_q
-            if joint.kind == "continuous":
-                theirs[there : there + 2] = np.cos(angle), np.sin(angle)
-            else:
-                theirs[there] = angle
-        return theirs
+def reference_of(pinocchio, robot: RandomRobot, gravity) -> Reference:
+    names = [joint.name for joint in robot.moving]
+    damping = np.array([joint.damping for joint in robot.moving])
+    return Reference(pinocchio.buildModelFromXML(robot.text), names, gravity, damping)
 
 
 def read(robot: RandomRobot, folder: Path) -> UrdfRobot:
@@ -88,7 +63,7 @@ def test_accelerations_of_random_trees_agree_with_another_library(pinocchio, rob
     wrong = []
     for seed, robot in enumerate(robots):
         gravity = tuple(np.random.default_rng((15, seed)).uniform(-10, 10, 3))
-        reference = Reference(pinocchio, robot, gravity)
+        reference = reference_of(pinocchio, robot, gravity)
         equations = accelerations(read(robot, tmp_path), gravity)
         for q, qd, force in states(len(robot.moving), seed):
             wanted = reference.acceleration(q, qd, force)
@@ -105,9 +80,9 @@ def test_mass_matrices_of_random_trees_agree_with_another_library(pinocchio, rob
         robot = read(drawn, tmp_path)
         links = {link.name: link for link in robot.links}
         order = from_the_base(links, robot.joints, Remarks())
-        reference = Reference(pinocchio, drawn, GRAVITY)
+        reference = reference_of(pinocchio, drawn, GRAVITY)
         for q, _, _ in states(len(robot.axes), seed):
-            found, largest = mass_matrix(links, order, robot.axes, q)
+            found, largest = mass_matrix(links, order, couplings(robot.joints), q)
             wanted = reference.mass(q)
             assert np.abs(found - wanted).max() <= 1e-13 * np.abs(wanted).max()
             assert (np.diag(found) <= largest * (1 + 1e-13)).all()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
-from nrs_cosim.plant_fmu.bundled.urdf_robot import UrdfRobot
+from nrs_cosim.plant_fmu.bundled.urdf_robot import Limits, UrdfRobot
 from nrs_cosim.plant_fmu.errors import FmuError
 
 BODY = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
@@ -29,8 +29,7 @@ GIVE = (
 )
 NO_INERTIA = f"link 'arm': no inertia about its joint's axis, {GIVE}"
 NO_BASE = (
-    "is not supported, for the base is fixed; remove the joint and the link above it, or give it "
-    'type="fixed"'
+    "is not supported, for the base is fixed; lock it (--lock), or begin at its child (--base-link)"
 )
 EXPAND = "is a xacro file; expand it first: xacro robot.urdf.xacro > robot.urdf"
 
@@ -54,9 +53,13 @@ WRONG = {
         ONE.replace("revolute", "ball"),
         "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'ball'",
     ),
-    "mimic": (
-        ONE.replace("<axis", '<mimic joint="k"/><axis'),
-        "joint 'j': <mimic> is not supported; remove it, or make the joint fixed",
+    "mimic of nothing": (
+        ONE.replace("<axis", '<mimic joint="jj"/><axis'),
+        "joint 'j': <mimic>: there is no joint 'jj'; did you mean 'j'?",
+    ),
+    "mimic of itself": (
+        ONE.replace("<axis", '<mimic joint="j"/><axis'),
+        "joint 'j': <mimic>: it follows itself; expected one joint that leads",
     ),
     "an axis of no direction": (
         ONE.replace("0 0 1", "0 0 0"),
@@ -149,9 +152,6 @@ def test_a_missing_urdf_file_is_named(tmp_path: Path) -> None:
         read_urdf(tmp_path / "arm.urdf")
 
 
-MIMIC = "<mimic> is not supported; remove it, or make the joint fixed"
-
-
 def turning(name: str, parent: str, child: str, within: str = "") -> str:
     return (
         f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
@@ -161,7 +161,7 @@ def turning(name: str, parent: str, child: str, within: str = "") -> str:
 
 def test_all_faults_of_a_urdf_are_reported_at_once_grouped_by_kind(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
-    follower = '<mimic joint="j" multiplier="-1"/>'
+    follower = '<mimic joint="j" multiplier="-"/>'
     links = "".join(f'<link name="{name}"/>' for name in ("world", "a", "b", "c", "d"))
     joints = (
         turning("k", "arm", "a", follower)
@@ -174,12 +174,12 @@ def test_all_faults_of_a_urdf_are_reported_at_once_grouped_by_kind(tmp_path: Pat
     with pytest.raises(FmuError) as caught:
         read_urdf(path)
     assert str(caught.value).splitlines() == [
-        f"{path}: joints 'k', 'l': {MIMIC}",
+        f"{path}: joints 'k', 'l': <mimic> multiplier: expected a number, got '-'",
         f"{path}: joint 'm': <axis> xyz: expected 3 numbers, got '0 1'",
         f"{path}: joint 'n': type: expected revolute, continuous, prismatic or fixed, got 'ball'",
         f"{path}: joint 'o': type 'floating' {NO_BASE}",
         f"{path}: link 'arm': <inertial> <inertia> izz: expected a number, got 'one'",
-        f"{path}: links 'a', 'b', 'c': no inertia about its joint's axis, {GIVE}",
+        f"{path}: link 'c': no inertia about its joint's axis, {GIVE}",
     ]
 
 
@@ -347,6 +347,9 @@ def test_urdf_deviations_that_others_accept_give_a_warning(tmp_path: Path, case:
         plain = replace(plain, name="robot")
     if case == "no axis":
         plain = replace(plain, joints=(replace(plain.joints[0], axis=(1.0, 0.0, 0.0)),))
+    if case == "an attribute's prefix of nowhere":
+        limited = replace(plain.joints[0], limits=Limits(0.0, 0.0, 1.0))
+        plain = replace(plain, joints=(limited,))
     assert read(tmp_path, text) == replace(plain, warnings=tuple(warnings))
 
 

@@ -1,0 +1,398 @@
+"""What is made of a URDF: mimics, locked joints, chains, rotors, dry friction and soft stops."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_couplings import couplings
+from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_selection import Selection
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.recordings.robots.description import parse_urdf
+from nrs_cosim.recordings.robots.kinematics import Kinematics
+from tests.command import nrs
+from tests.plant_fmu.equations import Equations
+from tests.plant_fmu.newton_euler import Oracle
+from tests.plant_fmu.pinocchio_reference import Reference
+from tests.plant_fmu.random_robots import random_robot
+
+NO_GRAVITY = (0.0, 0.0, 0.0)
+TREES = 40
+LIMIT = '<limit lower="{}" upper="{}" effort="9" velocity="9"/>'
+
+
+def dynamics(robot, gravity=GRAVITY):
+    """(q, qd, force) to qdd."""
+    from nrs_cosim.plant_fmu.bundled.rigid_body import accelerations  # noqa: PLC0415
+
+    function = accelerations(robot, gravity)
+    return lambda q, qd, force: np.array(function(q, qd, force)).ravel()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _extra():
+    pytest.importorskip(
+        "nrs_cosim.plant_fmu.bundled.rigid_body", reason="needs the packages of the extra urdf"
+    )
+
+
+@pytest.fixture(scope="module")
+def pinocchio():
+    return pytest.importorskip("pinocchio", reason="needs the package pin, of the extra test")
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reading(text, **chosen):
+        path = tmp_path / "robot.urdf"
+        path.write_text(text, "utf-8")
+        return read_urdf(path, Selection(**chosen))
+
+    return reading
+
+
+def joint(name, parent, child, kind="revolute", more="", xyz="0.3 0 0.1", axis="0 1 0", limit=""):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{limit or LIMIT.format(-9, 9)}{more}</joint>'
+    )
+
+
+def link(name, mass=1.0):
+    moments = " ".join(f'{i}="{0.1 * mass * (i[1] == i[2])}"' for i in MOMENTS)
+    origin = '<origin xyz="0.1 0.05 0"/>'
+    return (
+        f'<link name="{name}"><inertial>{origin}<mass value="{mass}"/><inertia {moments}/>'
+        "</inertial></link>"
+    )
+
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def robot(*elements):
+    return f'<robot name="r"><link name="base"/>{"".join(elements)}</robot>'
+
+
+def mimic(leader, multiplier, offset=0.0):
+    return f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/>'
+
+
+def states(m, seed, count=3):
+    random = np.random.default_rng((19, seed))
+    for _ in range(count):
+        yield random.uniform(-2, 2, m), random.uniform(-2, 2, m), random.uniform(-20, 20, m)
+
+
+# Joints that mimic others
+
+GRIPPER = robot(
+    *map(link, ("palm", "left", "right", "tip")),
+    joint("wrist", "base", "palm", axis="0 0 1"),
+    joint("tip", "right", "tip", more=mimic("right", -0.5, 0.2)),
+    joint("right", "palm", "right", "prismatic", mimic("left", 0.7, -0.1)),
+    joint("left", "palm", "left", more='<dynamics damping="0.4"/>'),
+)
+G = np.array([[1, 0], [0, -0.35], [0, 0.7], [0, 1]])
+OFFSET = np.array([0, 0.25, -0.1, 0])
+
+
+def test_a_chain_of_mimics_agrees_with_newton_euler(read, tmp_path):
+    """The tip follows the right finger, which follows the left one: q = -0.35 q_left + 0.25."""
+    found = read(GRIPPER)
+    assert [j.name for j in found.axes] == ["wrist", "left"]
+    np.testing.assert_allclose(couplings(found.joints).G, G, rtol=1e-15)
+    np.testing.assert_allclose(couplings(found.joints).offset, OFFSET, rtol=1e-15)
+    oracle, moving = Oracle(tmp_path / "robot.urdf"), dynamics(found)
+    for q, qd, force in states(2, 0):
+        Q, Qd = G @ q + OFFSET, G @ qd
+        bias = G.T @ (oracle.force(Q, Qd, np.zeros(4)) + oracle.damping * Qd)
+        wanted = np.linalg.solve(G.T @ oracle.mass_matrix(Q) @ G, force - bias)
+        np.testing.assert_allclose(moving(q, qd, force), wanted, rtol=1e-12)
+
+
+def test_mimics_in_random_trees_agree_with_another_library(pinocchio, read):
+    for seed in range(TREES):
+        drawn, random = random_robot(seed), np.random.default_rng((20, seed))
+        m = len(drawn.moving)
+        text, matrix, offset = drawn.text, np.eye(m), np.zeros(m)
+        for k in random.permutation(m)[: m // 2]:
+            leader = int(random.integers(m))
+            if matrix[leader, k]:  # it would follow itself
+                continue
+            factor, shift = random.uniform(-2, 2, 2)
+            text = text.replace(
+                f'<joint name="{drawn.moving[k].name}" type="{drawn.moving[k].kind}">',
+                f'<joint name="{drawn.moving[k].name}" type="{drawn.moving[k].kind}">'
+                + mimic(drawn.moving[leader].name, factor, shift),
+            )
+            follows = matrix[:, k].copy()  # so do those that follow it already
+            matrix += np.outer(follows, factor * matrix[leader])
+            offset += follows * (factor * offset[leader] + shift)
+            matrix[:, k] = 0
+        leading = matrix[:, matrix.any(axis=0)]
+        damping = np.array([j.damping for j in drawn.moving])
+        model, names = pinocchio.buildModelFromXML(drawn.text), [j.name for j in drawn.moving]
+        reference, moving = Reference(model, names, GRAVITY, damping), dynamics(read(text))
+        for q, qd, force in states(leading.shape[1], seed):
+            wanted = reference.coupled(leading, offset, q, qd, force)
+            error = np.abs(moving(q, qd, force) - wanted).max()
+            assert error <= 1e-12 * np.abs(wanted).max(), seed
+
+
+def test_a_finger_without_inertia_may_follow_another(read):
+    found = read(GRIPPER.replace(link("tip"), '<link name="tip"/>'))
+    assert found.warnings == (
+        "link 'tip': no inertia about its joint's axis of its own, and the mass matrix is positive "
+        "definite at 8 random postures; it may be singular at others",
+    )
+
+
+# Locked joints, and chains
+
+
+def test_locked_joints_of_random_trees_agree_with_another_library(pinocchio, read):
+    for seed in range(TREES):
+        drawn, random = random_robot(seed), np.random.default_rng((21, seed))
+        names = [j.name for j in drawn.moving]
+        locked = {str(n): float(random.uniform(-2, 2)) for n in names[: len(names) // 2]}
+        left = [j for j in drawn.moving if j.name not in locked]
+        model, damping = pinocchio.buildModelFromXML(drawn.text), [j.damping for j in left]
+        free = [j.name for j in left]
+        reference = Reference(model, free, GRAVITY, np.array(damping), locked)
+        found = read(drawn.text, lock=locked)
+        assert [j.name for j in found.axes] == free
+        for q, qd, force in states(len(free), seed):
+            wanted = reference.acceleration(q, qd, force)
+            error = np.abs(dynamics(found)(q, qd, force) - wanted).max()
+            assert error <= 1e-12 * np.abs(wanted).max(), seed
+
+
+HUMANOID = robot(
+    *map(link, ("hip", "torso", "head", "upper", "lower", "thumb", "finger", "left")),
+    joint("root", "base", "hip", "floating"),
+    joint("waist", "hip", "torso", axis="1 0 0"),
+    joint("neck", "torso", "head", "continuous", axis="0 0 1"),
+    joint("shoulder", "torso", "upper", axis="1 0 1"),
+    joint("elbow", "upper", "lower", limit=LIMIT.format(0.2, 2)),
+    joint("thumb", "lower", "thumb", limit=LIMIT.format(0.3, 0.9)),
+    joint("finger", "lower", "finger", more=mimic("thumb", -1, 0.1)),
+    joint("left", "torso", "left"),
+)
+
+
+def test_a_chain_of_a_humanoid_moves_as_with_all_else_locked(pinocchio, read):
+    found = read(HUMANOID, base="torso", tip="lower")
+    assert [j.name for j in found.axes] == ["shoulder", "elbow"]
+    assert found.warnings == (
+        "not between base and tip: joints locked at neck = 0, thumb = 0.3, left = 0",
+        "joint 'finger': mimics 'thumb', which is fixed, so it is fixed as well",
+    )
+    locked = {"waist": 0.0, "neck": 0.0, "thumb": 0.3, "finger": -0.2, "left": 0.0}
+    model = pinocchio.buildModelFromXML(HUMANOID.replace("floating", "fixed"))
+    reference = Reference(model, ["shoulder", "elbow"], GRAVITY, 0.0, locked)
+    for q, qd, force in states(2, 0):
+        wanted = reference.acceleration(q, qd, force)
+        np.testing.assert_allclose(dynamics(found)(q, qd, force), wanted, rtol=1e-12)
+
+
+def test_a_joint_is_locked_as_near_to_0_as_its_limits_let_it(read):
+    found = read(HUMANOID, lock={"root": None, "elbow": None, "waist": None})
+    turns = {j.name: j.origin.rpy for j in found.joints if j.kind == "fixed"}
+    assert turns.pop("elbow") == pytest.approx((0, 0.2, 0), rel=1e-15)
+    assert turns == {"root": (0, 0, 0), "waist": (0, 0, 0)}
+    assert [j.name for j in found.axes] == ["neck", "shoulder", "thumb", "left"]
+
+
+def test_what_is_kept_of_a_file_says_where_the_links_are(pinocchio, read):
+    """A finger two mimics from its leader, a hand whose locked joint pitches by a quarter turn."""
+    text = robot(
+        *map(link, ("stand", "palm", "left", "right", "tip")),
+        joint("stand", "base", "stand", "floating"),
+        joint("wrist", "stand", "palm", axis="0.6 0.64 0.48"),
+        joint("tip", "right", "tip", more=mimic("right", -0.5, 0.2)),
+        joint("right", "palm", "right", "prismatic", mimic("left", 0.7, -0.1)),
+        joint("left", "palm", "left"),
+    ).replace('<origin xyz="0.3 0 0.1"/>', f'<origin xyz="0.3 0 0.1" rpy="0.3 {np.pi / 2} 1"/>')
+    kept = parse_urdf(read(text, base="stand", lock={"wrist": 0.4}).text, "kept")
+    assert {j.mimic.joint for j in kept.joints if j.mimic} == {"left"}
+    found = Kinematics.of(kept, ["left"]).links(np.array([[0.8]]))[0]
+    model = pinocchio.buildModelFromXML(text.replace("floating", "fixed"))
+    reference = Reference(model, ["wrist", "tip", "right", "left"], GRAVITY)
+    base, *_ = frames = reference.frames([0.4, -0.03, 0.46, 0.8], kept.links)
+    for frame, wanted in zip(found, frames, strict=True):
+        np.testing.assert_allclose(frame[:3], base.actInv(wanted).translation, atol=1e-15)
+        turned = Rotation.from_quat(frame[3:]).as_matrix()
+        np.testing.assert_allclose(turned, base.actInv(wanted).rotation, atol=1e-14)
+
+
+WRONG = {
+    "no such joint": ({"lock": {"waste": None}}, "--lock: there is no joint 'waste'; did you mean"),
+    "a value of a floating joint": (
+        {"lock": {"root": 1.0}},
+        "joint 'root': --lock: a floating joint is locked where it is, without a value",
+    ),
+    "no such link": ({"base": "torse"}, "--base-link: there is no link 'torse'; did you mean"),
+    "a tip that is the base": (
+        {"base": "torso", "tip": "torso"},
+        "link 'torso': --tip-link: is the base itself, or is not above it",
+    ),
+    "a tip on another branch": (
+        {"base": "upper", "tip": "head"},
+        "link 'head': --tip-link: is the base itself, or is not above it",
+    ),
+    "a floating joint": ({}, "joint 'root': type 'floating' is not supported, for the base is"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_selected_is_told(read, case):
+    chosen, message = WRONG[case]
+    with pytest.raises(FmuError, match=re.escape(message)):
+        read(HUMANOID, **chosen)
+
+
+# What acts on joints by itself
+
+INERTIA = 0.1 + 0.1**2
+"""kg m2, of a link of 1 kg about its joint's y."""
+
+
+def pendulum(more="", limit=""):
+    return robot(link("arm"), joint("j", "base", "arm", more=more, limit=limit))
+
+
+ROTORS = {
+    "Drake's": (
+        '<drake:rotor_inertia value="2e-4"/><drake:gear_ratio value="50"/>',
+        "",
+    ),
+    "beside the reduction": (
+        "<rotorInertia>2e-4</rotorInertia><mechanicalReduction>-50</mechanicalReduction>",
+        "",
+    ),
+    "the transmission's reduction": (
+        '<motorInertia value="2e-4"/>',
+        "<mechanicalReduction>50</mechanicalReduction>",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ROTORS)
+def test_a_rotor_adds_its_inertia_times_the_square_of_the_reduction(read, case):
+    """To an arm, and to the finger that it leads by a factor 3, which has none of its own."""
+    within, beside = ROTORS[case]
+    transmission = (
+        '<transmission name="t"><type>simple</type><joint name="{}"/>'
+        f'<actuator name="m">{within}</actuator>{beside}</transmission>'
+    )
+    axis = joint("k", "arm", "finger", "prismatic", mimic("j", 3), xyz="0 0 0")
+    text = robot(
+        link("arm"),
+        '<link name="finger"/>',
+        joint("j", "base", "arm"),
+        axis,
+        transmission.format("j"),
+        transmission.format("k"),
+    )
+    found = read(text.replace("<robot", '<robot xmlns:drake="http://drake.mit.edu"'))
+    assert found.warnings == ()
+    qdd = dynamics(found, NO_GRAVITY)([0.3], [0.7], [1.5])
+    np.testing.assert_allclose(qdd, 1.5 / (INERTIA + 0.5 + 3**2 * 0.5), rtol=1e-14)
+
+
+def test_a_rotor_of_two_joints_is_refused(read):
+    both = '<transmission name="t"><joint name="j"/><joint name="k"/><actuator name="m">'
+    text = pendulum().replace(
+        "</robot>", f'{both}<motorInertia value="1"/></actuator></transmission></robot>'
+    )
+    with pytest.raises(FmuError, match=r"transmission 't': has a rotor, and so one joint is expec"):
+        read(text)
+
+
+def test_dry_friction_is_smoothed_and_told_or_left_out(read):
+    rough = pendulum('<dynamics friction="0.3" damping="0.2"/>')
+    without, found = read(rough), read(rough, friction_speed=0.02)
+    assert without.warnings == ("joint 'j': its dry friction of 0.3 is left out (--friction)",)
+    assert found.warnings == (
+        "dry friction over 0.02 rad/s or m/s damps what nearly rests at up to 1.4e+02 per s, and "
+        "what follows that takes as short steps",
+    )
+    assert round(0.3 / 0.02 / INERTIA, -1) == 140
+    for rate in (-3.0, -0.01, 0.0, 0.005, 0.02, 1.0):
+        tau = 1.0 - 0.2 * rate
+        qdd = dynamics(without, NO_GRAVITY)([0.1], [rate], [1.0])
+        np.testing.assert_allclose(qdd, tau / INERTIA, rtol=1e-13)
+        tau -= 0.3 * np.sin(np.arctan2(rate, 0.02))
+        qdd = dynamics(found, NO_GRAVITY)([0.1], [rate], [1.0])
+        np.testing.assert_allclose(qdd, tau / INERTIA, rtol=1e-13)
+
+
+def test_a_joint_leaves_its_stop_as_hunt_and_crossley_say(read):
+    """u/v - ln(1 + u/v) = -w/v - ln(1 - w/v) for a speed u of arrival, w of departure, v = 0.5."""
+    found = read(pendulum(limit=LIMIT.format(-1, 0.5)), stop_frequency=20.0)
+    qdd = dynamics(found, NO_GRAVITY)
+    stiffness = INERTIA * (2 * np.pi * 20) ** 2
+    np.testing.assert_allclose(qdd([0.51], [0.0], [0.0]), -0.01 * stiffness / INERTIA, rtol=1e-12)
+    np.testing.assert_allclose(qdd([-1.02], [0.0], [0.0]), 0.02 * stiffness / INERTIA, rtol=1e-12)
+    assert qdd([0.3], [0.4], [0.0]) == 0.0  # between the stops
+    assert qdd([0.6], [-0.6], [0.0]) == 0.0  # they never hold
+    for end, side, u in ((0.5, 1, 1.0), (-1, -1, 0.2)):
+
+        def moved(_, x):
+            return [x[1], float(qdd([x[0]], [x[1]], [0.0])[0])]
+
+        def left(_, x, end=end, side=side):
+            return side * (x[0] - end) + 1e-12
+
+        left.terminal, left.direction = True, -1
+        run = solve_ivp(moved, (0, 1), [end, side * u], events=left, rtol=1e-10, atol=1e-12)
+        s = u / 0.5
+        w = brentq(lambda w, s=s: -w - np.log1p(-w) - s + np.log1p(s), 1e-9, 1 - 1e-9)
+        assert run.y[1, -1] == pytest.approx(-side * 0.5 * w, rel=1e-6)
+
+
+def test_a_joint_without_limits_has_no_stop(read):
+    found = read(pendulum(limit="<limit/>"), stop_frequency=20.0)
+    assert found.warnings == ("joint 'j': has no limits that differ, and so no stops",)
+    assert found.joints[0].stop == 0.0
+
+
+# The command
+
+
+def test_the_command_takes_all_choices_and_its_fmu_passes_the_check(tmp_path):
+    rough = LIMIT.format(0.2, 2) + '<dynamics friction="0.1"/>'
+    path, output = tmp_path / "humanoid.urdf", tmp_path / "arm.fmu"
+    path.write_text(HUMANOID.replace(LIMIT.format(0.2, 2), rough), "utf-8")
+    options = ["--base-link", "torso", "--lock", "thumb=0.5", "--lock", "neck", "--lock", "left"]
+    options += ["--friction", "0.05", "--stops", "10"]
+    done = nrs("fmu", "from-urdf", path, "-o", output, *options)
+    assert (done.returncode, done.stdout) == (0, f"{output}\n")
+    chosen = Selection({"thumb": 0.5, "neck": None, "left": None}, "torso", "", 0.05, 10.0)
+    found = read_urdf(path, chosen)
+    assert done.stderr.splitlines() == [f"warning: {path}: {line}" for line in found.warnings]
+    assert output.read_bytes() == build_urdf(found).read_bytes()
+    fmu = Equations(output, tmp_path / "arm")
+    for q, qd, force in states(2, 0):
+        wanted = dynamics(found)(q, qd, force)
+        np.testing.assert_allclose(fmu.acceleration(q, qd, force), wanted, rtol=1e-13)
+    fmu.fmu.freeInstance()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--lock", "j=half", "expected JOINT or JOINT=VALUE, got 'j=half'"),
+        ("--friction", "0", "expected 1e-06 to 1e+06, got 0"),
+        ("--stops", "-1", "expected 1e-06 to 1e+06, got -1"),
+    ],
+)
+def test_wrong_choices_are_told(tmp_path, option, value, message):
+    done = nrs("fmu", "from-urdf", "a.urdf", "-o", tmp_path / "a.fmu", option, value)
+    assert (done.returncode, done.stderr) == (2, f"error: {option}: {message}\n")
