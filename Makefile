@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-fast snapshots mutants benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
+.PHONY: demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -27,6 +27,9 @@ snapshots: .venv/.tested  ## write what the commands print into tests/snapshots;
 
 mutants: .venv/.tested  ## change the core in a sample of places; the tests are to find 95 %
 	$(BIN)/python -m tests.mutation $(ARGS)
+
+fuzz-fmu: .venv/.tested  ## random FMI calls, allowed and forbidden, on bundled models under sanitizers
+	$(BIN)/python -m tests.plant_fmu.call_fuzzing $(ARGS)
 
 benchmark: .venv/.installed  ## robot-intervals per second, recorded and by bare loops, in one table
 	$(BIN)/python -m benchmarks.throughput $(ARGS)
