@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers benchmark-studies soak figures reference paper lint lock clean
+.PHONY: demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers verify-elsewhere benchmark-studies soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -44,6 +44,9 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 
 benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
 	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)
+
+verify-elsewhere: .venv/.tested .venv-peers/.created  ## three other engines run exported systems, and come to the very same numbers
+	$(BIN)/python -m tests.elsewhere .venv-peers/bin/python
 
 benchmark-studies: .venv/.tested  ## what a study costs beyond its runs, and what it survives: half an hour
 	$(BIN)/python -m benchmarks.studies $(ARGS)

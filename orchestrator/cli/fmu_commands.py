@@ -9,7 +9,13 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.orchestrator.cli.options import number, whole_number
+from nrs_cosim.orchestrator.cli.options import (
+    ScenarioPath,
+    Set,
+    changes_of,
+    number,
+    whole_number,
+)
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
@@ -25,6 +31,9 @@ _STIFF_TOO = {"alone", "resumed"}
 Fmi = Annotated[
     int,
     typer.Option(metavar="N", parser=whole_number("--fmi", 2, 3), help="The FMI version, 2 or 3."),
+]
+FmuOutput = Annotated[
+    Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
 ]
 
 fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
@@ -91,9 +100,7 @@ def fmu_check(
 @fmu.command("build")
 def fmu_build(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
-    ],
+    output: FmuOutput,
     fmi: Fmi = 3,
 ) -> None:
     """Write a bundled model as an FMU."""
@@ -108,12 +115,38 @@ def fmu_build(
     out.print(str(output), markup=False)
 
 
+@fmu.command("agent")
+def fmu_agent(
+    scenario: ScenarioPath,
+    robot: Annotated[
+        int,
+        typer.Option(metavar="N", parser=whole_number("--robot", 1), help="Whose agent."),
+    ],
+    output: FmuOutput,
+    fmi: Fmi = 2,
+    changes: Set = None,
+) -> None:
+    """Write the estimator agent of a robot alone as an FMU: samples in, its estimate out."""
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.orchestrator.export.system import agent_of
+    from nrs_cosim.orchestrator.scenario.file import read_scenario
+    from nrs_cosim.plant_fmu.bundled.builder import copy_out
+
+    experiment = read_scenario(scenario, changes_of(changes))
+    if robot > experiment.n:
+        raise InputError(f"--robot: expected 1 to {experiment.n}, got {robot}")
+    expect_replaceable(output, "FMU", b"PK")
+    with stages(err) as begin:
+        begin("compiling")
+        copy_out(agent_of(experiment, robot, fmi).path, output)
+    out.print(str(output), markup=False)
+
+
 @fmu.command("from-urdf")
 def fmu_from_urdf(
     urdf: Annotated[Path, typer.Argument(metavar="URDF", help="A robot with a fixed base.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
-    ],
+    output: FmuOutput,
     fmi: Fmi = 3,
     gravity: Annotated[
         str | None,

@@ -15,6 +15,7 @@ _KINDS = {
     ".parquet": "a table",
     ".pdf": "a PDF",
     ".png": "a picture",
+    ".ssp": "a system",
     ".svg": "a picture",
     ".toml": "a scenario",
 }

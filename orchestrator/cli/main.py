@@ -120,14 +120,32 @@ def info(recording: RecordingPath, as_json: AsJson = False) -> None:
 def export(
     recording: RecordingPath,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Where the tables go.")
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR|FILE.ssp", help="Where the tables, or the system, go."
+        ),
     ],
     form: Annotated[
-        Literal["csv", "parquet", "mat"],
-        typer.Option("--format", help="mat is MATLAB's; parquet needs the extra `analysis`."),
+        Literal["csv", "parquet", "mat", "ssp"],
+        typer.Option(
+            "--to",
+            "--format",
+            help="mat is MATLAB's; parquet needs the extra `analysis`; ssp is a system of FMUs.",
+        ),
     ] = "csv",
 ) -> None:
-    """Write a recording's samples, states and link events as tables."""
+    """Write a recording's samples, states and link events as tables, or its run as a system.
+
+    A system (SSP 1.0) has an FMU for each robot and one for the target, for other engines to run,
+    and what they must come to.
+    """
+    if form == "ssp":
+        _export_system(recording, output)
+    else:
+        _export_tables(recording, output, form)
+
+
+def _export_tables(recording: Path, output: Path, form: Literal["csv", "parquet", "mat"]) -> None:
     from nrs_cosim.orchestrator.cli.formats import expect_folder_name
     from nrs_cosim.orchestrator.cli.output_paths import expect_folder
     from nrs_cosim.orchestrator.cli.progress import reading
@@ -142,6 +160,33 @@ def export(
         out.print(str(path), markup=False)
     for damage in reader.damage:
         say("yellow", "damage", damage)
+
+
+def _export_system(recording: Path, output: Path) -> None:
+    from nrs_cosim.orchestrator.cli.formats import expect_ending
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading, stages
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.orchestrator.export.answers import answers
+    from nrs_cosim.orchestrator.export.package import ssp_bytes
+    from nrs_cosim.orchestrator.export.system import system_of
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    expect_ending("-o", output, ".ssp")
+    expect_replaceable(output, "SSP", b"PK")
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        reader.expect_ticks("export")
+        experiment = experiment_of(reader)
+        table, ticks = answers(reader, experiment), reader.ticks
+    with stages(err) as begin:
+        begin("building FMUs")
+        packed = ssp_bytes(system_of(experiment, ticks), table)
+    make_folder(output)
+    try:
+        output.write_bytes(packed)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written: {error.strerror}") from None
+    out.print(str(output), markup=False)
 
 
 @app.command()

@@ -9,7 +9,7 @@ import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from glob import escape
 from io import BytesIO
 from pathlib import Path
@@ -61,23 +61,25 @@ def build_model(
     fmi: int = 3,
     extra: Mapping[str, bytes] = MappingProxyType({}),
     about: str = "",
+    without: Sequence[str] = (),
 ) -> Path:
     """The FMU of any model: its declaration, and C files that define what robot.h declares.
 
     `extra` are further files of the archive, which its token covers too; `about` is put before the
-    table of variables that is its documentation.
+    table of variables that is its documentation. It goes `without` some of the C files that bundled
+    models share.
 
     Where it is kept, and what can be wrong, is as for `build`.
     """
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
-    files = _files(model, equations, fmi, {**documentation(model, about), **extra})
+    files = _files(model, equations, fmi, {**documentation(model, about), **extra}, without)
     kept = f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
     if path := cache.stored(kept):
         return path
     sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
     archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
-    return cache.keep(kept, _zipped(archive))
+    return cache.keep(kept, archive_bytes(archive))
 
 
 def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
@@ -117,20 +119,25 @@ def try_compiler() -> str:
 
 
 def _files(
-    model: Declaration, equations: Mapping[str, bytes], fmi: int, extra: Mapping[str, bytes]
+    model: Declaration,
+    equations: Mapping[str, bytes],
+    fmi: int,
+    extra: Mapping[str, bytes],
+    without: Sequence[str],
 ) -> dict[str, bytes]:
     """All of the archive but its binary. The token is a digest of these files without it."""
-    anonymous = {**_files_with_token(model, equations, fmi, ""), **extra}
+    other = f"fmi{5 - fmi}.c"
+    shared = [path for path in MODELS.glob("*.[ch]") if path.name not in {other, *without}]
+    sources = {path.name: path.read_bytes() for path in shared} | dict(equations)
+    anonymous = {**_files_with_token(model, sources, fmi, ""), **extra}
     token = str(uuid5(NAMESPACE_OID, _digest(anonymous)))
-    return {**_files_with_token(model, equations, fmi, token), **extra}
+    return {**_files_with_token(model, sources, fmi, token), **extra}
 
 
 def _files_with_token(
-    model: Declaration, equations: Mapping[str, bytes], fmi: int, token: str
+    model: Declaration, ours: Mapping[str, bytes], fmi: int, token: str
 ) -> dict[str, bytes]:
-    other = f"fmi{5 - fmi}.c"
-    ours = {path.name: path.read_bytes() for path in MODELS.glob("*.[ch]") if path.name != other}
-    sources = {**ours, **_headers(fmi), **equations}
+    sources = {**ours, **_headers(fmi)}
     sources["variables.h"] = c_header(model, token).encode()
     sources["variables.c"] = c_tables(model).encode()
     units = sorted(name for name in sources if name.endswith(".c"))
@@ -203,7 +210,8 @@ def _compile(name: str, sources: dict[str, bytes]) -> bytes:
         return (Path(folder) / "library").read_bytes()
 
 
-def _zipped(files: dict[str, bytes]) -> bytes:
+def archive_bytes(files: Mapping[str, bytes]) -> bytes:
+    """An archive of files, the same bytes of the same files."""
     written = BytesIO()
     with ZipFile(written, "w") as archive:
         # Neither a date, nor a system, nor an order of this machine's is in the bytes.

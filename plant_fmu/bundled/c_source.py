@@ -28,6 +28,7 @@ def c_header(model: Declaration, token: str) -> str:
 #define VARIABLES_H
 
 #define INSTANTIATION_TOKEN "{token}"
+#define HAS_AGENT {int(model.has_agent)}
 
 enum {{ {most} }}; /* at most */
 
@@ -36,13 +37,14 @@ typedef struct {{
 
 enum {{
     VALUES = {sum(v.room for v in model.variables)},
-    STATES = {sum(v.room for v in states)}, /* at most */
+    STATES = {max(sum(v.room for v in states), 1)}, /* at most; there is no array of none */
     STRUCTURAL_PARAMETERS = {len(model.of_kind("structural"))}
 }};
 {"".join(map(_count, model.dimensions))}
 static inline int states_in(const Values *values)
 {{
-    return {" + ".join(_size(v) for v in states)};
+    (void)values;
+    return {" + ".join(_size(v) for v in states) or 0};
 }}
 
 {_access("states", states)}
@@ -57,10 +59,10 @@ def c_tables(model: Declaration) -> str:
         f"    {_rights(model, v, i)},\n" for v in model.variables for i in range(v.room)
     )
     starts = "".join(
-        f"    [{v.value_reference + i}] = {v.start!r}, /* {v.name} */\n"
+        f"    [{v.value_reference + i}] = {start!r}, /* {v.name} */\n"
         for v in model.variables
-        if v.start
-        for i in range(v.room)
+        for i, start in enumerate(v.starts)
+        if start
     )
     return f"""/* Generated from the declaration of {model.name}. */
 
@@ -95,10 +97,12 @@ def _access(name: str, variables: Iterable[Variable]) -> str:
     set_ = "".join(f"    {loop}\n        values->{field}[i] = *x++;\n" for loop, field in loops)
     return f"""static inline void get_{name}(const Values *values, double x[STATES])
 {{
+    (void)values, (void)x;
 {get}}}
 
 static inline void set_{name}(Values *values, const double x[STATES])
 {{
+    (void)values, (void)x;
 {set_}}}
 """
 
@@ -117,7 +121,7 @@ def _rights(model: Declaration, variable: Variable, within: int) -> str:
         f'"{variable.name}"',
         _length(model, rows),
         _length(model, columns),
-        _SETTABLE_IN.get(variable.kind, "NEVER"),
+        "NEVER" if variable.start is None else _SETTABLE_IN.get(variable.kind, "NEVER"),
         _CALCULATED.get(variable.kind, "NOT_CALCULATED"),
         "-INFINITY" if variable.min is None else repr(variable.min),
         "INFINITY" if variable.max is None else repr(variable.max),

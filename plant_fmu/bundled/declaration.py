@@ -10,7 +10,7 @@ that it may be, and an array takes the first rows and columns of its room.
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -43,18 +43,19 @@ class Dimension:
 class Variable:
     """A variable of the model, with FMI's attributes (FMI 3.0.2, section 2.4.7).
 
-    `dimensions` is empty for a scalar; `start`, `min`, `max` and `nominal` hold for every
-    element, `start` being None where the model calculates it, and the limits where there are
-    none; `most` bounds a structural parameter; `derivative_of` and `equals` are names of
-    variables of the same shape, the latter when this one is always equal to it; of those in
-    `each_of` element i depends on element i alone.
+    `dimensions` is empty for a scalar; `start`, `min`, `max` and `nominal` hold for every element,
+    `start` being None where the model calculates it, or a number for each, row-major, and the
+    limits None where there are none; `most` bounds a structural parameter; `derivative_of` and
+    `equals` are names of variables of the same shape, the latter when this one is always equal to
+    it; of those in `each_of` element i depends on element i alone; `stepped` is what changes by
+    steps of co-simulation alone, whatever inputs are set to in between.
     """
 
     name: str
     kind: str
     dimensions: tuple[Dimension, ...]
     unit: str | None
-    start: float | None
+    start: float | tuple[float, ...] | None
     min: float | None
     max: float | None
     nominal: float
@@ -62,6 +63,7 @@ class Variable:
     derivative_of: str | None
     equals: str | None
     each_of: tuple[str, ...]
+    stepped: bool
     description: str
     value_reference: int
 
@@ -80,12 +82,21 @@ class Variable:
         return prod(dimension.most for dimension in self.dimensions)
 
     @property
+    def starts(self) -> tuple[float, ...]:
+        """Of each element that there is room for, none where the model calculates them."""
+        if self.start is None:
+            return ()
+        return self.start if isinstance(self.start, tuple) else (self.start,) * self.room
+
+    @property
     def causality(self) -> str:
         other = {"structural": "structuralParameter", "state": "output", "derivative": "local"}
         return other.get(self.kind, self.kind)
 
     @property
     def variability(self) -> str:
+        if self.kind == "local" and self.stepped:
+            return "discrete"
         fixed = {"structural", "parameter", "local"}
         return "fixed" if self.kind in fixed else "continuous"
 
@@ -95,7 +106,7 @@ class Variable:
         return {
             "structural": "exact",
             "parameter": "exact",
-            "state": "exact",
+            "state": "calculated" if self.start is None else "exact",
             "local": "calculated",
             "derivative": "calculated",
             "output": "calculated",
@@ -113,6 +124,12 @@ class Declaration:
     description: str
     dimensions: tuple[Dimension, ...]
     variables: tuple[Variable, ...]
+    interfaces: tuple[str, ...] = ("ModelExchange", "CoSimulation")
+
+    @property
+    def has_agent(self) -> bool:
+        """Whether an estimator agent is in it."""
+        return any(v.name == "sampling_period" for v in self.variables)
 
     def of_kind(self, *kinds: str) -> tuple[Variable, ...]:
         return tuple(v for v in self.variables if v.kind in kinds)
@@ -128,21 +145,29 @@ def bundled_models() -> tuple[str, ...]:
 
 def declaration(name: str, fmi: int = 3) -> Declaration:
     """The declaration of the bundled model `name` for FMI 2 or 3."""
-    own = tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8"))
-    return declare(name, own, fmi)
+    return declare(name, own_tables(name), fmi)
+
+
+def own_tables(name: str) -> dict[str, Any]:
+    """What is in the model.toml of a bundled model."""
+    return tomllib.loads((MODELS / name / "model.toml").read_text(encoding="utf-8"))
 
 
 def declare(name: str, own: Mapping[str, Any], fmi: int = 3) -> Declaration:
-    """The declaration of a robot: what all robots share, and its `own` tables, as in model.toml.
+    """The declaration of a robot: what all robots share, and its `own` tables, as in model.toml."""
+    shared = tomllib.loads((MODELS / "robot.toml").read_text(encoding="utf-8"))
+    return declare_tables(name, [shared, own], fmi)
+
+
+def declare_tables(name: str, parts: Sequence[Mapping[str, Any]], fmi: int) -> Declaration:
+    """The declaration of tables as in model.toml, of which the last one has the description.
 
     FMI 2 knows no structural parameters: there each is the number with which it starts.
     """
-    shared = tomllib.loads((MODELS / "robot.toml").read_text(encoding="utf-8"))
-    tables = {**shared["variables"], **own["variables"]}
-    dimensions = {
-        key: _dimension(key, length, tables, fmi)
-        for key, length in {**shared["dimensions"], **own["dimensions"]}.items()
-    }
+    own = parts[-1]
+    tables = {key: table for part in parts for key, table in part["variables"].items()}
+    lengths = {key: length for part in parts for key, length in part["dimensions"].items()}
+    dimensions = {key: _dimension(key, length, tables, fmi) for key, length in lengths.items()}
     if fmi == 2:
         tables = {key: table for key, table in tables.items() if table["kind"] != "structural"}
     variables: list[Variable] = []
@@ -186,6 +211,7 @@ def _variable(
         derivative_of=table.get("of"),
         equals=table.get("equals"),
         each_of=tuple(table.get("each_of", ())),
+        stepped=table.get("stepped", False),
         description=table["description"],
         value_reference=reference,
     )

@@ -33,6 +33,6 @@ def documentation(model: Declaration, about: str) -> dict[str, bytes]:
 
 def _row(v: Variable) -> str:
     shape = " x ".join(dimension.by or str(dimension.start) for dimension in v.dimensions)
-    start = "" if v.start is None else f"{v.start:g}"
+    start = " ".join(dict.fromkeys(f"{start:g}" for start in v.starts))
     cells = (v.name, v.causality, shape, v.unit or "", start, v.description)
     return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>\n"

@@ -37,7 +37,7 @@ def model_description(
             "variableNamingConvention": "structured",
         },
     )
-    for interface in ("ModelExchange", "CoSimulation"):
+    for interface in model.interfaces:
         element = SubElement(root, interface, _capabilities(model.name, interface, fmi))
         if fmi == 2:
             files = SubElement(element, "SourceFiles")
@@ -127,7 +127,7 @@ def _attributes(variable: Variable, name: str, reference: int) -> dict[str, str]
     return attributes
 
 
-def _set_numbers(element: Element, variable: Variable, size: int) -> None:
+def _set_numbers(element: Element, variable: Variable, starts: Sequence[float]) -> None:
     """The attributes of Real and Float64 that are numbers; the limits hold for each element."""
     if variable.unit is not None:
         element.set("unit", variable.unit)
@@ -136,8 +136,8 @@ def _set_numbers(element: Element, variable: Variable, size: int) -> None:
             element.set(limit, repr(float(value)))
     if variable.nominal != 1.0 or variable.kind == "state":
         element.set("nominal", repr(variable.nominal))
-    if variable.start is not None:
-        element.set("start", " ".join([repr(variable.start)] * size))
+    if starts:
+        element.set("start", " ".join(map(repr, starts)))
 
 
 def _arrays(root: Element, model: Declaration) -> None:
@@ -146,11 +146,11 @@ def _arrays(root: Element, model: Declaration) -> None:
     for v in model.variables:
         attributes = _attributes(v, v.name, v.value_reference)
         if v.kind == "structural":
-            limits = {"min": "1", "max": str(v.most), "start": f"{v.start:.0f}"}
+            limits = {"min": "1", "max": str(v.most), "start": f"{v.starts[0]:.0f}"}
             SubElement(variables, "UInt64", {**attributes, **limits})
             continue
         element = SubElement(variables, "Float64", attributes)
-        _set_numbers(element, v, v.size)
+        _set_numbers(element, v, v.starts[: v.size])
         if v.derivative_of is not None:
             element.set("derivative", str(model.variable(v.derivative_of).value_reference))
         for dimension in v.dimensions:
@@ -175,7 +175,7 @@ def _scalars(root: Element, model: Declaration) -> None:
         for i, name in enumerate(element_names(v)):
             attributes = _attributes(v, name, v.value_reference + i)
             element = SubElement(SubElement(variables, "ScalarVariable", attributes), "Real")
-            _set_numbers(element, v, 1)
+            _set_numbers(element, v, v.starts[i : i + 1])
             if v.derivative_of is not None:
                 state = model.variable(v.derivative_of)
                 element.set("derivative", str(state.value_reference + i + 1))
@@ -187,8 +187,9 @@ def _scalars(root: Element, model: Declaration) -> None:
         "InitialUnknown": "InitialUnknowns",
     }
     for tag, unknowns in _unknowns(model):
-        group = SubElement(structure, tags[tag])
+        group = None
         for v in unknowns:
+            group = SubElement(structure, tags[tag]) if group is None else group
             known = _known(model, v)
             for i in range(v.size):
                 dependencies = {} if known is None else {known.value_reference + i + 1: "constant"}
@@ -201,7 +202,8 @@ def _scalars(root: Element, model: Declaration) -> None:
 def _unknowns(model: Declaration) -> Iterator[tuple[str, Iterable[Variable]]]:
     yield "Output", model.of_kind("state", "output")
     yield "ContinuousStateDerivative", model.of_kind("derivative")
-    yield "InitialUnknown", model.of_kind("derivative", "output")
+    starting = (v for v in model.of_kind("state") if v.start is None)
+    yield "InitialUnknown", (*starting, *model.of_kind("derivative", "output"))
 
 
 def _known(model: Declaration, variable: Variable) -> Variable | None:
@@ -213,8 +215,9 @@ def _known(model: Declaration, variable: Variable) -> Variable | None:
 
 def _knowns(model: Declaration, output: Variable, i: int) -> Iterator[int]:
     """The indices of the scalars on which element i of an output depends: of those in `each_of`
-    its own alone."""
-    for v in model.of_kind("independent", "input", "state"):
+    its own alone, and of what changes by steps alone on no input."""
+    kinds = () if output.stepped else ("input", "state")
+    for v in model.of_kind("independent", *kinds):
         own = (i,) if v.name in output.each_of else range(v.size)
         yield from (v.value_reference + j + 1 for j in own)
 

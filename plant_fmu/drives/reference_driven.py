@@ -44,7 +44,7 @@ class ReferenceDrivenPlants(Stepped):
         self._tells_torque = has(archive, names, "tau_applied")
         outputs = ("q", "qd", "tau_applied") if self._tells_torque else ("q", "qd")
         super().__init__(
-            library, bodies, names, lambda body: _start_values(body, archive, names), outputs, why
+            library, bodies, names, lambda body: start_values(body, archive, names), outputs, why
         )
         sizes = dict.fromkeys(REFERENCE, self.m)
         if takes(archive, names, TIME):
@@ -101,8 +101,8 @@ class ReferenceDrivenPlants(Stepped):
             super()._tell_torque()
 
 
-def _start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
-    """Return what one robot's FMU is told before its run, by our names of the variables."""
+def start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
+    """Return what one robot's FMU is told before its run, by our names: of any shape (…)."""
     gains = {gain: getattr(body, gain) for gain in GAINS if has(archive, names, gain)}
     return {
         **gains,

@@ -69,6 +69,8 @@ STATUSES = {
         "fmu info two_link_arm",
         "fmu check planar_robot",
         "fmu build two_link_arm -o new.fmu",
+        "fmu agent good.toml --robot 1 -o new.fmu",
+        "export whole.mcap --to ssp -o new.ssp",
         "fmu from-urdf slider.urdf -o new.fmu --gravity 0,0,0",
     ],
     1: [
@@ -129,6 +131,9 @@ STATUSES = {
         "fmu check planar_robot --variables q=3",
         'fmu check planar_robot --variables qq="q"',
         "fmu build none -o new.fmu",
+        "fmu agent good.toml --robot 4 -o new.fmu",
+        "fmu agent lossy.toml --robot 1 -o new.fmu",
+        "export whole.mcap --to ssp -o new.csv",
         "fmu build two_link_arm -o new.fmu --fmi 4",
         "fmu from-urdf none.urdf -o new.fmu",
         "fmu from-urdf slider.urdf -o new.fmu --gravity 1,2",

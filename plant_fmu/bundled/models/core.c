@@ -3,6 +3,7 @@
 
 #include "core.h"
 
+#include <float.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
@@ -10,6 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "agent.h"
 #include "model.h"
 
 static const char *mode_name(Mode mode)
@@ -121,6 +123,7 @@ bool core_exit_initialization(Instance *self)
 {
     if (!core_expect(self, INITIALIZATION, "leaving initialization mode"))
         return false;
+    agent_start(self);
     self->state.mode = self->state.kind == CO_SIMULATION ? STEP : EVENT;
     return true;
 }
@@ -397,13 +400,20 @@ bool core_get_nominals(Instance *self, double nominals[], size_t n)
 
 /* Co-simulation */
 
+double snapped(double seconds, double size)
+{
+    const double whole = round(seconds * 1e9) / 1e9;
+    return fabs(whole - seconds) <= 8.0 * DBL_EPSILON * size ? whole : seconds;
+}
+
 bool core_step(Instance *self, double time, double step)
 {
     if (!core_expect(self, STEP, "a step"))
         return false;
     State *state = &self->state;
     Values *values = &state->values;
-    const double end = time + step;
+    const double size = fabs(values->time) + fabs(step);
+    const double end = snapped(values->time, size) + snapped(step, size);
     if (!(fabs(time - values->time) <= 1e-9 * fmax(1.0, fabs(time))))
         return core_refuse(self, "a step from t = %.17g s, but the instance is at t = %.17g s", time,
                            values->time);
@@ -413,9 +423,12 @@ bool core_step(Instance *self, double time, double step)
         return core_refuse(self, "a step to t = %.17g s, past the stop time %.17g s", end,
                            state->stop);
 
+    if (!agent_jump(self, end))
+        return false;
     update_derivatives(state);
     switch (dormand_prince(values, end, &state->internal_step)) {
     case REACHED:
+        agent_flow(self);
         return true;
     case NOT_FINITE:
         return core_refuse(self, "at t = %.17g s: a derivative is not finite", values->time);

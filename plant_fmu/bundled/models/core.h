@@ -113,6 +113,10 @@ bool core_get_states(Instance *self, double x[], size_t n);
 bool core_get_derivatives(Instance *self, double dx[], size_t n);
 bool core_get_nominals(Instance *self, double nominals[], size_t n);
 
+/* What is a whole number of ns, but for rounding of numbers of that size in s, becomes the double
+ * next to it, so that masters that add up time and those that count it come to the same bits. */
+double snapped(double seconds, double size);
+
 /* Co-simulation: on failure time and states are those of the last accepted internal step. */
 bool core_step(Instance *self, double time, double step);
 

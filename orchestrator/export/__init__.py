@@ -1,0 +1,1 @@
+"""A run taken elsewhere: its robots and target as FMUs, and how they are connected."""

@@ -1,0 +1,265 @@
+"""A run as FMUs that sample one another: each robot with its agent is one, and the target is one.
+
+At t_k an engine hands the outputs of all, which are left limits, to the inputs of all; each agent
+jumps as the step from t_k begins. So one exchange a step is enough, in whatever order FMUs are
+stepped. What is not of this kind is refused: samples that a link alters, an algorithm that does
+more than jump linearly, and plants whose equations are another's.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.clock import seconds
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.topology import Topology
+from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps
+from nrs_cosim.estimator_agents.target import Harmonic
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.orchestrator.engine.plants import Group, group_by_archive
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.plant_fmu.bundled.declaration import Declaration, bundled_models
+from nrs_cosim.plant_fmu.bundled.model_description import element_names
+from nrs_cosim.plant_fmu.bundled.sampled import Built, build_agent, build_robot, build_target
+from nrs_cosim.plant_fmu.drives.choice import choose
+from nrs_cosim.plant_fmu.drives.reference_driven import start_values
+from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
+from nrs_cosim.plant_fmu.plants import Body
+
+Array = NDArray[np.float64]
+SAMPLE = ("position", "velocity")
+STATE = ("q", "qd")
+RECEIVED = tuple(f"received_{sample}" for sample in SAMPLE)
+STARTS = {name: f"{name}_start" for name in (*SAMPLE, *STATE)}
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """An FMU with its parameters: numbers by name."""
+
+    name: str
+    fmu: Path
+    parameters: Mapping[str, float]
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+
+
+Connection = tuple[str, str, str, str]
+"""From a component's output to a component's input."""
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """Components and connections, to be stepped from 0 to an end by equal steps, in s."""
+
+    name: str
+    components: Sequence[Component]
+    connections: Sequence[Connection]
+    step: float
+    end: float
+    exact: bool
+    """Whether the jump by K and G is the algorithm's own to the last bit, and not for rounding."""
+
+
+def system_of(experiment: Experiment, ticks: int) -> System:
+    """Return so much of an experiment as a system.
+
+    `InputError` names the fields for which it can be none.
+    """
+    _expect_none(_wrong(experiment), experiment.name)
+    jump = linear_jump(experiment.algorithm)
+    assert jump is not None
+    clock, target = experiment.clock, experiment.target
+    assert clock.period is not None
+    assert isinstance(target, Harmonic)
+    graph = experiment.topologies.links
+    names = node_names(experiment.n)
+    groups = {row + 1: group for group in group_by_archive(experiment) for row in group.rows}
+    unit = groups[1].joints(experiment.bodies([1])[0].parameters)[0].unit
+    whole = len({joint.unit for g in groups.values() for joint in g.joints()}) == 1
+    components = [_target(names[0], target, unit if whole else "")]
+    connections: list[Connection] = []
+    for body in experiment.bodies():
+        built, values = _robot(body, groups[body.robot], graph, jump, seconds(clock.period))
+        components.append(
+            _component(names[body.robot], built, values, inputs=RECEIVED, outputs=(*SAMPLE, *STATE))
+        )
+        for place, source in enumerate(graph.in_neighbours(body.robot), 1):
+            for sample in SAMPLE:
+                connections += [
+                    (
+                        names[source],
+                        f"{sample}[{i}]",
+                        names[body.robot],
+                        f"received_{sample}[{place},{i}]",
+                    )
+                    for i in range(1, experiment.m + 1)
+                ]
+    even = clock.period % clock.parts == 0
+    step = clock.period // clock.parts if even else clock.period
+    return System(
+        experiment.name,
+        components,
+        connections,
+        seconds(step),
+        seconds(clock.t(ticks)),
+        _is_exact(experiment.algorithm, jump),
+    )
+
+
+def agent_of(experiment: Experiment, robot: int, fmi: int) -> Built:
+    """Return a robot's agent alone, its parameters as starts; `InputError` as `system_of`."""
+    _expect_none(_wrong_network(experiment), experiment.name)
+    jump = linear_jump(experiment.algorithm)
+    assert jump is not None
+    assert experiment.clock.period is not None
+    graph, estimate = experiment.topologies.links, experiment.initial_estimates([robot])
+    values = {
+        **_agent(robot, graph, jump, seconds(experiment.clock.period)),
+        STARTS["position"]: estimate.position[0],
+        STARTS["velocity"]: estimate.velocity[0],
+    }
+    received = max(len(graph.in_neighbours(robot)), 1)
+    return build_agent(experiment.m, received, fmi, values)
+
+
+def node_names(n: int) -> list[str]:
+    """Return the components' names, of which none begins with another, as engines compare these."""
+    return ["target", *(f"robot_{robot:0{len(str(n))}}" for robot in range(1, n + 1))]
+
+
+def _robot(
+    body: Body, group: Group, graph: Topology, jump: tuple[Array, Array], h: float
+) -> tuple[Built, dict[str, Any]]:
+    archive = group.archive
+    sizes = sizes_of(assignments(archive, body.parameters))
+    structural = {
+        v.name: sizes.get(v.valueReference, int(v.start))
+        for v in archive.description.modelVariables
+        if v.causality == "structuralParameter"
+    }
+    received = max(len(graph.in_neighbours(body.robot)), 1)
+    built = build_robot(archive.name, received, structural)
+    given = start_values(body, archive, group.names)
+    inputs = {v.name for v in built.declaration.of_kind("input")}
+    starts = {STARTS.get(name, name): value for name, value in given.items() if name not in inputs}
+    own = {name: value for name, value in body.parameters.items() if name not in structural}
+    return built, {
+        **own,
+        **starts,
+        **_agent(body.robot, graph, jump, h),
+        STARTS["position"]: body.position,
+        STARTS["velocity"]: body.velocity,
+    }
+
+
+def _agent(robot: int, graph: Topology, jump: tuple[Array, Array], h: float) -> dict[str, Any]:
+    weight = graph.normalised[graph.sink == robot]
+    keep, gain = jump
+    return {
+        "weight": weight if len(weight) else np.zeros(1),
+        "keep": keep,
+        "gain": gain,
+        "sampling_period": h,
+    }
+
+
+def _target(name: str, target: Harmonic, unit: str) -> Component:
+    m, terms = target.amplitude.shape
+    values = {key: getattr(target, key) for key in ("offset", "rate")}
+    if terms:
+        values |= {key: getattr(target, key) for key in ("amplitude", "frequency", "phase")}
+    return _component(name, build_target(m, terms, unit), values, inputs=(), outputs=SAMPLE)
+
+
+def _component(
+    name: str,
+    built: Built,
+    values: Mapping[str, Any],
+    *,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+) -> Component:
+    declared = built.declaration
+    parameters = {
+        element: float(number)
+        for key, value in values.items()
+        for element, number in zip(_elements(declared, key), np.ravel(value), strict=True)
+    }
+    taken, given = (
+        [e for key in keys for e in _elements(declared, key)] for keys in (inputs, outputs)
+    )
+    return Component(name, built.path, parameters, taken, given)
+
+
+def _elements(declared: Declaration, name: str) -> Sequence[str]:
+    return element_names(declared.variable(name))
+
+
+def _is_exact(algorithm: Algorithm, jump: tuple[Array, Array]) -> bool:
+    """Whether K x + G d, as C adds it up, is what the algorithm computes, to the last bit."""
+    from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate  # noqa: PLC0415
+
+    p, u, dp, du = np.random.Generator(np.random.Philox(4)).normal(size=(4, 4096))
+    after = algorithm.jump(Estimate(p, u), Disagreement(dp, du))
+    keep, gain = jump
+    return all(
+        np.array_equal(found, (k[0] * p + k[1] * u) + (g[0] * dp + g[1] * du))
+        for found, k, g in zip((after.position, after.velocity), keep, gain, strict=True)
+    )
+
+
+def _wrong(experiment: Experiment) -> Iterator[str]:
+    yield from _wrong_network(experiment)
+    if not isinstance(experiment.target, Harmonic):
+        yield "target: is no sum of sines; samples and FMUs are not written as a part of a system"
+    for group in group_by_archive(experiment):
+        if group.archive.label not in bundled_models():
+            yield (
+                f"{group.field}.fmu: {group.archive.label} is no bundled model: an agent is built "
+                "together with the equations, which it has in C"
+            )
+        elif group.plant.variables:
+            yield f"{group.field}.variables: a robot with its agent has the names of its model"
+        else:
+            try:
+                way = choose(group.archive, group.names, group.driving).way
+            except FmuError as error:
+                yield f"{group.field}: {error}"
+            else:
+                if way != "reference":
+                    yield f"{group.field}: is driven by {quoted(way)}, not by its own PD law"
+
+
+def _wrong_network(experiment: Experiment) -> Iterator[str]:
+    """Yield for which fields agents and their links are no FMUs and connections."""
+    schedule, algorithm = experiment.topologies, experiment.algorithm
+    name = experiment.scenario.algorithm.name
+    if experiment.clock.period is None:
+        yield "run: sampling times are aperiodic; an FMU's agent samples with one period"
+    if not schedule.is_constant:
+        yield "network: is switched; connections of a system stay as they are"
+    elif schedule.exchanges[0].has_two_digraphs:
+        yield "network: positions and velocities have digraphs of their own; here they have one"
+    if experiment.links is not None or experiment.byzantine:
+        yield "faults: links and robots alter, lose or delay samples; a connection does not"
+    if not jumps(algorithm):
+        yield (
+            f"algorithm.name: {name} does more than jump by the disagreement, which "
+            "is all that K and G say"
+        )
+    elif linear_jump(algorithm) is None:
+        yield f"algorithm.name: {name} does not jump linearly: there is no K and G"
+
+
+def _expect_none(faults: Iterator[str], name: str) -> None:
+    if found := list(faults):
+        raise InputError(
+            "\n".join(f"{name}: cannot be taken elsewhere: {fault}" for fault in found)
+        )
