@@ -23,7 +23,12 @@ def topic_of(kind: str, node: int) -> str:
     keeps beside its estimate, right after t_k; `measurement`: what it measures of the target at
     t_k, when it is pinned; `checkpoint`: from what it can be restored.
     """
-    return f"/{f'robot_{node}' if node else TARGET}/{kind}"
+    return f"/{node_name(node)}/{kind}"
+
+
+def node_name(node: int) -> str:
+    """Return what a robot, or node 0, the target, is called in topics and frames."""
+    return f"robot_{node}" if node else TARGET
 
 
 def kind_of(topic: str) -> str:

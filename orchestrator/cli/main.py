@@ -19,6 +19,7 @@ import typer
 
 from nrs_cosim.bus.errors import CosimError, InputError, MissingExtraError
 from nrs_cosim.orchestrator.cli import replay_commands, run_commands
+from nrs_cosim.orchestrator.cli.convert_commands import convert
 from nrs_cosim.orchestrator.cli.design_commands import design
 from nrs_cosim.orchestrator.cli.fmu_commands import fmu
 from nrs_cosim.orchestrator.cli.group import Commands
@@ -91,6 +92,7 @@ app.command()(run_commands.worker)
 app.command()(replay_commands.replay)
 app.command()(replay_commands.diff)
 app.command()(report)
+app.command()(convert)
 app.command()(design)
 app.command()(sweep)
 

@@ -173,12 +173,29 @@ def tail(
     messages and the chunks; what else they count is taken from the summary.
     """
     end = end_record(fields)
-    data_end = encoded(mcap.DataEnd(zlib.crc32(end, crc)))
+    return end + closing(
+        offset=offset + len(end),
+        crc=zlib.crc32(end, crc),
+        summary=[*summary, mcap.MetadataIndex(offset, len(end), END)],
+        statistics=statistics,
+        chunk_indexes=chunk_indexes,
+    )
+
+
+def closing(
+    *,
+    offset: int,
+    crc: int,
+    summary: Sequence[mcap.McapRecord],
+    statistics: mcap.Statistics,
+    chunk_indexes: Iterable[bytes],
+) -> bytes:
+    """The bytes of any MCAP file after its data, which end at `offset` with a checksum `crc`."""
+    data_end = encoded(mcap.DataEnd(crc))
     kinds: dict[type[mcap.McapRecord], list[mcap.McapRecord]] = {
         kind: [record for record in summary if isinstance(record, kind)]
         for kind in (mcap.Schema, mcap.Channel, mcap.AttachmentIndex, mcap.MetadataIndex)
     }
-    kinds[mcap.MetadataIndex].append(mcap.MetadataIndex(offset, len(end), END))
     statistics = replace(
         statistics,
         schema_count=len(kinds[mcap.Schema]),
@@ -194,7 +211,7 @@ def tail(
         Opcode.ATTACHMENT_INDEX: encoded(*kinds[mcap.AttachmentIndex]),
         Opcode.METADATA_INDEX: encoded(*kinds[mcap.MetadataIndex]),
     }
-    summary_start = at = offset + len(end) + len(data_end)
+    summary_start = at = offset + len(data_end)
     offsets = []
     for opcode, group in groups.items():
         if group:
@@ -203,4 +220,4 @@ def tail(
     section = b"".join([*groups.values(), encoded(*offsets)])
     footer = FOOTER.pack(Opcode.FOOTER, 20, summary_start, at)
     summary_crc = CRC.pack(zlib.crc32(footer, zlib.crc32(section)))
-    return b"".join([end, data_end, section, footer, summary_crc, MAGIC])
+    return b"".join([data_end, section, footer, summary_crc, MAGIC])

@@ -38,16 +38,21 @@ EXPECTED = {
 }
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Return a folder with an FMU of whoever that has a URDF, a scenario and a run of it."""
-    folder = tmp_path_factory.mktemp("urdfs")
+def own_fmu(path):
+    """Write an FMU as it is made of a URDF: it names its joints, and says how it looks."""
     joints = [{"name": name, "unit": "rad"} for name in ("shoulder", "elbow")]
-    with ZipFile(build("two_link_arm")) as source, ZipFile(folder / "own.fmu", "w") as own:
+    with ZipFile(build("two_link_arm")) as source, ZipFile(path, "w") as own:
         for entry in source.infolist():
             own.writestr(entry, source.read(entry))
         own.writestr(JOINTS, json.dumps(joints))
         own.writestr(URDF, ELBOWED)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with an FMU of whoever that has a URDF, a scenario and a run of it."""
+    folder = tmp_path_factory.mktemp("urdfs")
+    own_fmu(folder / "own.fmu")
     write(folder / "run.toml", CHANGES)
     done = nrs("run", folder / "run.toml", "-o", folder / "run.mcap")
     assert done.returncode == 0, done.stderr

@@ -1,0 +1,237 @@
+"""A recording as a bag of ROS 2, a chunk at a time.
+
+    /robot_3/joint_states        sensor_msgs/JointState    what the joints do, on the output grid
+    /robot_3/reference           sensor_msgs/JointState    what they follow, without efforts
+    /target/joint_states         sensor_msgs/JointState    the target at t_k, without efforts
+    /tf                          tf2_msgs/TFMessage        the frames of joints that move
+    /tf_static                   tf2_msgs/TFMessage        the others and the bases, once
+    /robot_3/robot_description   std_msgs/String           each robot's URDF, once
+    /rosout                      rcl_interfaces/Log        what links did to samples
+
+Times are the recording's, from an epoch on; a message's stamp is its time in the bag. A robot of
+which no URDF is known has joints and no frames, and so has a target of other quantities.
+"""
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.bus.keys import node_name, topic_of
+from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
+from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.robots.placed import PlacedRobot, own_urdf, placed_robots
+from nrs_cosim.recordings.ros2 import cdr
+from nrs_cosim.recordings.ros2.bag import Bag, Topic, new_bag
+from nrs_cosim.recordings.ros2.definitions import INFO, JOINT_STATE, LOG, STRING, TF, WARN, RosType
+from nrs_cosim.recordings.schemas import about, recorded_types
+
+Rows = NDArray[np.void]
+Array = NDArray[np.float64]
+
+
+def convert(
+    reader: Reader,
+    output: Path,
+    *,
+    robots: Collection[int] | None = None,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    epoch_ns: int = 0,
+) -> int:
+    """Write messages of all robots or some, start_ns <= time < end_ns; return how many there are.
+
+    `UncreatableError` is as for `new_bag`, `UnreadableError` as for `placed_robots`.
+    """
+    made = _Conversion(reader, sorted(robots or range(1, about(reader).run.robots + 1)), epoch_ns)
+    version = reader.library.removeprefix("nrs-cosim ")
+    with new_bag(output, made.topics, version) as bag:
+        for messages in reader.columns(made.read, start_ns, end_ns):
+            made.put(messages, bag)
+        if not bag.counts:
+            raise UnreadableError(f"{reader.path}: has no messages of these robots and times")
+    return bag.counts.total()
+
+
+class _Conversion:
+    """What topics there are, and what of a chunk of a recording is put on each."""
+
+    def __init__(self, reader: Reader, robots: Sequence[int], epoch_ns: int) -> None:
+        self._reader, self._types, self._epoch_ns = reader, recorded_types(reader), epoch_ns
+        self.topics: list[Topic] = []
+        run, there = about(reader).run, {*reader.topics.values()}
+        names = {i: [j.name for j in group.joints] for group in run.plants for i in group.robots}
+        names[0] = names[robots[0]]
+        placed = placed_robots(reader, robots)
+        bases = {robot.number: robot.frame(robot.description.base) for robot in placed}
+
+        def joints(topic: str, numbers: Sequence[int], *, effort: bool) -> _JointStates:
+            made = [
+                cdr.joint_state(bases.get(i, node_name(i)), names[i], effort=effort)
+                for i in numbers
+            ]
+            on = self._add(*(f"/{node_name(i)}/{topic}" for i in numbers), of=JOINT_STATE)
+            return _JointStates(made, numbers, on)
+
+        self.read = [topic_of("state", robot) for robot in robots]
+        self._joints = joints("joint_states", robots, effort=True)
+        self._references = joints("reference", robots, effort=False)
+        self._target: _JointStates | None = None
+        sent = self._types.codecs["sample"].shapes
+        if all(sent.get(name) == (run.joints,) for name in ("position", "velocity")):
+            self.read.append(topic_of("sample", 0))
+            self._target = joints("joint_states", [0], effort=False)
+        self._frames: list[_Frames] = []
+        self._once: list[tuple[int, cdr.Templates, dict[str, Any]]] = []
+        if placed:
+            on = self._add("/tf", of=TF)
+            self._frames = [_Frames(placed[1:], robots, on), _Frames(placed[:1], [0], on)]
+            self._describe(placed if self._target else placed[1:])
+        events = [topic for i in robots if (topic := topic_of("link_event", i)) in there]
+        self.read += events
+        self._log = self._add("/rosout", of=LOG) if events else 0
+
+    def _add(self, *names: str, of: RosType, latched: bool = False) -> int:
+        """Add topics of a type; return the number of the first one."""
+        self.topics += [Topic(name, of, latched) for name in names]
+        return len(self.topics) - len(names) + 1
+
+    def _describe(self, placed: Sequence[PlacedRobot]) -> None:
+        """Have what never changes put once."""
+        still = [robot.still for robot in placed]
+        frames = [frame for of_robot, _ in still for frame in of_robot]
+        where = np.concatenate([at for _, at in still])[np.newaxis]
+        on = self._add("/tf_static", of=TF, latched=True)
+        self._once.append((on, cdr.Templates.of([cdr.transforms(frames)]), {"frame": where}))
+        for robot in placed:
+            on = self._add(f"/{robot.name}/robot_description", of=STRING, latched=True)
+            self._once.append((on, cdr.Templates.of([cdr.string(own_urdf(robot))]), {}))
+
+    def put(self, messages: Columns, bag: Bag) -> None:
+        """Put what messages of whole ticks become."""
+        states, targets, events = (
+            rows_of(self._reader, self._types, table, messages)
+            for table in (STATES, SAMPLES, LINK_EVENTS)
+        )
+        parts: list[Columns] = []
+
+        def add(
+            channel: Any,
+            templates: cdr.Templates,
+            which: NDArray[np.intp],
+            rows: Rows,
+            **values: Any,
+        ) -> None:
+            times = rows["time_ns"] + self._epoch_ns
+            if "stamp" in templates.places:
+                values["stamp"] = cdr.stamps(times)
+            data, starts, stops = templates.filled(which, values)
+            channels = np.full(len(rows), channel, np.uint16)
+            parts.append(Columns(data, channels, rows["k"], times.astype(np.uint64), starts, stops))
+
+        first = np.zeros(1, [("time_ns", "i8"), ("k", "u4")])
+        first["time_ns"], first["k"] = messages.time[0], messages.sequence[0]
+        for on, templates, values in self._once:
+            add(on, templates, np.zeros(1, np.intp), first, **values)
+        self._once = []
+        followed = {"position": "reference_position", "velocity": "reference_velocity"}
+        own = {name: name for name in ("position", "velocity", "effort")}
+        for rows, of, fields in (
+            (states, self._joints, own),
+            (states, self._references, followed),
+            (targets, self._target, {name: name for name in followed}),
+        ):
+            if rows is not None and of is not None:
+                which = of.row[rows["robot"]]
+                numbers = {name: rows[field] for name, field in fields.items()}
+                add(of.channel + which, of.templates, which, rows, **numbers)
+        for rows, frames in zip((states, targets), self._frames, strict=False):
+            if rows is not None and frames.templates is not None:
+                at = rows[:: frames.robots]
+                add(frames.channel, frames.templates, np.zeros(len(at), np.intp), at,
+                    frame=frames.at(rows["position"]))  # fmt: skip
+        if events is not None:
+            templates, which = _logged(events)
+            add(self._log, templates, which, events)
+        bag.put(parts)
+
+
+class _JointStates:
+    """Topics of joints, a robot's each, from the number `channel` on."""
+
+    def __init__(self, made: Sequence[cdr.Template], robots: Sequence[int], channel: int) -> None:
+        self.templates, self.channel = cdr.Templates.of(made), channel
+        self.row = np.zeros(max(robots) + 1, np.intp)
+        """Of each robot its template."""
+        self.row[[*robots]] = np.arange(len(robots))
+
+
+class _Frames:
+    """The frames of all joints that move, of robots among those that states are of."""
+
+    def __init__(self, placed: Sequence[PlacedRobot], robots: Sequence[int], channel: int) -> None:
+        self.channel, self.robots = channel, len(robots)
+        moving = [frame for robot in placed for frame in robot.moving]
+        self.templates = cdr.Templates.of([cdr.transforms(moving)]) if moving else None
+        self._count = len(moving)
+        column = {robot: at for at, robot in enumerate(robots)}
+        ends = np.cumsum([0, *(len(robot.moving) for robot in placed)])
+        self._alike: dict[int, list[tuple[int, int]]] = {}
+        """Of robots of the same kinematics the columns of their states and of their frames."""
+        self._kinematics = {id(robot.kinematics): robot.kinematics for robot in placed}
+        for robot, end in zip(placed, ends.tolist(), strict=False):
+            places = (column[robot.number], end)
+            self._alike.setdefault(id(robot.kinematics), []).append(places)
+
+    def at(self, q: Array) -> Array:
+        """Return (times, frames, 7) of positions (times · robots, m), a time after the other."""
+        by_time = q.reshape(-1, self.robots, q.shape[1])
+        found = np.empty((len(by_time), self._count, 7))
+        for key, places in self._alike.items():
+            kinematics = self._kinematics[key]
+            columns, begins = np.array(places).T
+            mine = kinematics.joints(by_time[:, columns].reshape(-1, q.shape[1]))
+            mine = mine[:, kinematics.moving].reshape(len(by_time), len(columns), -1, 7)
+            found[:, begins[:, np.newaxis] + np.arange(mine.shape[2])] = mine
+        return found
+
+
+_EVENT = ("robot", "source", "lost", "outage", "delay", "duplicates")
+
+
+def _logged(events: Rows) -> tuple[cdr.Templates, NDArray[np.intp]]:
+    """Return what is said of link events, each once, and which is said of each row."""
+    said = np.stack(
+        [
+            events[name] if name in (events.dtype.names or ()) else np.zeros(len(events), "u4")
+            for name in _EVENT
+        ],
+        axis=1,
+    )
+    kinds, which = np.unique(said, axis=0, return_inverse=True)
+    templates = [
+        cdr.log(WARN if event["lost"] or event["outage"] else INFO, node_name(event["robot"]), text)
+        for row in kinds.tolist()
+        for event in [dict(zip(_EVENT, row, strict=True))]
+        for text in [_in_words(**event)]
+    ]
+    return cdr.Templates.of(templates), which.reshape(-1)
+
+
+def _in_words(robot: int, source: int, lost: int, outage: int, delay: int, duplicates: int) -> str:
+    """Say what a link did to a sample."""
+    if robot == source:
+        return "in an outage"
+    met = [
+        *(["lost"] if lost else []),
+        *(["in an outage"] if outage else []),
+        *([f"late by {count_of(delay, 'sampling period')}"] if delay else []),
+        *([f"{count_of(duplicates, 'duplicate')}"] if duplicates else []),
+    ]
+    whose = f"robot {source}" if source else "the target"
+    return f"sample of {whose}: {', '.join(met) or 'altered'}"
