@@ -184,11 +184,11 @@ class Scenario:
         if not isinstance(other, Scenario):
             return NotImplemented
         mine, theirs = self._experiment, other._experiment
-        return (mine.scenario, mine.folder) == (theirs.scenario, theirs.folder)
+        return (mine.scenario, mine.files_at) == (theirs.scenario, theirs.files_at)
 
     def __hash__(self) -> int:
         """Agree with `==`."""
-        return hash((self.robots, self.joints, self._experiment.folder))
+        return hash((self.robots, self.joints, self._experiment.files_at))
 
     def __repr__(self) -> str:
         """Return what the scenario is, on a line."""

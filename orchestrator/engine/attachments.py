@@ -7,7 +7,9 @@ it.
 """
 
 import json
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from nrs_cosim.orchestrator.engine.plants import group_by_archive
@@ -44,6 +46,19 @@ def recorded_assets(experiment: Experiment, plants: Sequence[Mapping[str, Any]])
         for field, asset in experiment.assets.items()
         if asset.media_type != FMU or asset.sha256 in used
     }
+
+
+def folder_from(recording: Path, experiment: Experiment) -> str:
+    """Return where the files are that a scenario names and a recording has not, seen from it.
+
+    Where there are none, nobody need know where the scenario was.
+    """
+    if experiment.files_at is None:
+        return "."
+    try:
+        return os.path.relpath(experiment.files_at, recording.absolute().parent.resolve())
+    except ValueError:  # they are on two drives
+        return str(experiment.files_at)
 
 
 def attachments(

@@ -21,6 +21,7 @@ from nrs_cosim.orchestrator.engine.attachments import (
     asset_records,
     attachments,
     expect_attachable,
+    folder_from,
     recorded_assets,
     urdf_records,
     urdfs_of,
@@ -132,7 +133,7 @@ def run(
                 channels=topics,
                 schemas=schemas(topics, experiment.codecs),
                 metadata={
-                    RUN: _about_run(experiment, plants),
+                    RUN: _about_run(experiment, plants, output),
                     VERSIONS: _versions(),
                     **fields_record(experiment.codecs),
                     **({ASSETS: asset_records(assets)} if assets else {}),
@@ -238,11 +239,13 @@ def needs_of(
     return found
 
 
-def _about_run(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def _about_run(
+    experiment: Experiment, plants: Sequence[Mapping[str, Any]], output: Path
+) -> dict[str, str]:
     """Return the run's metadata record; its numbers are decimal, its times in ns."""
     return {
         "name": experiment.name,
-        "folder": str(experiment.folder.absolute()),
+        "folder": folder_from(output, experiment),
         **{key: str(number) for key, number in told_of(experiment).items()},
         "plants": json.dumps([{k: v for k, v in plant.items() if k != "urdf"} for plant in plants]),
     }
@@ -252,5 +255,5 @@ def _versions() -> dict[str, str]:
     return {
         **{part: version(part) for part in _PARTS},
         "python": platform.python_version(),
-        "platform": platform.platform(),
+        "platform": " ".join([platform.system(), platform.machine(), *platform.libc_ver()]).strip(),
     }

@@ -156,7 +156,7 @@ def _driven(plants: Sequence[Mapping[str, Any]]) -> str:
 
 
 def experiment_of(reader: Reader) -> Experiment:
-    """Return the experiment that a recording is of; its paths are relative to where it was."""
+    """Return the experiment that a recording is of; its paths begin where the recording says."""
     about = about_run(reader)
     run = about.run
     origin = f"{reader.path}: {SCENARIO}"
@@ -164,9 +164,8 @@ def experiment_of(reader: Reader) -> Experiment:
         field: Asset.of(record.name, record.source_sha256, *reader.attachments[record.attachment])
         for field, record in about.assets.items()
     }
-    experiment = parse_scenario(
-        about.scenario, run.name, Path(run.folder), origin, assets, recorded=True
-    )
+    folder = Path(reader.path).parent / run.folder
+    experiment = parse_scenario(about.scenario, run.name, folder, origin, assets, recorded=True)
     if unnamed := assets.keys() - experiment.assets.keys():
         raise UnreadableError(f"{origin}: names no {min(unnamed)}, of which {ASSETS} has an asset")
     for key, number in told_of(experiment).items():

@@ -44,7 +44,8 @@ from nrs_cosim.orchestrator.scenario.own import Own, own_of
 from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
-from nrs_cosim.orchestrator.scenario.tables.targets import Axis
+from nrs_cosim.orchestrator.scenario.tables.targets import Axis, FmuMotion
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 
 
@@ -228,6 +229,13 @@ class Experiment:
     def plants(self) -> Sequence[Plant]:
         """All robots' plants, from robot 1 on."""
         return [self.of_robot(robot).plant for robot in range(1, self.n + 1)]
+
+    @property
+    def files_at(self) -> Path | None:
+        """Where the FMUs and certificates are that the scenario names; None where it names none."""
+        named = {plant.fmu for plant in self.plants} - {*bundled_models()}
+        target, tls = self.scenario.target, self.scenario.bus.tls
+        return self.folder.resolve() if named or tls or isinstance(target, FmuMotion) else None
 
     def initial_estimates(self, robots: Sequence[int] | None = None) -> Estimate:
         """Return ε_i(t_0) and υ_i(t_0), (rows, m), of some robots or of all."""

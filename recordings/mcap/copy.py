@@ -46,7 +46,7 @@ def ending(reader: Reader) -> tuple[Closing, str, dict[str, str]]:
         return reader.status, reader.reason, extra
     what = "; ".join(filter(None, (reader.status, reader.reason, *reader.damage)))
     whole = reader.end.get(PART) or reader.end.get("digest", "")
-    return "failed", f"recovered from {reader.path}: {what}", {PART: whole}
+    return "failed", f"recovered from {Path(reader.path).name}: {what}", {PART: whole}
 
 
 RECOVERED = "nrs.recovered"
@@ -64,7 +64,7 @@ def recover(reader: Reader, path: str | PathLike[str]) -> None:
     when no tick is left.
     """
     reader.expect_ticks("recover")
-    metadata = {"file": str(reader.path), "status": reader.status, "reason": reader.reason}
+    metadata = {"file": Path(reader.path).name, "status": reader.status, "reason": reader.reason}
     metadata["damage"] = json.dumps(reader.damage)
     with copy_of(reader, path, {RECOVERED: metadata}) as writer:
         for chunk in reader.batches():

@@ -388,7 +388,7 @@ def test_a_cut_recording_is_recovered_with_its_reason(recording, tmp_path):
     assert "damage: the file ends inside a record" in done.stderr
     result = json.loads(nrs("info", new, "--json").stdout)
     assert (result["status"], result["ticks"], result["damage"]) == ("failed", 10, [])
-    assert result["reason"].startswith(f"recovered from {cut}: unfinished; never closed")
+    assert result["reason"].startswith(f"recovered from {cut.name}: unfinished; never closed")
     assert result["digest"] is None
     assert result["digest_here"] in recording[1]
     for target in (new, cut):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import platform
 from contextlib import ExitStack
 from zipfile import ZipFile
 
@@ -9,12 +10,13 @@ import pytest
 
 from nrs_cosim.orchestrator.cluster.protocol import PlantDescription, Ready
 from nrs_cosim.orchestrator.engine.robots import Robots
+from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
 from nrs_cosim.plant_fmu.joints import JOINTS, URDF
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.metadata import URDFS
+from nrs_cosim.recordings.metadata import RUN, URDFS
 from tests.command import nrs
 from tests.orchestrator.test_assets import again
 from tests.scenarios import paper, write
@@ -89,6 +91,27 @@ def test_a_changed_run_keeps_the_urdfs_of_robots_that_are_not_changed(folder):
     assert done.returncode == 0, done.stderr
     longer = {1: model_urdf("two_link_arm", {"r1": 2.0}, BUNDLED)}
     assert urdfs(folder / "changed.mcap") == EXPECTED | longer
+
+
+@pytest.mark.parametrize("changes", [CHANGES, {**CHANGES, "robots": []}])
+def test_a_recording_says_nothing_of_its_makers_folders_or_kernel(folder, tmp_path, changes):
+    """What it needs of them is where FMUs are, seen from it: both may move together."""
+    home, moved = tmp_path / "home-of-eve", tmp_path / "moved"
+    (home / "results").mkdir(parents=True)
+    (home / "own.fmu").write_bytes((folder / "own.fmu").read_bytes())
+    write(home / "run.toml", changes)
+    done = nrs("run", home / "run.toml", "-o", home / "results/run.mcap")
+    assert done.returncode == 0, done.stderr
+    content = (home / "results/run.mcap").read_bytes()
+    for secret in (str(tmp_path), "home-of-eve", platform.release(), platform.node()):
+        assert secret.encode() not in content
+    with Reader(home / "results/run.mcap") as reader:
+        assert reader.metadata[RUN]["folder"] == (".." if changes["robots"] else ".")
+        experiment = experiment_of(reader)
+    assert experiment.files_at == (home if changes["robots"] else None)
+    home.rename(moved)
+    done = nrs("replay", moved / "results/run.mcap", "--verify")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

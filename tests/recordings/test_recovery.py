@@ -37,7 +37,7 @@ def test_a_lost_chunk_leaves_a_named_gap(tmp_path: Path) -> None:
         assert (new.digest_here, new.message_count) == (reader.digest_here, len(left))
         assert new.digest is None
         assert (new.status, new.damage) == ("failed", [])
-        assert new.reason.startswith(f"recovered from {path}: completed; chunk at byte ")
+        assert new.reason.startswith(f"recovered from {path.name}: completed; chunk at byte ")
         assert "ticks 5 to 7 are missing" in new.reason
         assert new.metadata[RECOVERED]["status"] == "completed"
         assert "tick 12 is missing" in new.metadata[RECOVERED]["damage"]
