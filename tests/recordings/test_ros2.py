@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from lxml import etree
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.metadata import URDFS
@@ -22,7 +19,10 @@ from tests.orchestrator.test_assets import again
 from tests.orchestrator.test_urdfs import CHANGES, own_fmu
 from tests.scenarios import write
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+highlevel = pytest.importorskip("rosbags.highlevel", reason="needs rosbags, of the extra `test`")
+typesys = pytest.importorskip("rosbags.typesys", reason="needs rosbags, of the extra `test`")
+decoder = pytest.importorskip("mcap_ros2.decoder", reason="needs mcap-ros2-support, of `test`")
+STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 TYPES = STORE.types
 RERUN = Path(sys.executable).with_name("rerun")
 LOSSY = {
@@ -51,7 +51,7 @@ def converted(recording, output, *options):
 
 def messages(path):
     """Yield topic, log time, message and bytes of a bag, by rosbags."""
-    with AnyReader([path], default_typestore=STORE) as reader:
+    with highlevel.AnyReader([path], default_typestore=STORE) as reader:
         for connection, time_ns, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
             again = STORE.serialize_cdr(message, connection.msgtype)
@@ -96,7 +96,9 @@ def test_a_folder_and_a_file_are_read_by_other_libraries_with_equal_numbers(reco
     alone = converted(recording, tmp_path / "bag.mcap")
     assert alone.read_bytes() == (tmp_path / "bag/bag_0.mcap").read_bytes()
     with alone.open("rb") as file:
-        decoded = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        decoded = make_reader(
+            file, decoder_factories=[decoder.DecoderFactory()]
+        ).iter_decoded_messages()
         read = {
             (channel.topic, message.log_time): as_expected(decoded_message)
             for _, channel, message, decoded_message in decoded
@@ -216,7 +218,7 @@ def test_robots_without_a_urdf_have_joints_and_no_frames(recording, tmp_path):
     "of", [definitions.JOINT_STATE, definitions.TF, definitions.STRING, definitions.LOG]
 )
 def test_definitions_and_hashes_are_those_of_their_packages(of):
-    defined = get_types_from_msg(of.definition, of.name)
+    defined = typesys.get_types_from_msg(of.definition, of.name)
     for name, fields in defined.items():
         assert fields[1] == STORE.fielddefs[name][1], name
     assert of.hash == STORE.hash_rihs01(of.name)
