@@ -1,9 +1,12 @@
 """Chance has a name, (seed, purpose, robot or link): a draw depends on no order and no layout."""
 
+from collections.abc import Sequence
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nrs_cosim.bus.mathematics import normal_quantile
 
 
 def random_stream(seed: int, purpose: str, *key: int) -> np.random.Generator:
@@ -38,12 +41,17 @@ def keyed_normal(
     seed: int, purpose: str, robots: NDArray[np.integer], k: int, size: int
 ) -> NDArray[np.float64]:
     """Return draws of mean 0 and variance 1, (robots, size), by the inverse of Φ."""
-    from scipy.special import ndtri  # noqa: PLC0415, most runs draw none
+    return _normal(keyed_uniform(seed, purpose, robots, k, size))
 
-    uniform = keyed_uniform(seed, purpose, robots, k, size)
-    middle = (np.floor(uniform * 2.0**52) + 0.5) * 2.0**-52  # neither 0 nor 1
-    draws: NDArray[np.float64] = ndtri(middle)
-    return draws
+
+def normal(rng: np.random.Generator, shape: Sequence[int]) -> NDArray[np.float64]:
+    """Return draws of mean 0 and variance 1, (…): those of NumPy take a library's logarithms."""
+    return _normal(rng.random(shape))
+
+
+def _normal(uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the numbers at which Φ is so much, but for half of 2⁻⁵², and neither 0 nor 1."""
+    return normal_quantile((np.floor(uniform * 2.0**52) + 0.5) * 2.0**-52)
 
 
 def _mixed(z: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -19,7 +19,6 @@ it sent q periods ago by q a + h b q (q + 1)/2 and q b at most: it sends again w
 c_0 or d_0, and not before (statement E2).
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,6 +26,7 @@ from typing import ClassVar
 import numpy as np
 
 from nrs_cosim.bus.fields import ESTIMATE, Field, Fields
+from nrs_cosim.bus.mathematics import exponential
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Mask, Missing, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.dcea1 import FirstOrder
@@ -69,8 +69,7 @@ class EventTriggered(Algorithm):
         off = np.abs(x.position - x.sent_position).max(axis=1)
         veer = np.abs(x.velocity - x.sent_velocity).max(axis=1)
         silence = now.t - x.sent_at[:, 0]
-        # One number for all robots, from the C library: NumPy's exp differs between processors.
-        allowed = self.c0 + self.c1 * math.exp(-self.decay * now.t)
+        allowed = self.c0 + self.c1 * float(exponential(-self.decay * now.t))
         sends: Mask = (off > allowed) | (veer > self.d0) | (x.sent_at[:, 0] < 0)
         sends |= silence >= self.longest_silence
         column = sends[:, None]

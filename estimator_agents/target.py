@@ -6,13 +6,15 @@ of given times, through positions there; the spline, C², or with velocities too
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.bus.fields import Fields
+from nrs_cosim.bus.mathematics import sine, sine_and_cosine
 from nrs_cosim.bus.summation import summed
+from nrs_cosim.estimator_agents.cubics import Cubics, hermite, spline_velocities
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.waves import norm_supremum, supremum
 
@@ -68,18 +70,17 @@ class Harmonic:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m)."""
         t = np.asarray(seconds, float)[..., None]
         angle = self.frequency * t[..., None] + self.phase
-        swing = self.amplitude * np.sin(angle)
-        speed = self.amplitude * self.frequency * np.cos(angle)
+        sines, cosines = sine_and_cosine(angle)
         return Estimate(
-            self.offset + self.rate * t + summed(swing),
-            self.rate + summed(speed),
+            self.offset + self.rate * t + summed(self.amplitude * sines),
+            self.rate + summed(self.amplitude * self.frequency * cosines),
         )
 
     def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
         """Return a_0 at times of any shape (…): (…, m)."""
         t = np.asarray(seconds, float)[..., None]
         angle = self.frequency * t[..., None] + self.phase
-        pull = self.amplitude * self.frequency * self.frequency * np.sin(angle)
+        pull = self.amplitude * self.frequency * self.frequency * sine(angle)
         acceleration: NDArray[np.float64] = -summed(pull)
         return acceleration
 
@@ -117,8 +118,7 @@ class Harmonic:
 class Sampled:
     """Positions at given times and what is between them: a cubic on each interval."""
 
-    spline: Any
-    """scipy's PPoly"""
+    cubics: Cubics
 
     @classmethod
     def of(cls, times: ArrayLike, positions: ArrayLike) -> "Sampled":
@@ -127,9 +127,8 @@ class Sampled:
         At the first and at the last inner time the third derivative is continuous too (not-a-knot).
         Two samples make a line, three a parabola.
         """
-        from scipy.interpolate import CubicSpline  # noqa: PLC0415, 0.3 s that sines need not wait for
-
-        return cls(CubicSpline(times, positions, extrapolate=False))
+        t, x = np.asarray(times, float), np.asarray(positions, float)
+        return cls(hermite(t, x, spline_velocities(t, x)))
 
     @classmethod
     def through(cls, times: ArrayLike, positions: ArrayLike, velocities: ArrayLike) -> "Sampled":
@@ -138,30 +137,28 @@ class Sampled:
         At each of the times they are what is returned, to the last bit: a piece is in powers of
         the time since its beginning, and one more, as long as a rounding, begins at the last.
         """
-        from scipy.interpolate import CubicHermiteSpline, PPoly  # noqa: PLC0415, as in `of`
-
-        inner = CubicHermiteSpline(times, positions, velocities)
-        rest = np.zeros_like(inner.c[:, :1])
-        rest[2:, 0] = np.asarray(velocities)[-1], np.asarray(positions)[-1]
-        ends = np.append(inner.x, np.nextafter(inner.x[-1], np.inf))
-        return cls(PPoly(np.concatenate([inner.c, rest], axis=1), ends, extrapolate=False))
+        t, x, v = (np.asarray(rows, float) for rows in (times, positions, velocities))
+        inner = hermite(t, x, v).coefficients
+        last = np.zeros_like(inner[:, :1])
+        last[:2, 0] = x[-1], v[-1]
+        ends = np.append(t, np.nextafter(t[-1], np.inf))
+        return cls(Cubics(ends, np.concatenate([inner, last], axis=1)))
 
     def at(self, seconds: ArrayLike) -> Estimate:
         """Return ε_0 and υ_0 at times of any shape (…): arrays (…, m); NaN beyond the samples."""
-        return Estimate(self.spline(seconds), self.spline(seconds, 1))
+        return Estimate(self.cubics.at(seconds), self.cubics.at(seconds, 1))
 
     def acceleration(self, seconds: ArrayLike) -> NDArray[np.float64]:
         """Return a_0 at times of any shape (…): (…, m); NaN beyond the samples."""
-        acceleration: NDArray[np.float64] = self.spline(seconds, 2)
-        return acceleration
+        return self.cubics.at(seconds, 2)
 
     def bounds(self) -> tuple[float, float]:
         """Return the suprema of |υ_0| and |a_0| of any axis over all that was sampled (A1).
 
         On an interval a_0 is linear and greatest at an end; υ_0 is so too, or where a_0 = 0.
         """
-        a, b, c, _ = self.spline.c
-        length = np.diff(self.spline.x)[:, None]
+        _, c, b, a = self.cubics.coefficients
+        length = np.diff(self.cubics.times)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = -b / (3 * a)
             inside = (turn > 0) & (turn < length)
@@ -176,8 +173,8 @@ class Sampled:
         On an interval a_0 is linear, so that its norm is greatest at an end. υ_0 is a quadratic: on
         a part of length δ it is within ‖a_0′‖₂ δ²/8 of the chord, which is greatest at an end.
         """
-        a, b, c, _ = self.spline.c
-        length = np.diff(self.spline.x)[:, None]
+        _, c, b, a = self.cubics.coefficients
+        length = np.diff(self.cubics.times)[:, None]
         ends = 2 * b, 6 * a * length + 2 * b
         at = np.arange(PARTS + 1)[:, None, None] / PARTS * length
         speeds = np.linalg.norm((3 * a * at + 2 * b) * at + c, axis=-1).max(axis=0)

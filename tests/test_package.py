@@ -71,7 +71,7 @@ def test_a_users_modules_with_the_names_of_our_folders_do_not_clash(site, tmp_pa
     said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--workers", "2")
     file, status, digest = said("script.py").split()
     assert Path(file) == site / "nrs_cosim/__init__.py"
-    assert (status, digest[:8]) == ("completed", "130b001e")
+    assert (status, digest[:8]) == ("completed", "5433c658")
 
 
 SCRIPT = (ROOT / "tests/user_script.py").read_text("utf-8")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.fields import ESTIMATE, Shape
 from nrs_cosim.bus.links.draws import BLOCK, Draws
+from nrs_cosim.bus.random_streams import normal
 
 Array = NDArray[np.float64]
 PAIR = tuple(ESTIMATE)
@@ -36,9 +37,7 @@ class FieldNoise:
         """Of each field with noise: its rows, their standard deviations, and their draws."""
 
         def drawn(purpose: str, rows: NDArray[np.intp], shape: Shape) -> Draws:
-            return Draws(
-                seed, purpose, links, rows, lambda rng, _: rng.standard_normal((BLOCK, *shape))
-            )
+            return Draws(seed, purpose, links, rows, lambda rng, _: normal(rng, (BLOCK, *shape)))
 
         noisy = np.flatnonzero(np.any([deviations[name] > 0 for name in self._paired], axis=0))
         pair = drawn("link noise", noisy, (2, *next(iter(of_pair), ())))

@@ -17,6 +17,8 @@ from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
+from nrs_cosim.plant_fmu.bundled.builder import built_here
+from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.drives.probe import ROBOTS
@@ -121,7 +123,8 @@ def find_recorded(
     """Return what finds a recording's FMUs as it was made with them, given what it tells of them.
 
     An FMU of another SHA-256 is an `FmuError`: a recording is no reason to load what happens to be
-    at a path. `others` lets FMUs be found that it does not tell of.
+    at a path. A bundled model that an earlier version built here is in the cache. `others` lets
+    FMUs be found that it does not tell of.
     """
     recorded = {plant["fmu"]: plant["sha256"] for plant in plants}
     attached = {asset.name for asset in experiment.assets.values() if asset.media_type == FMU}
@@ -135,6 +138,9 @@ def find_recorded(
         except FmuError as error:
             raise FmuError(f"{error}{advice}") from None
         sha256 = recorded.get(fmu, archive.sha256 if others else None)
+        if sha256 != archive.sha256 and fmu in bundled_models():
+            other = built_here(fmu, sha256 or "")
+            archive = replace(find_archive(str(other), Path()), label=fmu) if other else archive
         if sha256 != archive.sha256:
             raise FmuError(
                 f"{archive.label} is not the FMU that the recording was made with: its SHA-256 is "

@@ -102,4 +102,6 @@ def _is_finite(experiment: Experiment) -> bool:
         except ValueError:  # times so near to one another that there is no solution
             return False
         assert isinstance(motion, Sampled)
-        return bool(np.all(np.isfinite(motion.spline.c)) and np.all(np.isfinite(motion.bounds())))
+        return bool(
+            np.all(np.isfinite(motion.cubics.coefficients)) and np.all(np.isfinite(motion.bounds()))
+        )

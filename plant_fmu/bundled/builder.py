@@ -29,8 +29,10 @@ from nrs_cosim.plant_fmu.bundled.model_description import build_description, mod
 from nrs_cosim.plant_fmu.errors import FmuError
 
 FLAGS = (
-    # -ffp-contract=off: a processor that multiplies and adds in one would round otherwise.
-    *("-std=c99", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-fvisibility=hidden"),
+    *("-std=c99", "-shared", "-fPIC", "-O2", "-fvisibility=hidden"),
+    # A processor that multiplies and adds in one would round otherwise; gcc 12 does so in pairs
+    # of both, fp-contract or not, where it makes vectors of scalars for a processor that can.
+    *("-ffp-contract=off", "-fno-tree-slp-vectorize"),
     *("-Wall", "-Wextra", "-Wpedantic", "-Werror"),
     "-Wno-strict-prototypes",  # clang finds some in the headers of FMI 3
 )
@@ -107,9 +109,10 @@ def copy_out(built: Path, destination: Path) -> None:
         raise FmuError(f"{destination}: cannot be written: {error.strerror}") from error
 
 
-def built_here(name: str, sha256: str) -> bool:
-    """Whether an FMU of that model name and digest is among those that were built here."""
-    return any(cache.stored(kept, sha256) for kept in cache.names(f"{escape(name)}-fmi*.fmu"))
+def built_here(name: str, sha256: str) -> Path | None:
+    """The FMU of that model name and digest among those that were built here, by any version."""
+    kept = (cache.stored(kept, sha256) for kept in cache.names(f"{escape(name)}-fmi*.fmu"))
+    return next(filter(None, kept), None)
 
 
 def try_compiler() -> str:

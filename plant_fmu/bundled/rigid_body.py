@@ -38,6 +38,12 @@ _CODE: dict[str, bool | str] = {
     "casadi_int": "int",
 }
 _HEADER = """\
+/* sin and cos are ours: those of libraries differ in the last bit. */
+#include <math.h>
+#include "mathematics.h"
+#define sin sine
+#define cos cosine
+
 /* The signature that CasADi gives every function has a workspace that this one does not need. */
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nrs_cosim.bus.mathematics import sine
 from nrs_cosim.bus.summation import summed
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
 
@@ -86,7 +87,7 @@ class Law:
             effort += since * since * terms.curve
         effort -= _times(self._feedback, state)
         for amplitude, frequency, phase in self._waves:
-            effort += amplitude * np.sin(frequency * seconds + phase)
+            effort += amplitude * sine(frequency * seconds + phase)
         return effort
 
     def _find_terms(self) -> _Terms:

@@ -23,7 +23,7 @@ from tests.scenarios import SCENARIOS
 
 ROOT = Path(__file__).parents[2]
 PAPER = SCENARIOS / "paper_first_order.toml"
-DIGEST = "130b001e"
+DIGEST = "5433c658"
 
 
 class TestScenario:

@@ -128,7 +128,7 @@ class TestRecording:
 
     def test_a_recordings_repr_is_one_line(self, recording):
         assert repr(recording) == (
-            "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 130b001e)"
+            "Recording('run.mcap': completed, 6 robots, 300 ticks, digest 5433c658)"
         )
 
     def test_a_report_is_a_page(self, recording, tmp_path):

@@ -9,7 +9,7 @@ from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.links.draws import BLOCK
 from nrs_cosim.bus.links.links import LinkFault, Links, link_events
 from nrs_cosim.bus.links.outages import Outages
-from nrs_cosim.bus.random_streams import random_stream
+from nrs_cosim.bus.random_streams import normal, random_stream
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from tests.bus.test_topology import PAPER
@@ -136,7 +136,7 @@ def test_time_may_begin_anywhere_and_go_back():
     assert block.shape[0] == BLOCK
 
 
-GOLDEN = ([True, True], [6, 6], [-0.4194387463801478, 0.17775625887763816])
+GOLDEN = ([True, True], [6, 6], [-0.17642299349048463, -0.1599593890539026])
 
 
 def test_draws_of_a_key_are_the_same_on_any_machine():
@@ -205,12 +205,12 @@ def test_each_further_field_has_its_own_noise_stream():
     made = links({(3, 6): LinkFault(noise=NOISE)}, sent=OTHERS)
     found = made.received(70, zeros_of(made, OTHERS))
     number, offset = divmod(70, BLOCK)
-    pair = random_stream(3, "link noise", 3, 6, number).standard_normal((BLOCK, 2, 2))[offset]
+    pair = normal(random_stream(3, "link noise", 3, 6, number), (BLOCK, 2, 2))[offset]
     assert found["position"].tolist() == [pair[0].tolist()]
     assert found["velocity"].tolist() == [(0.5 * pair[1]).tolist()]
     for name, shape in (("P", (2, 2)), ("level", ())):
         rng = random_stream(3, f"link noise {name}", 3, 6, number)
-        drawn = NOISE[name] * rng.standard_normal((BLOCK, *shape))[offset]
+        drawn = NOISE[name] * normal(rng, (BLOCK, *shape))[offset]
         assert found[name].tolist() == [drawn.tolist()]
 
 

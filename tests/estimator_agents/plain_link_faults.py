@@ -9,6 +9,8 @@ from zlib import crc32
 
 import numpy as np
 
+from nrs_cosim.bus.random_streams import normal
+
 BLOCK = 64
 
 
@@ -82,7 +84,7 @@ class Network:
         noise = None
         if "noise" in fault:
             rng = self.block("link noise", j, i, k)
-            noise = rng.standard_normal((BLOCK, 2, self.m))[k % BLOCK].tolist()
+            noise = normal(rng, (BLOCK, 2, self.m))[k % BLOCK].tolist()
         arriving = []
         for part in range(2):
             row = list(sent[part])

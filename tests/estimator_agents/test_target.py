@@ -57,8 +57,8 @@ def test_bounds_of_a_spline_are_reached():
         sampled = Sampled.of(UNEVEN, samples)
         fine = np.union1d(GRID, UNEVEN)
         gamma_1, gamma_2 = sampled.bounds()
-        assert np.abs(sampled.spline.derivative(1)(fine)).max() == pytest.approx(gamma_1, rel=1e-6)
-        assert np.abs(sampled.spline.derivative(2)(fine)).max() == pytest.approx(gamma_2, rel=1e-12)
+        assert np.abs(sampled.cubics.at(fine, 1)).max() == pytest.approx(gamma_1, rel=1e-6)
+        assert np.abs(sampled.cubics.at(fine, 2)).max() == pytest.approx(gamma_2, rel=1e-12)
 
 
 def test_bounds_of_a_cubic_in_closed_form():
@@ -80,7 +80,7 @@ def test_the_largest_velocity_within_a_piece_is_found():
 
 def test_the_acceleration_of_a_spline_is_continuous():
     sampled = Sampled.of(UNEVEN, ROUGH)
-    before, after = (sampled.spline(UNEVEN[1:-1] + side, 2) for side in (-1e-9, 1e-9))
+    before, after = (sampled.cubics.at(UNEVEN[1:-1] + side, 2) for side in (-1e-9, 1e-9))
     np.testing.assert_allclose(before, after, atol=1e-5 * sampled.bounds()[1])
 
 

@@ -15,13 +15,14 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.plant_fmu.archives.archive import find_archive
+from nrs_cosim.plant_fmu.bundled import builder
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import ASSETS
 from tests.cluster.remote_workers import digest_of
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
 from tests.orchestrator.test_assets import again
-from tests.scenarios import write
+from tests.scenarios import SHORT, paper, write
 
 OWN = {"plant.fmu": "own.fmu"}
 ADVICE = "the recording has it, and --allow-fmus lets it run"
@@ -167,6 +168,20 @@ def test_an_fmu_that_is_not_the_recorded_one_is_run_in_no_case(ran, tmp_path):
     done = nrs("replay", path, "--verify", "--allow-fmus")
     assert done.returncode == 2
     assert "own.fmu is not the FMU that the recording was made with" in done.stderr
+
+
+def test_a_bundled_model_of_an_earlier_version_is_found_by_its_hash(tmp_path, monkeypatch):
+    """Another build is as good as another version: other bytes, another key, the same name."""
+    with monkeypatch.context() as earlier:
+        earlier.setattr(builder, "FLAGS", (*builder.FLAGS, "-DEARLIER", "-O1"))
+        path = run(paper(SHORT), tmp_path / "earlier.mcap").path
+        built = builder.build("two_link_arm")
+    assert builder.build("two_link_arm").read_bytes() != built.read_bytes()
+    assert nrs("replay", path, "--verify").returncode == 0
+    built.unlink()
+    gone = nrs("replay", path, "--verify")
+    assert gone.returncode == 2
+    assert "two_link_arm is not the FMU that the recording was made with" in gone.stderr
 
 
 def test_another_plant_in_its_place_is_not_recorded_as_it(ran, tmp_path):

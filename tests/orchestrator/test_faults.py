@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from nrs_cosim.bus.random_streams import random_stream
+from nrs_cosim.bus.random_streams import normal, random_stream
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.validation import RejectedError
 from nrs_cosim.orchestrator.engine.robots import wire_of
@@ -276,9 +276,9 @@ def test_a_further_field_arrives_with_its_own_noise_and_the_others_as_without_it
     for row in arrived:
         k, i, j = (int(row[name]) for name in ("k", "robot", "source"))
         own = random_stream(seed, "link noise acceleration", j, i, k // 64)
-        pair = random_stream(seed, "link noise", j, i, k // 64).standard_normal((64, 2, 2))[k % 64]
+        pair = normal(random_stream(seed, "link noise", j, i, k // 64), (64, 2, 2))[k % 64]
         was = sent[k, j]
-        noise = own.standard_normal((64, 2))[k % 64]
+        noise = normal(own, (64, 2))[k % 64]
         assert row["acceleration"].tolist() == (was["acceleration"] + 0.5 * noise).tolist()
         assert row["velocity"].tolist() == (was["velocity"] + 0.25 * pair[1]).tolist()
         assert row["position"].tolist() == was["position"].tolist()

@@ -123,7 +123,7 @@ LIES = {
         ("C2 = b", "C2 = (1.0 + (warmth += 1e-9)) * b"),
     ),
     "a start in place of its state": (
-        "core.c",
+        "saved_state.c",
         (
             "    memcpy(bytes, state, sizeof(State));",
             "    memcpy(bytes, state, sizeof(State));\n"
@@ -131,7 +131,7 @@ LIES = {
         ),
     ),
     "a pointer": (
-        "core.c",
+        "saved_state.c",
         (
             "    memcpy(bytes, state, sizeof(State));",
             "    State *kept = malloc(sizeof(State));\n"

@@ -56,6 +56,7 @@ static void begin(State *state, Kind kind)
     strcpy(state->token, INSTANTIATION_TOKEN);
     state->kind = kind;
     state->mode = INSTANTIATED;
+    state->jumped = 1;
     state->stop = INFINITY;
     memcpy(&state->values, start_values, sizeof state->values);
     model_locals(&state->values);
@@ -111,7 +112,7 @@ bool core_start_at(Instance *self, bool tolerance_defined, double tolerance, dou
 /* An importer that adds up time arrives at its stop time but for rounding. */
 static bool is_past(double time, double stop)
 {
-    return time > stop + 1e-9 * fmax(1.0, fabs(stop));
+    return time > stop + 1e-9 * larger(1.0, fabs(stop));
 }
 
 bool core_enter_initialization(Instance *self)
@@ -122,6 +123,8 @@ bool core_enter_initialization(Instance *self)
 bool core_exit_initialization(Instance *self)
 {
     if (!core_expect(self, INITIALIZATION, "leaving initialization mode"))
+        return false;
+    if (!integrator_is_known(self, &self->state.values))
         return false;
     agent_start(self);
     self->state.mode = self->state.kind == CO_SIMULATION ? STEP : EVENT;
@@ -143,9 +146,12 @@ static void update_derivatives(State *state)
     Values *values = &state->values;
     if (state->derivatives_are_current)
         return;
-    double x[STATES], dx[STATES];
+    double x[STATES], before[STATES], dx[STATES];
     get_states(values, x);
+    get_derivatives(values, before);
     model_derivatives(values, values->time, x, dx);
+    for (int i = 0; i < states_in(values); ++i)
+        state->jumped |= dx[i] != before[i];
     set_derivatives(values, dx);
     state->derivatives_are_current = true;
 }
@@ -414,7 +420,7 @@ bool core_step(Instance *self, double time, double step)
     Values *values = &state->values;
     const double size = fabs(values->time) + fabs(step);
     const double end = snapped(values->time, size) + snapped(step, size);
-    if (!(fabs(time - values->time) <= 1e-9 * fmax(1.0, fabs(time))))
+    if (!(fabs(time - values->time) <= 1e-9 * larger(1.0, fabs(time))))
         return core_refuse(self, "a step from t = %.17g s, but the instance is at t = %.17g s", time,
                            values->time);
     if (!(isfinite(end) && step > 0.0 && end > values->time))
@@ -426,7 +432,9 @@ bool core_step(Instance *self, double time, double step)
     if (!agent_jump(self, end))
         return false;
     update_derivatives(state);
-    switch (dormand_prince(values, end, &state->internal_step)) {
+    const bool jumped = state->jumped;
+    state->jumped = 0;
+    switch (integrate(values, end, jumped, &state->pace)) {
     case REACHED:
         agent_flow(self);
         return true;
@@ -437,7 +445,7 @@ bool core_step(Instance *self, double time, double step)
                            "relative_tolerance = %g", values->time, values->relative_tolerance);
     case TOO_MANY_STEPS:
         return core_refuse(self, "at t = %.17g s: too many internal steps, now of %g s",
-                           values->time, state->internal_step);
+                           values->time, state->pace.step);
     }
     return false;
 }

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "dormand_prince.h"
+#include "integrator.h"
 #include "variables.h"
 
 typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
@@ -64,8 +64,9 @@ typedef struct {
     Kind kind;
     Mode mode;
     bool derivatives_are_current;
-    double internal_step; /* s: of dormand_prince */
-    double stop;          /* s: beyond which nothing is computed; infinite where none is set */
+    int jumped; /* 1 if the derivatives are not those at the end of the last step */
+    Pace pace;
+    double stop; /* s: beyond which nothing is computed; infinite where none is set */
     Values values;
 } State;
 
@@ -80,6 +81,9 @@ bool core_instantiate(Instance *self, Kind kind, const char *token);
 
 /* Tells the importer why a call fails; returns false. */
 bool core_refuse(const Instance *self, const char *format, ...);
+
+/* Whether a state's numbers name a method of integrator.h's; otherwise refuses. */
+bool integrator_is_known(const Instance *self, const Values *values);
 
 /* Whether the instance is in one of the modes; otherwise refuses `what`. */
 bool core_expect(const Instance *self, int modes, const char *what);

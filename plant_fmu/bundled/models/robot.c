@@ -11,8 +11,7 @@
 
 #include "robot.h"
 
-#include <math.h>
-
+#include "mathematics.h"
 #include "model.h"
 
 static double since_given(const Values *v, double t)
@@ -55,7 +54,7 @@ static double disturbance(const Values *v, double t, int i)
     const int terms = (int)v->disturbance_terms[i];
     for (int k = 0; k < terms; ++k)
         sum += v->disturbance_amplitude[i][k] *
-               sin(v->disturbance_frequency[i][k] * t + v->disturbance_phase[i][k]);
+               sine(v->disturbance_frequency[i][k] * t + v->disturbance_phase[i][k]);
     return sum;
 }
 

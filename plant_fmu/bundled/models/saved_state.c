@@ -25,8 +25,14 @@ static bool is_sound(const Instance *self, const State *state)
     const int mode = (int)state->mode;
     if (mode <= 0 || (mode & (mode - 1)) || !(mode & modes))
         return core_refuse(self, "the state has the mode %d", mode);
-    if (!(isfinite(state->internal_step) && state->internal_step >= 0.0))
-        return core_refuse(self, "the state has an internal step of %g s", state->internal_step);
+    const double steps[] = {state->pace.step, state->pace.after_jump};
+    for (int i = 0; i < 2; ++i)
+        if (!(isfinite(steps[i]) && steps[i] >= 0.0))
+            return core_refuse(self, "the state has an internal step of %g s", steps[i]);
+    if (state->jumped & ~1)
+        return core_refuse(self, "the state has jumped %d", state->jumped);
+    if (!integrator_is_known(self, &state->values))
+        return false;
     if (!isfinite(state->values.time) || isnan(state->stop))
         return core_refuse(self, "the state has the time %g and the stop time %g",
                            state->values.time, state->stop);

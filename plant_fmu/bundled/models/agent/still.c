@@ -3,9 +3,15 @@
 #include "core.h"
 #include "model.h"
 
-Outcome dormand_prince(Values *values, double end, double *step)
+bool integrator_is_known(const Instance *self, const Values *values)
 {
-    (void)step;
+    (void)self, (void)values;
+    return true;
+}
+
+Outcome integrate(Values *values, double end, bool jumped, Pace *pace)
+{
+    (void)jumped, (void)pace;
     values->time = snapped(end, end);
     return REACHED;
 }

@@ -21,6 +21,7 @@
 
 #include <math.h>
 
+#include "mathematics.h"
 #include "robot.h"
 
 /* Replaces b by the solution x of A x = b. The lower half of A, symmetric, is replaced by
@@ -49,14 +50,13 @@ void robot_acceleration(const Values *p, const double q[M], const double qd[M],
                         const double force[M], double qdd[M])
 {
     const int n = m_of(p);
-    double cosine[M], sine[M], squared[M], s[M], diagonal[M], h[M], A[M][M];
+    double c_phi[M], s_phi[M], squared[M], s[M], diagonal[M], h[M], A[M][M];
 
     double phi = 0.0, phid = 0.0;
     for (int i = 0; i < n; ++i) {
         phi += q[i];
         phid += qd[i];
-        cosine[i] = cos(phi);
-        sine[i] = sin(phi);
+        sine_and_cosine(phi, &s_phi[i], &c_phi[i]);
         squared[i] = phid * phid;
     }
 
@@ -68,12 +68,12 @@ void robot_acceleration(const Values *p, const double q[M], const double qd[M],
     }
 
     for (int i = 0; i < n; ++i) {
-        h[i] = p->g * s[i] * cosine[i];
+        h[i] = p->g * s[i] * c_phi[i];
         A[i][i] = diagonal[i];
         for (int j = 0; j < i; ++j) {
             const double a = p->r[j] * s[i];
-            const double turn = a * (sine[i] * cosine[j] - cosine[i] * sine[j]);
-            A[i][j] = A[j][i] = a * (cosine[i] * cosine[j] + sine[i] * sine[j]);
+            const double turn = a * (s_phi[i] * c_phi[j] - c_phi[i] * s_phi[j]);
+            A[i][j] = A[j][i] = a * (c_phi[i] * c_phi[j] + s_phi[i] * s_phi[j]);
             h[i] += turn * squared[j];
             h[j] -= turn * squared[i];
         }

@@ -1,7 +1,6 @@
 /* position = offset + rate t + sum of amplitude sin(frequency t + phase), and its derivative. */
 
-#include <math.h>
-
+#include "mathematics.h"
 #include "model.h"
 #include "summation.h"
 
@@ -10,9 +9,10 @@ void model_outputs(Values *v)
     for (int i = 0; i < M; ++i) {
         double swing[TERMS], speed[TERMS];
         for (int k = 0; k < TERMS; ++k) {
-            const double angle = v->frequency[i][k] * v->time + v->phase[i][k];
-            swing[k] = v->amplitude[i][k] * sin(angle);
-            speed[k] = v->amplitude[i][k] * v->frequency[i][k] * cos(angle);
+            double s, c;
+            sine_and_cosine(v->frequency[i][k] * v->time + v->phase[i][k], &s, &c);
+            swing[k] = v->amplitude[i][k] * s;
+            speed[k] = v->amplitude[i][k] * v->frequency[i][k] * c;
         }
         v->position[i] = v->offset[i] + v->rate[i] * v->time + sum_pairwise(swing, TERMS);
         v->velocity[i] = v->rate[i] + sum_pairwise(speed, TERMS);

@@ -1,14 +1,14 @@
 /* M(q) qdd + C(q, qd) qd + G(q) = force, solved for qdd by Cramer's rule. */
 
-#include <math.h>
-
+#include "mathematics.h"
 #include "robot.h"
 
 void robot_acceleration(const Values *p, const double q[M], const double qd[M],
                         const double force[M], double qdd[M])
 {
-    const double c1 = cos(q[0]), s1 = sin(q[0]);
-    const double c2 = cos(q[1]), s2 = sin(q[1]);
+    double c1, s1, c2, s2;
+    sine_and_cosine(q[0], &s1, &c1);
+    sine_and_cosine(q[1], &s2, &c2);
     const double c12 = c1 * c2 - s1 * s2;
     const double mass = p->m1 + p->m2;
     const double inertia = p->m2 * p->r2 * p->r2;
