@@ -10,6 +10,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.options import (
+    Compile,
     ScenarioPath,
     Set,
     changes_of,
@@ -78,15 +79,17 @@ def fmu_check(
             help="What the FMU has for q, qd, tau …, as in a scenario's plant.variables.",
         ),
     ] = None,
+    compiling: Compile = False,
     as_json: AsJson = False,
 ) -> None:
     """Check whether an FMU can be a robot: what it offers, and how it moves."""
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
-    from nrs_cosim.plant_fmu.archives.archive import find_archive
+    from nrs_cosim.plant_fmu.archives.archive import find_archive, look_up
+    from nrs_cosim.plant_fmu.archives.compilation import compiled
     from nrs_cosim.plant_fmu.checking.subprocess_check import check
 
-    archive = find_archive(name, Path())
+    archive = compiled(look_up(name, Path())) if compiling else find_archive(name, Path())
     task = _task(archive, scenario, variables)
     with stages(err) as begin:
         checked = check(task, tell=begin)
@@ -102,16 +105,27 @@ def fmu_build(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A bundled model.")],
     output: FmuOutput,
     fmi: Fmi = 3,
+    platforms: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--platform",
+            metavar="NAME,NAME",
+            help="Of linux64, win64, darwin64, and with FMI 3 aarch64-linux and aarch64-darwin; "
+            "compiled by zig (the extra `compiler`), to the same bytes on any machine.",
+        ),
+    ] = None,
 ) -> None:
-    """Write a bundled model as an FMU."""
+    """Write a bundled model as an FMU, for this machine or for those that are asked for."""
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
     from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.plant_fmu.bundled.builder import write
 
     expect_replaceable(output, "FMU", b"PK")
     with stages(err) as begin:
-        begin("compiling")
-        write(name, fmi, output)
+        wanted = _platforms(platforms or [])
+        windows = "win64" in wanted
+        begin("compiling" + "; for Windows, the first time takes minutes" * windows)
+        write(name, fmi, output, wanted)
     out.print(str(output), markup=False)
 
 
@@ -239,6 +253,18 @@ def _locked(text: str) -> tuple[str, float | None]:
         return name, decimal(value)
     except ValueError:
         raise InputError(f"--lock: expected JOINT or JOINT=VALUE, got {quoted(text)}") from None
+
+
+def _platforms(texts: list[str]) -> list[str]:
+    from nrs_cosim.bus.text import nearest
+    from nrs_cosim.plant_fmu.bundled.compiler import PLATFORMS
+
+    known = list(PLATFORMS)
+    wanted = [name.strip() for text in texts for name in text.split(",")]
+    for name in wanted:
+        if name not in known:
+            raise InputError(f"--platform: no platform {quoted(name)}{nearest(name, known)}")
+    return wanted
 
 
 def _three_numbers(option: str, text: str) -> tuple[float, float, float]:

@@ -26,6 +26,7 @@ from nrs_cosim.orchestrator.cli.group import Commands
 from nrs_cosim.orchestrator.cli.option_groups import TlsOptions, with_groups
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules
 from nrs_cosim.orchestrator.cli.options import (
+    Compile,
     Listen,
     NewRecording,
     NewScenario,
@@ -130,8 +131,8 @@ def export(
     form: Annotated[
         Literal["csv", "parquet", "mat", "ssp"],
         typer.Option(
-            "--to",
             "--format",
+            "--to",
             help="mat is MATLAB's; parquet needs the extra `analysis`; ssp is a system of FMUs.",
         ),
     ] = "csv",
@@ -271,6 +272,7 @@ def check(
         ),
     ] = False,
     output: NewScenario = None,
+    compiling: Compile = False,
 ) -> None:
     """Show what theory proves of a scenario, and whether its plants can be opened."""
     from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
@@ -280,7 +282,12 @@ def check(
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.orchestrator.cli.theory_text import unmet as unmet_of
-    from nrs_cosim.orchestrator.engine.plants import group_by_archive, naming_field, open_fleet
+    from nrs_cosim.orchestrator.engine.plants import (
+        group_by_archive,
+        naming_field,
+        open_fleet,
+        with_compiled_fmus,
+    )
     from nrs_cosim.orchestrator.engine.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
@@ -288,6 +295,8 @@ def check(
     with stages(err) as begin:
         begin("opening the plants")
         with naming_field(scenario_name(scenario)), ExitStack() as stack:
+            if compiling:
+                experiment = with_compiled_fmus(experiment)
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
             if mixed := mixed_units(experiment):

@@ -121,6 +121,13 @@ AllowFmus = Annotated[
         "--allow-fmus", help="Run FMUs that the recording holds (--embed-fmus): native code."
     ),
 ]
+Compile = Annotated[
+    bool,
+    typer.Option(
+        "--compile",
+        help="Compile FMUs that have C sources and no library for this machine: native code.",
+    ),
+]
 Set = Annotated[
     list[str] | None,
     typer.Option(

@@ -9,6 +9,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
 from nrs_cosim.orchestrator.cli.options import (
     AllowFmus,
+    Compile,
     Connect,
     Force,
     InsecureTcp,
@@ -99,6 +100,7 @@ def replay(
     output: Output = None,
     force: Force = False,
     allow_fmus: AllowFmus = False,
+    compiling: Compile = False,
 ) -> None:
     """Run a recording again: to verify it, to publish it, or to change it (what if)."""
     from nrs_cosim.bus.network.endpoints import Endpoints
@@ -113,7 +115,9 @@ def replay(
     if speed is not None and speed < SLOWEST:
         raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
     if verifying:
-        terminal_replay.verify_again(recording, plants=not agents_only, allow_fmus=allow_fmus)
+        terminal_replay.verify_again(
+            recording, plants=not agents_only, allow_fmus=allow_fmus, compiling=compiling
+        )
         return
     with opened(err, recording) as reader:
         if publishing:
@@ -125,7 +129,9 @@ def replay(
             pace = None if unpaced else speed or 1.0
             terminal_replay.put_back(reader, endpoints, pace, (since, until), wait)
         else:
-            terminal_replay.what_if(reader, plant or [], algorithm or [], output, force, allow_fmus)
+            terminal_replay.what_if(
+                reader, plant or [], algorithm or [], output, force, allow_fmus, compiling
+            )
 
 
 def diff(

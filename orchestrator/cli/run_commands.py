@@ -18,6 +18,7 @@ from nrs_cosim.orchestrator.cli.option_groups import (
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules, required_by
 from nrs_cosim.orchestrator.cli.options import (
     AllowFmus,
+    Compile,
     Port,
     Realtime,
     RecordingPath,
@@ -49,17 +50,21 @@ def run(
             help="Record FMUs that are not bundled too, for replays where their files are not.",
         ),
     ] = False,
+    compiling: Compile = False,
 ) -> None:
     """Run a scenario and record every message."""
     from nrs_cosim.orchestrator.analysis.conditions import check
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
     from nrs_cosim.orchestrator.engine.attachments import with_fmus
-    from nrs_cosim.orchestrator.engine.plants import naming_field
+    from nrs_cosim.orchestrator.engine.plants import naming_field, with_compiled_fmus
     from nrs_cosim.orchestrator.engine.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     pace = pace_of(realtime)
     experiment = read_scenario(scenario, options.scenario_changes())
+    if compiling:
+        with naming_field(scenario_name(scenario)):
+            experiment = with_compiled_fmus(experiment)
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
     with naming_field(scenario_name(scenario)):
@@ -86,6 +91,7 @@ def resume(
     options: RunOptions,
     ends: WorkerOptions,
     allow_fmus: AllowFmus = False,
+    compiling: Compile = False,
 ) -> None:
     """Continue a run that did not come to its end, in a new recording that holds all of it.
 
@@ -101,7 +107,9 @@ def resume(
         recording = part
     with opened(err, recording) as reader:
         changes = options.scenario_changes()
-        experiment = resumable(reader, options.output, changes, allow_fmus=allow_fmus)
+        experiment = resumable(
+            reader, options.output, changes, allow_fmus=allow_fmus, compiling=compiling
+        )
         _performing(experiment, options, ends)(past=past_of(reader))
 
 

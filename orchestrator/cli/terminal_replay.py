@@ -14,6 +14,7 @@ from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
+from nrs_cosim.orchestrator.engine.plants import with_compiled_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.exit_status import FAILED
 from nrs_cosim.orchestrator.replay.diff import Comparison
@@ -37,7 +38,9 @@ def draw(found: Comparison, picture: Path) -> None:
         raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 
 
-def verify_again(recording: Path, *, plants: bool, allow_fmus: bool) -> None:
+def verify_again(
+    recording: Path, *, plants: bool, allow_fmus: bool, compiling: bool = False
+) -> None:
     with (
         reading(err) as follow,
         Reader(recording, verify=True, watch=follow(recording)) as reader,
@@ -47,6 +50,8 @@ def verify_again(recording: Path, *, plants: bool, allow_fmus: bool) -> None:
         experiment = experiment_of(reader)
         if allow_fmus:
             experiment = with_allowed_fmus(experiment)
+        if compiling:
+            experiment = with_compiled_fmus(experiment)
         verification = verify(reader, experiment, plants=plants)
     if verification.difference:
         say("red", "differs", verification.difference.between("the recording", "the replay"))
@@ -124,9 +129,12 @@ def what_if(
     output: Path | None,
     force: bool,
     allow_fmus: bool,
+    compiling: bool = False,
 ) -> None:
     expect_another(output, Path(reader.path))
     plants = [Change.of("--plant", text) for text in plant]
     algorithms = [Change.of("--algorithm", text) for text in algorithm]
-    file, launch, metadata = changed_run(reader, plants, algorithms, allow_fmus=allow_fmus)
+    file, launch, metadata = changed_run(
+        reader, plants, algorithms, allow_fmus=allow_fmus, compiling=compiling
+    )
     perform(file, output, launch, metadata=metadata, force=force)

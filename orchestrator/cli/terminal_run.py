@@ -22,7 +22,11 @@ from nrs_cosim.orchestrator.engine.in_process import in_process, threads_worth_i
 from nrs_cosim.orchestrator.engine.interrupts import interrupts
 from nrs_cosim.orchestrator.engine.lockstep import Launcher
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace, RealTime
-from nrs_cosim.orchestrator.engine.plants import find_recorded, group_by_archive
+from nrs_cosim.orchestrator.engine.plants import (
+    find_recorded,
+    group_by_archive,
+    with_compiled_fmus,
+)
 from nrs_cosim.orchestrator.engine.run import Outcome
 from nrs_cosim.orchestrator.engine.run import run as run_scenario
 from nrs_cosim.orchestrator.engine.summary import experiment_of
@@ -202,6 +206,7 @@ def resumable(
     changes: Sequence[Change] = (),
     *,
     allow_fmus: bool = False,
+    compiling: bool = False,
 ) -> Experiment:
     """Return the experiment of a recording that can be continued; `InputError` where it cannot.
 
@@ -211,6 +216,8 @@ def resumable(
     experiment = _continued(reader, changes)
     if allow_fmus:
         experiment = with_allowed_fmus(experiment)
+    if compiling:
+        experiment = with_compiled_fmus(experiment)
     more = reader.status != "completed" or reader.damage
     if not more and experiment.clock.ticks <= reader.ticks:
         raise InputError(f"{reader.path}: is completed: there is nothing to resume")

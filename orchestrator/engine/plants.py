@@ -14,7 +14,8 @@ from nrs_cosim.orchestrator.scenario.assets import FMU
 from nrs_cosim.orchestrator.scenario.conversion import names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive
+from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive, look_up
+from nrs_cosim.plant_fmu.archives.compilation import compiled
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.builder import built_here
@@ -115,6 +116,17 @@ def find_in(experiment: Experiment) -> Find:
         return find_archive(fmu, experiment.folder)
 
     return find
+
+
+def with_compiled_fmus(experiment: Experiment) -> Experiment:
+    """Return an experiment whose FMUs with C sources alone are compiled: the user wants it."""
+    fmus: dict[str, Path] = {}
+    for fmu in dict.fromkeys(plant.fmu for plant in experiment.plants):
+        if fmu not in experiment.fmus and fmu not in bundled_models():
+            archive = look_up(fmu, experiment.folder)
+            if archive.obstacle:
+                fmus[fmu] = compiled(archive).path
+    return experiment.but(fmus={**experiment.fmus, **fmus})
 
 
 def find_recorded(

@@ -17,7 +17,12 @@ from nrs_cosim.bus.transport import Bus
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import on_a_session
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
-from nrs_cosim.orchestrator.engine.plants import Find, find_recorded, group_by_archive
+from nrs_cosim.orchestrator.engine.plants import (
+    Find,
+    find_recorded,
+    group_by_archive,
+    with_compiled_fmus,
+)
 from nrs_cosim.orchestrator.engine.robots import Robots
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.engine.worker import Watch
@@ -37,6 +42,7 @@ def changed_run(
     algorithms: Sequence[Change],
     *,
     allow_fmus: bool = False,
+    compiling: bool = False,
 ) -> tuple[Experiment, Launcher | None, dict[str, dict[str, str]]]:
     """Return the changed experiment, how its run gets its robots, and the metadata that say so.
 
@@ -51,6 +57,8 @@ def changed_run(
     experiment = changed(experiment_of(reader), changes)
     if allow_fmus:
         experiment = with_allowed_fmus(experiment)
+    if compiling:
+        experiment = with_compiled_fmus(experiment)
     if algorithms:
         group_by_archive(experiment, find=finder(reader, experiment))
     every = tuple(range(1, experiment.n + 1))

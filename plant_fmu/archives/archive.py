@@ -32,6 +32,8 @@ class Archive:
     description: ModelDescription
     obstacle: str = ""
     """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
+    has_sources: bool = False
+    """Whether it has C files, of which a library may be compiled."""
     joints: tuple[Joint, ...] = ()
     """What it calls its joints; none where it does not say."""
     urdf: str = field(default="", repr=False)
@@ -129,9 +131,17 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
     label = label or str(path)
     with _file(path, label) as file, opened_archive(file, label) as archive:
         description = read_description(archive, label)
-        why_not = obstacle(description, archive.namelist())
-        joints, urdf = read_joints(archive, label), read_urdf_text(archive, label)
-        return Archive(label, path, _digest(file), description, why_not, joints, urdf)
+        names = archive.namelist()
+        return Archive(
+            label,
+            path,
+            _digest(file),
+            description,
+            obstacle(description, names),
+            has_c(names),
+            read_joints(archive, label),
+            read_urdf_text(archive, label),
+        )
 
 
 def open_archive(path: Path, label: str | None = None) -> Archive:
@@ -225,11 +235,10 @@ def obstacle(description: ModelDescription, names: Sequence[str]) -> str:
         return f"{lacking}; it has {', '.join(others)}, which is not named as its modelIdentifier"
     there = ", ".join(sorted({p.parts[1] for p in libraries}))
     has = f"libraries for {there}" if there else "no library at all"
-    return f"{lacking}; it has {has}{_sources(paths)}"
+    advice = ", but sources: --compile makes one of them, code of others" * has_c(names)
+    return f"{lacking}; it has {has}{advice}"
 
 
-def _sources(paths: Sequence[PurePosixPath]) -> str:
-    """Return what can be done where an FMU has its sources, as the end of a sentence."""
-    if any(p.parts[0] == "sources" and p.suffix in {".c", ".cpp"} for p in paths):
-        return ", but sources: `fmpy compile` may build one from them (it needs CMake)"
-    return ""
+def has_c(names: Sequence[str]) -> bool:
+    """Whether C files are among an archive's."""
+    return any(name.startswith("sources/") and name.endswith(".c") for name in names)

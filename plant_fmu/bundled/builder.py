@@ -5,15 +5,11 @@ cache under a name that is keyed by what decides its bytes, the compiler excepte
 """
 
 import hashlib
-import os
-import shlex
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from glob import escape
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from uuid import NAMESPACE_OID, uuid5
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
@@ -23,6 +19,13 @@ import fmpy
 from nrs_cosim.bus.text import nearest, quoted
 from nrs_cosim.plant_fmu import cache
 from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
+from nrs_cosim.plant_fmu.bundled.compiler import (
+    PLATFORMS,
+    Platform,
+    compiler,
+    expect_zig,
+    shared_library,
+)
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
 from nrs_cosim.plant_fmu.bundled.documentation import documentation
 from nrs_cosim.plant_fmu.bundled.model_description import build_description, model_description
@@ -40,8 +43,10 @@ _HEADERS = ("FunctionTypes.h", "Functions.h")
 _PLATFORM_HEADER = {2: "fmi2TypesPlatform.h", 3: "fmi3PlatformTypes.h"}
 
 
-def build(name: str, fmi: int = 3) -> Path:
+def build(name: str, fmi: int = 3, platforms: Sequence[str] = ()) -> Path:
     """The FMU of the bundled model `name` for FMI 2 or 3, compiled unless it is in the cache.
+
+    It has a library for this machine, or for the platforms that are asked for.
 
     The cache is `plant_fmu.cache`'s. `FmuError` says which models there are, which compiler is
     missing, or what it complained of.
@@ -54,6 +59,7 @@ def build(name: str, fmi: int = 3) -> Path:
         {"model.c": (MODELS / name / "model.c").read_bytes()},
         fmi,
         about=(MODELS / name / "readme.md").read_text(encoding="utf-8"),
+        platforms=platforms,
     )
 
 
@@ -64,6 +70,7 @@ def build_model(
     extra: Mapping[str, bytes] = MappingProxyType({}),
     about: str = "",
     without: Sequence[str] = (),
+    platforms: Sequence[str] = (),
 ) -> Path:
     """The FMU of any model: its declaration, and C files that define what robot.h declares.
 
@@ -76,12 +83,20 @@ def build_model(
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
     files = _files(model, equations, fmi, {**documentation(model, about), **extra}, without)
-    kept = f"{model.name}-fmi{fmi}-{_key(files)}.fmu"
+    wanted = [PLATFORMS[platform] for platform in sorted(set(platforms))]
+    places: dict[str, Platform | None]
+    places = {f"binaries/{p.folder(fmi)}/{model.name}{p.suffix}": p for p in wanted}
+    kept = f"{model.name}-fmi{fmi}-{_key(files, [p.target for p in wanted])}.fmu"
     if path := cache.stored(kept):
         return path
+    if places:
+        expect_zig()
     sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
-    archive = {**files, _binary_name(model.name, fmi): _compile(model.name, sources)}
-    return cache.keep(kept, archive_bytes(archive))
+    libraries = {
+        place: _compile(model.name, sources, platform)
+        for place, platform in (places or {_binary_name(model.name, fmi): None}).items()
+    }
+    return cache.keep(kept, archive_bytes({**files, **libraries}))
 
 
 def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
@@ -89,15 +104,15 @@ def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
 
     `FmuError` is as for `build`.
     """
-    files = {file: text for fmi in _PLATFORM_HEADER for file, text in _headers(fmi).items()}
+    files = {file: text for fmi in _PLATFORM_HEADER for file, text in fmi_headers(fmi).items()}
     files |= sources
     kept = f"{name}-{_key(files)}{fmpy.sharedLibraryExtension}"
     return cache.stored(kept) or cache.keep(kept, _compile(name, files))
 
 
-def write(name: str, fmi: int, destination: Path) -> None:
+def write(name: str, fmi: int, destination: Path, platforms: Sequence[str] = ()) -> None:
     """Copies the FMU that `build` gives to the file `destination`."""
-    copy_out(build(name, fmi), destination)
+    copy_out(build(name, fmi, platforms), destination)
 
 
 def copy_out(built: Path, destination: Path) -> None:
@@ -118,7 +133,7 @@ def built_here(name: str, sha256: str) -> Path | None:
 def try_compiler() -> str:
     """Compile one function and say with what; `FmuError` as for `build`."""
     _compile("doctor", {"doctor.c": b"int one(void);\nint one(void) { return 1; }\n"})
-    return f"{' '.join(_compiler())} compiles"
+    return f"{' '.join(compiler())} compiles"
 
 
 def _files(
@@ -140,7 +155,7 @@ def _files(
 def _files_with_token(
     model: Declaration, ours: Mapping[str, bytes], fmi: int, token: str
 ) -> dict[str, bytes]:
-    sources = {**ours, **_headers(fmi)}
+    sources = {**ours, **fmi_headers(fmi)}
     sources["variables.h"] = c_header(model, token).encode()
     sources["variables.c"] = c_tables(model).encode()
     units = sorted(name for name in sources if name.endswith(".c"))
@@ -151,8 +166,8 @@ def _files_with_token(
     return {"modelDescription.xml": description, **files}
 
 
-def _headers(fmi: int) -> dict[str, bytes]:
-    """FMI's headers of one version."""
+def fmi_headers(fmi: int) -> dict[str, bytes]:
+    """FMI's headers of version 2 or 3, by name."""
     vendor = Path(fmpy.__file__).parent / "c-code"
     names = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
     return {name: (vendor / name).read_bytes() for name in names}
@@ -165,8 +180,9 @@ def _digest(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def _key(files: dict[str, bytes]) -> str:
-    decides = {**files, "flags": " ".join(FLAGS).encode(), "platform": fmpy.platform_tuple.encode()}
+def _key(files: Mapping[str, bytes], targets: Sequence[str] = ()) -> str:
+    platform = " ".join(targets) or fmpy.platform_tuple
+    decides = {**files, "flags": " ".join(FLAGS).encode(), "platform": platform.encode()}
     return _digest(decides)[:16]
 
 
@@ -175,42 +191,10 @@ def _binary_name(name: str, fmi: int) -> str:
     return f"binaries/{folder}/{name}{fmpy.sharedLibraryExtension}"
 
 
-def _compiler() -> list[str]:
-    chosen = shlex.split(os.environ.get("CC", ""))
-    for command in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
-        if shutil.which(command[0]):
-            return command
-    looked_for = f"CC={chosen[0]}" if chosen else "cc, gcc or clang"
-    raise FmuError(
-        f"no C compiler found (looked for {looked_for}), and bundled models are compiled on "
-        "first use. Debian, Ubuntu: sudo apt install gcc libc6-dev. "
-        "Fedora: sudo dnf install gcc glibc-devel. macOS: xcode-select --install"
-    )
-
-
-def _compile(name: str, sources: dict[str, bytes]) -> bytes:
-    """The shared library. Only relative names reach the compiler, so none are in the binary."""
-    compiler = _compiler()
-    with TemporaryDirectory(prefix="nrs-") as folder:
-        for file, text in sources.items():
-            (Path(folder) / file).write_bytes(text)
-        units = sorted(file for file in sources if file.endswith(".c"))
-        command = [*compiler, *FLAGS, *units, "-o", "library", "-lm"]
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env={**os.environ, "LC_ALL": "C"},
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-            start_new_session=True,  # a Ctrl-C in the terminal is ours, not the compiler's
-        )
-        if done.returncode != 0:
-            lines = done.stderr.splitlines()
-            errors = [line for line in lines if "error" in line] or lines
-            raise FmuError(f"{name}: {compiler[0]} failed:\n" + "\n".join(errors[:5]))
-        return (Path(folder) / "library").read_bytes()
+def _compile(name: str, sources: Mapping[str, bytes], platform: Platform | None = None) -> bytes:
+    """The shared library of C files that are ours."""
+    units = sorted(file for file in sources if file.endswith(".c"))
+    return shared_library(name, sources, units, FLAGS, platform)
 
 
 def archive_bytes(files: Mapping[str, bytes]) -> bytes:

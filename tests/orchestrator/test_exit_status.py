@@ -147,6 +147,8 @@ STATUSES = {
         "fmu agent lossy.toml --robot 1 -o new.fmu",
         "export whole.mcap --to ssp -o new.csv",
         "fmu build two_link_arm -o new.fmu --fmi 4",
+        "fmu build two_link_arm -o new.fmu --platform linux65",
+        "fmu build two_link_arm -o new.fmu --platform aarch64-linux --fmi 2",
         "fmu from-urdf none.urdf -o new.fmu",
         "fmu from-urdf slider.urdf -o new.fmu --gravity 1,2",
         "worker --connect 7447",

@@ -57,8 +57,7 @@ def test_sources_without_a_binary_suggest_to_compile_them(tmp_path, fmi, here):
     path = moved(tmp_path / "arm.fmu", fmi, "binaries/readme", sources=True)
     lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
     assert refused(path) == (
-        f"{lacking} no library at all, but sources: `fmpy compile` may build one from them (it "
-        f"needs CMake)"
+        f"{lacking} no library at all, but sources: --compile makes one of them, code of others"
     )
 
 

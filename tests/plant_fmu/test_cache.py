@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -48,9 +49,9 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     made: list[str] = []
     compiling = builder._compile
 
-    def compile_(name: str, sources: dict[str, bytes]) -> bytes:
+    def compile_(name: str, *given: Any) -> bytes:
         made.append(name)
-        return compiling(name, sources)
+        return compiling(name, *given)
 
     monkeypatch.setattr(builder, "_compile", compile_)
     return made
