@@ -332,6 +332,15 @@ class BlobType:
 CHECKPOINT = BlobType("nrs.Checkpoint")
 """From which robot i goes on after t_k, as its plant has it."""
 
+STANDING_TYPES: tuple[MessageType | BlobType, ...] = (
+    SAMPLE,
+    STATE,
+    MEASUREMENT,
+    LINK_EVENT,
+    CHECKPOINT,
+)
+"""The message types that no algorithm declares."""
+
 
 def _data_of(length: int) -> bytes:
     """Return what stands before the data of a blob."""

@@ -127,8 +127,10 @@ class ZenohBus:
     def _prefix(self) -> str:
         return f"{ROOT}/{self.run_id}/"
 
-    def publisher(self, key: str) -> Put:
+    def publisher(self, key: str, encoding: str = "") -> Put:
         """Declare the right to put on a key; reliable, and blocking rather than dropping.
+
+        Each message says its encoding, if there is one: a media type, and a schema after `;`.
 
         A client puts only where it was told that somebody listens, and is told so some time after
         this: let a question and its answer lie between this and the first message.
@@ -137,6 +139,7 @@ class ZenohBus:
         if wire not in self._publishers:
             publisher = self._session.declare_publisher(
                 wire,
+                encoding=zenoh.Encoding(encoding) if encoding else None,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 reliability=zenoh.Reliability.RELIABLE,
             )
@@ -145,7 +148,10 @@ class ZenohBus:
         return self._publishers[wire].put
 
     def wait_for_listener(self, key: str, seconds: float) -> bool:
-        """Wait until somebody listens on a key that is put on; return whether that was in time."""
+        """Wait until somebody listens on a key, or on one that a pattern matches.
+
+        Return whether that was in time.
+        """
         received: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
         publisher = self._session.declare_publisher(self._prefix + key)
         listener = publisher.declare_matching_listener(Callback(received.put, indirect=False))
@@ -205,6 +211,17 @@ class ZenohBus:
         """Let questions on keys of a pattern come into an inbox."""
         queryable = self._session.declare_queryable(
             self._prefix + pattern, Callback(inbox.put, indirect=False)
+        )
+        self._declared.append(queryable)
+
+    def offer(self, key: str, payload: bytes) -> None:
+        """Answer whoever asks on a key."""
+
+        def answer(query: zenoh.Query) -> None:
+            _question(query, key).answer(payload)
+
+        queryable = self._session.declare_queryable(
+            self._prefix + key, Callback(answer, indirect=False)
         )
         self._declared.append(queryable)
 

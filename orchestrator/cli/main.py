@@ -345,8 +345,24 @@ def doctor(*, listen: Listen = None, tls: TlsOptions, as_json: AsJson = False) -
 
 
 @app.command()
-def schema() -> None:
+@OptionRules({"--messages": ("--output",), "--output": ("--messages",)})
+def schema(
+    messages: Annotated[
+        bool,
+        typer.Option("--messages", help="Write the .proto files of the messages of a run instead."),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Where the .proto files go."),
+    ] = None,
+) -> None:
     """Print the JSON schema of scenario files, for editors."""
+    if messages and output:
+        from nrs_cosim.orchestrator.cli.message_files import write_messages
+
+        for path in write_messages(output):
+            out.print(str(path), markup=False)
+        return
     from nrs_cosim.orchestrator.scenario.tables.scenario import json_schema
 
     print_json(json_schema())

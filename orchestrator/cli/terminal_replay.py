@@ -18,7 +18,7 @@ from nrs_cosim.orchestrator.engine.plants import with_compiled_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.exit_status import FAILED
 from nrs_cosim.orchestrator.replay.diff import Comparison
-from nrs_cosim.orchestrator.replay.publish import key_of, publish
+from nrs_cosim.orchestrator.replay.publish import EVERY_KEY, publish
 from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
 from nrs_cosim.orchestrator.scenario.changes import Change
@@ -102,13 +102,12 @@ def put_back(
             f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
             f"{last / NS_PER_S:g} s, lies there"
         )
-    key = key_of(reader.channels[0].topic)
 
     def ready(bus: ZenohBus) -> None:
         where = ", ".join(endpoints.listen or endpoints.connect)
         say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for a subscriber")
-        if not bus.wait_for_listener(key, wait):
-            raise InputError(f"--wait: no subscriber to nrs/{bus.run_id}/{key} in {wait:g} s")
+        if not bus.wait_for_listener(EVERY_KEY, wait):
+            raise InputError(f"--wait: no subscriber to nrs/{bus.run_id}/{EVERY_KEY} in {wait:g} s")
 
     nothing: Queue[None] = Queue()
 

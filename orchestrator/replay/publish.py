@@ -1,7 +1,9 @@
 """A recording is put back on the bus for live tools: the very bytes, each on its own key.
 
 Message by message in total order, on `nrs/<the digest's first 16 digits><topic>`; reliable, and
-blocking rather than dropping. Simulated time is paced by the wall clock, or not at all.
+blocking rather than dropping. Each says which protobuf message it is, and who asks on
+`nrs/<…>/@schema/<its name>` is answered with the FileDescriptorSet that defines it. Simulated time
+is paced by the wall clock, or not at all.
 """
 
 from collections.abc import Callable
@@ -14,6 +16,9 @@ from nrs_cosim.recordings.mcap.reader import Reader
 
 Wait = Callable[[float], None]
 """Waits for so many s."""
+
+PROTOBUF, SCHEMA = "application/protobuf", "@schema"
+EVERY_KEY = "**"
 
 
 def key_of(topic: str) -> str:
@@ -38,7 +43,12 @@ def publish(
     """
     bus = ZenohBus(reader.digest_here[:16], endpoints)
     try:
-        puts = {channel.topic: bus.publisher(key_of(channel.topic)) for channel in reader.channels}
+        for schema in reader.schemas:
+            bus.offer(f"{SCHEMA}/{schema.name}", schema.data)
+        puts = {
+            channel.topic: bus.publisher(key_of(channel.topic), f"{PROTOBUF};{channel.schema_name}")
+            for channel in reader.channels
+        }
         ready(bus)
         count, began, first = 0, monotonic(), None
         for batch in reader.batches(None, start_ns, end_ns):
