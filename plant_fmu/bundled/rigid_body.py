@@ -86,8 +86,8 @@ def _passive(robot: UrdfRobot, Q: casadi.SX, Qd: casadi.SX) -> casadi.SX:
         force = -joint.damping * rate
         if joint.friction and robot.friction_speed:
             force -= joint.friction * rate / casadi.sqrt(rate * rate + robot.friction_speed**2)
-        if joint.stop:
-            for end, side in ((joint.limits.upper, 1), (joint.limits.lower, -1)):
+        for end, side in ((joint.limits.upper, 1), (joint.limits.lower, -1)):
+            if joint.stop and np.isfinite(end):
                 pressed = _positive(side * (at - end)) * _positive(1 + side * rate / REBOUND)
                 force -= side * joint.stop * pressed
         forces.append(force)

@@ -41,7 +41,10 @@ def couplings(joints: Sequence[UrdfJoint]) -> Couplings:
 
 
 def judge_mimics(joints: Sequence[UrdfJoint], faults: Remarks) -> bool:
-    """Say which joints mimic none that there is, or themselves in the end; whether all is well."""
+    """Say which joints mimic none that there is, or themselves in the end; whether all is well.
+
+    It is not where one is left that mimics a fixed joint, for that one was at fault itself.
+    """
     by_name = {joint.name: joint for joint in joints}
     well = True
     for joint in joints:
@@ -51,6 +54,8 @@ def judge_mimics(joints: Sequence[UrdfJoint], faults: Remarks) -> bool:
             leader = joint.mimic.leader
             text = f"<mimic>: there is no joint {quoted(leader)}{nearest(leader, list(by_name))}"
             faults.add(text, "joint", joint.name)
+            well = False
+        elif by_name[joint.mimic.leader].kind == "fixed":
             well = False
         elif _circles(joint, by_name):
             faults.add(

@@ -38,7 +38,8 @@ def with_passive_forces(
             warnings.add(text, "joint", joint.name)
     if not (chosen.stop_frequency or (chosen.friction_speed and rough)):
         return tuple(joints)
-    inverses = [np.linalg.inv(mass_matrix(links, order, coupled, q)[0]) for q in postures(coupled)]
+    masses = [mass_matrix(links, order, coupled, q)[0] for q in postures(coupled)]
+    inverses = [np.linalg.pinv(mass, hermitian=True) for mass in masses]
     if chosen.friction_speed and rough:
         slopes = [joint.friction / chosen.friction_speed for joint in coupled.moving]
         damping = coupled.G.T @ np.diag(slopes) @ coupled.G
@@ -52,8 +53,9 @@ def with_passive_forces(
     mobility = np.max([np.diag(coupled.G @ inverse @ coupled.G.T) for inverse in inverses], axis=0)
     stiffness = {}
     for joint, ease in zip(coupled.moving, mobility, strict=True):
-        if joint.limits.lower < joint.limits.upper and ease > 0.0:
-            stiffness[joint.name] = float((2 * np.pi * chosen.stop_frequency) ** 2 / ease)
-        elif joint.kind != "continuous":
+        ends = joint.limits.lower, joint.limits.upper
+        if ends[0] == ends[1] or (np.isinf(ends).all() and joint.kind != "continuous"):
             warnings.add("has no limits that differ, and so no stops", "joint", joint.name)
+        elif np.isfinite(ends).any() and ease > 0.0:
+            stiffness[joint.name] = float((2 * np.pi * chosen.stop_frequency) ** 2 / ease)
     return tuple(replace(joint, stop=stiffness.get(joint.name, 0.0)) for joint in joints)

@@ -43,8 +43,8 @@ def select(
 ) -> tuple[UrdfJoint, ...]:
     """Return the joints that are left, some of them locked, and take links that are not off."""
     by_name = {joint.name: joint for joint in joints}
-    held = dict.fromkeys((j.name for j in joints if j.kind == "fixed"), 0.0)
-    wrong = Remarks()
+    fixed = dict.fromkeys((j.name for j in joints if j.kind == "fixed"), 0.0)
+    held, wrong = dict(fixed), Remarks()
     for name, value in chosen.lock.items():
         held |= _locked(name, value, by_name, wrong)
     for option, link in (("--base-link", chosen.base), ("--tip-link", chosen.tip)):
@@ -52,7 +52,7 @@ def select(
             wrong.add(f"{option}: there is no link {quoted(link)}{nearest(link, list(links))}")
     faults.take(wrong)
     if wrong:
-        return tuple(joints)
+        chosen, held = Selection(), fixed
     kept = list(joints)
     if chosen.base:
         inside = _below(chosen.base, joints)

@@ -250,6 +250,15 @@ WRONG = {
 }
 
 
+@pytest.mark.parametrize("leader", ["root", "waist"])
+def test_all_that_is_wrong_is_told_where_a_joint_mimics_one_that_cannot_move(read, leader):
+    text = HUMANOID.replace('mimic joint="thumb"', f'mimic joint="{leader}"')
+    text = text.replace('name="waist" type="revolute"', 'name="waist" type="fixed"')
+    with pytest.raises(FmuError) as caught:
+        read(text, lock={"root": 1.0})
+    assert len(str(caught.value).splitlines()) == 2
+
+
 @pytest.mark.parametrize("case", WRONG)
 def test_what_cannot_be_selected_is_told(read, case):
     chosen, message = WRONG[case]
@@ -357,10 +366,18 @@ def test_a_joint_leaves_its_stop_as_hunt_and_crossley_say(read):
         assert run.y[1, -1] == pytest.approx(-side * 0.5 * w, rel=1e-6)
 
 
-def test_a_joint_without_limits_has_no_stop(read):
-    found = read(pendulum(limit="<limit/>"), stop_frequency=20.0)
+@pytest.mark.parametrize("limit", ["<limit/>", "<limit lower='x' upper='1e999'/>", "<mesh/>"])
+def test_a_joint_without_limits_has_no_stop(read, limit):
+    found = read(pendulum(limit=limit), stop_frequency=20.0)
     assert found.warnings == ("joint 'j': has no limits that differ, and so no stops",)
     assert found.joints[0].stop == 0.0
+
+
+def test_a_joint_may_have_one_stop(read):
+    found = read(pendulum(limit="<limit lower='-1' upper='1e999'/>"), stop_frequency=20.0)
+    qdd = dynamics(found, NO_GRAVITY)
+    assert qdd([9.0], [1.0], [0.0]) == 0.0
+    assert qdd([-1.1], [0.0], [0.0]) == pytest.approx(0.1 * (2 * np.pi * 20) ** 2)
 
 
 # The command
