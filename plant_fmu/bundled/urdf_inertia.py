@@ -5,8 +5,8 @@ axis and I_k the body's inertia, S_k^T I_k S_k > 0 for every k makes the mass ma
 definite at every q: the outermost joint that moves first gives its body kinetic energy. This is
 sufficient and not necessary: two joints with a massless link between them may turn the same body,
 and a joint that mimics another may turn none.
-So where it does not hold, M is looked at in postures drawn at random. Links that do not move are
-in no equation, and their inertias are not looked at.
+So where it does not hold, M is looked at where the robot starts and in postures drawn at random.
+Links that do not move are in no equation, and their inertias are not looked at.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,9 +34,13 @@ _GIVE = (
 
 
 def postures(coupled: Couplings) -> Array:
-    """Return the postures that are looked at, (POSTURES, m), rad or m."""
+    """Return the postures that are looked at, (1 + POSTURES, m), rad or m.
+
+    In the first all joints are as near to 0, where a robot starts, as their limits let them.
+    """
     random = np.random.Generator(np.random.Philox(SEED))
-    return random.uniform(-np.pi, np.pi, (POSTURES, coupled.G.shape[1]))
+    drawn = random.uniform(-np.pi, np.pi, (POSTURES, coupled.G.shape[1]))
+    return np.vstack([[j.rest for j in coupled.moving if j.mimic is None], drawn])
 
 
 def judge_inertias(
@@ -106,10 +110,13 @@ def _judge_mass(
     text = "no inertia about its joint's axis of its own, and the mass matrix is "
     if min(_definiteness(M) for M, _ in found) > SINGULAR:
         said = warnings
-        text += f"positive definite at {POSTURES} random postures; it may be singular at others"
+        text += (
+            f"positive definite in the posture of zeros and {POSTURES} random ones; it may be "
+            "singular in others"
+        )
     else:
         said = faults
-        text += f"singular; {_GIVE}"
+        text += f"singular; lock that joint (--lock), or {_GIVE}"
     for joint in light:
         said.add(text, "link", joint.child)
 

@@ -104,6 +104,11 @@ class UrdfJoint:
     mimic: Following | None = None
     stop: float = 0.0
 
+    @property
+    def rest(self) -> float:
+        """What is nearest to 0 within its limits, rad or m."""
+        return min(max(0.0, self.limits.lower), self.limits.upper)
+
 
 @dataclass(frozen=True, slots=True)
 class UrdfRobot:

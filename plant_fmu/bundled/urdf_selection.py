@@ -60,7 +60,7 @@ def select(
             del links[name]
         kept = [joint for joint in joints if joint.parent in inside]
         gone = [j for j in joints if j.parent not in inside and j.mimic is None]
-        held |= {j.name: _rest(j) for j in gone if j.name not in held}
+        held |= {j.name: j.rest for j in gone if j.name not in held}
     if chosen.tip:
         held |= _aside(chosen.tip, kept, by_name, held, faults, warnings)
     _follow(held, joints, warnings)
@@ -79,13 +79,8 @@ def _locked(
         text = f"--lock: a {joint.kind} joint is locked where it is, without a value"
         faults.add(text, "joint", name)
     else:
-        return {name: _rest(joint) if value is None else value}
+        return {name: joint.rest if value is None else value}
     return {}
-
-
-def _rest(joint: UrdfJoint) -> float:
-    """Return what is nearest to 0 within the joint's limits, where it has any."""
-    return min(max(0.0, joint.limits.lower), joint.limits.upper)
 
 
 def _below(base: str, joints: Sequence[UrdfJoint]) -> set[str]:
@@ -123,7 +118,7 @@ def _aside(
         if name not in held
     }
     aside = {
-        joint.name: _rest(joint)
+        joint.name: joint.rest
         for joint in joints
         if joint.mimic is None and joint.name not in held and joint.name not in moving
     }

@@ -225,7 +225,7 @@ def test_a_massless_link_of_a_universal_joint_is_accepted(tmp_path: Path) -> Non
     )
     assert read(tmp_path, text).warnings == (
         "link 'cross': no inertia about its joint's axis of its own, and the mass matrix is "
-        "positive definite at 8 random postures; it may be singular at others",
+        "positive definite in the posture of zeros and 8 random ones; it may be singular in others",
     )
 
 
@@ -235,6 +235,20 @@ def test_a_massless_link_between_two_joints_of_one_axis_is_singular(tmp_path: Pa
         FmuError, match=r"link 'cross': no inertia .*, and the mass matrix is singu"
     ):
         read(tmp_path, robot('<link name="cross"/>', same + JOINT.replace("base", "cross")))
+
+
+def test_a_massless_link_of_a_universal_joint_is_singular_where_its_rod_lies_along_an_axis(
+    tmp_path,
+):
+    """Only there, where the robot starts: the rod has no inertia about itself."""
+    rod = '<origin xyz="0 0 1"/>' + BODY.replace('="1" ixy', '="0" ixy').replace('y="1"', 'y="0"')
+    rod = rod.replace('izz="1"', 'izz="0"')
+    text = robot(
+        '<link name="cross"/>',
+        JOINT.replace("arm", "cross") + turning("y", "cross", "arm"),
+    ).replace(BODY, rod)
+    with pytest.raises(FmuError, match=r"link 'cross': no inertia .* is singular; lock that joint"):
+        read(tmp_path, text)
 
 
 def test_a_massless_link_at_the_end_is_named_alone(tmp_path: Path) -> None:
