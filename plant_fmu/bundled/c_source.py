@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, Dimension, Variable
 
 _SETTABLE_IN = {"input": "UNTIL_THE_END", "parameter": "BEFORE_START", "state": "BEFORE_START"}
-_CALCULATED = {"derivative": "DERIVATIVE", "output": "OUTPUT"}
+_CALCULATED = {"derivative": "DERIVATIVE", "rate": "DERIVATIVE", "output": "OUTPUT"}
 _NONE, _ONE = Dimension("none", 0, 0), Dimension("one", 1, 1)
 
 
@@ -21,7 +21,7 @@ def c_header(model: Declaration, token: str) -> str:
         f"    double {_c_name(v)}{_c_shape(v)}; /* {v.unit or '1'}: {v.description} */\n"
         for v in model.variables
     )
-    states, derivatives = model.of_kind("state"), model.of_kind("derivative")
+    states, derivatives = model.of_kind("state", "memory"), model.of_kind("derivative", "rate")
     return f"""/* Generated from the declaration of {model.name}. */
 
 #ifndef VARIABLES_H
@@ -45,6 +45,13 @@ static inline int states_in(const Values *values)
 {{
     (void)values;
     return {" + ".join(_size(v) for v in states) or 0};
+}}
+
+/* Of these, those that Model Exchange has. */
+static inline int exchanged_states_in(const Values *values)
+{{
+    (void)values;
+    return {" + ".join(_size(v) for v in model.of_kind("state")) or 0};
 }}
 
 {_access("states", states)}
@@ -109,7 +116,8 @@ static inline void set_{name}(Values *values, const double x[STATES])
 
 def _size(vector: Variable) -> str:
     (dimension,) = vector.dimensions
-    return f"{dimension.name}_of(values)"
+    size = f"{dimension.name}_of(values)"
+    return f"(values->{vector.condition} != 0.0 ? {size} : 0)" if vector.condition else size
 
 
 def _rights(model: Declaration, variable: Variable, within: int) -> str:

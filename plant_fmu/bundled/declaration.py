@@ -25,6 +25,8 @@ KINDS = (
     "local",
     "state",
     "derivative",
+    "memory",
+    "rate",
     "output",
 )
 
@@ -48,7 +50,8 @@ class Variable:
     limits None where there are none; `most` bounds a structural parameter; `derivative_of` and
     `equals` are names of variables of the same shape, the latter when this one is always equal to
     it; of those in `each_of` element i depends on element i alone; `stepped` is what changes by
-    steps of co-simulation alone, whatever inputs are set to in between.
+    steps of co-simulation alone, whatever inputs are set to in between. A memory and its rate are
+    integrated while the variable `condition` is not 0.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Variable:
     equals: str | None
     each_of: tuple[str, ...]
     stepped: bool
+    condition: str | None
     description: str
     value_reference: int
 
@@ -90,7 +94,11 @@ class Variable:
 
     @property
     def causality(self) -> str:
-        other = {"structural": "structuralParameter", "state": "output", "derivative": "local"}
+        other = {
+            "structural": "structuralParameter",
+            "state": "output",
+            **dict.fromkeys(("derivative", "memory", "rate"), "local"),
+        }
         return other.get(self.kind, self.kind)
 
     @property
@@ -109,6 +117,8 @@ class Variable:
             "state": "calculated" if self.start is None else "exact",
             "local": "calculated",
             "derivative": "calculated",
+            "memory": "calculated",
+            "rate": "calculated",
             "output": "calculated",
         }.get(self.kind)
 
@@ -212,6 +222,7 @@ def _variable(
         equals=table.get("equals"),
         each_of=tuple(table.get("each_of", ())),
         stepped=table.get("stepped", False),
+        condition=table.get("while"),
         description=table["description"],
         value_reference=reference,
     )

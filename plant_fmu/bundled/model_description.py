@@ -151,7 +151,7 @@ def _arrays(root: Element, model: Declaration) -> None:
             continue
         element = SubElement(variables, "Float64", attributes)
         _set_numbers(element, v, v.starts[: v.size])
-        if v.derivative_of is not None:
+        if v.derivative_of and v.kind == "derivative":
             element.set("derivative", str(model.variable(v.derivative_of).value_reference))
         for dimension in v.dimensions:
             if dimension.by is None:
@@ -176,7 +176,7 @@ def _scalars(root: Element, model: Declaration) -> None:
             attributes = _attributes(v, name, v.value_reference + i)
             element = SubElement(SubElement(variables, "ScalarVariable", attributes), "Real")
             _set_numbers(element, v, v.starts[i : i + 1])
-            if v.derivative_of is not None:
+            if v.derivative_of and v.kind == "derivative":
                 state = model.variable(v.derivative_of)
                 element.set("derivative", str(state.value_reference + i + 1))
 

@@ -18,7 +18,10 @@ from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
 AGENT, TARGET = MODELS / "agent", MODELS / "target"
 UNITS = {"rad": {"coordinate": "rad"}, "m": {"coordinate": "m"}, "": {}}
 """What a model's units are made of, by that of its axes."""
-INTEGRATING = ("robot.c", "robot.h", "integrator.c", "dormand_prince.c", "dop853.c")
+INTEGRATING = (
+    *("robot.c", "robot.h", "controller.c", "controller.h", "cholesky.h"),
+    *("integrator.c", "dormand_prince.c", "dop853.c"),
+)
 """What an FMU without a plant has no use for."""
 
 

@@ -201,10 +201,10 @@ static void fuzz_variables(Fuzz *f)
 
 static void fuzz_exchange(Fuzz *f)
 {
-    double x[STATES + 1];
     F(Boolean) event, end;
     const State *state = &((Instance *)f->self)->state;
     const size_t n = (size_t)states_in(&state->values) - (draw(20) == 0);
+    double *x = malloc(n * sizeof *x); /* of no more room, so that what goes beyond is seen */
     for (size_t i = 0; i < n; ++i)
         x[i] = number();
     const int solved = INITIALIZATION | EVENT | CONTINUOUS_TIME | STEP | TERMINATED | BEFORE_START |
@@ -222,6 +222,7 @@ static void fuzz_exchange(Fuzz *f)
         CALL(f, CONTINUOUS_TIME, KEEPS, F(CompletedIntegratorStep), f->self, true, &event, &end);
         break;
     }
+    free(x);
 }
 
 static void fuzz_steps(Fuzz *f)

@@ -126,6 +126,9 @@ bool core_exit_initialization(Instance *self)
         return false;
     if (!integrator_is_known(self, &self->state.values))
         return false;
+    const Values *values = &self->state.values;
+    if (self->state.kind == MODEL_EXCHANGE && states_in(values) > exchanged_states_in(values))
+        return core_refuse(self, "ki: integral action is of co-simulation alone");
     agent_start(self);
     self->state.mode = self->state.kind == CO_SIMULATION ? STEP : EVENT;
     return true;

@@ -1,52 +1,12 @@
-/* d/dt (q, qd) = (qd, acceleration(q, qd, tau_applied + tau_d)), where
+/* d/dt (q, qd) = (qd, acceleration(q, qd, tau_applied + tau_d)), with tau_applied of controller.c and
  *
- *   tau_applied = tau + kp (eps(t) - q) + kd (ups(t) - qd)
- *   eps(t)      = position_ref + s velocity_ref + s s/2 acceleration_ref
- *   ups(t)      = velocity_ref + s acceleration_ref,   s = max(0, t - reference_time)
- *   tau_d       = offset + rate t + sum of amplitude sin(frequency t + phase)
- *
- * The reference is a function of the inputs and the time alone, however often an importer
- * sets them: it moves on from reference_time, and stays as it is where that is yet to come.
- * A line is followed without the terms of an acceleration, which might turn -0 into 0. */
+ *   tau_d = offset + rate t + sum of amplitude sin(frequency t + phase) */
 
 #include "robot.h"
 
+#include "controller.h"
 #include "mathematics.h"
 #include "model.h"
-
-static double since_given(const Values *v, double t)
-{
-    return t > v->reference_time ? t - v->reference_time : 0.0;
-}
-
-static double reference(const Values *v, double s, int i)
-{
-    const double line = v->position_ref[i] + s * v->velocity_ref[i];
-    return v->acceleration_ref[i] == 0.0 ? line : line + s * s / 2 * v->acceleration_ref[i];
-}
-
-static double reference_rate(const Values *v, double s, int i)
-{
-    return v->acceleration_ref[i] == 0.0 ? v->velocity_ref[i]
-                                         : v->velocity_ref[i] + s * v->acceleration_ref[i];
-}
-
-static void applied(const Values *v, double t, const double q[M], const double qd[M],
-                    double tau[M])
-{
-    const int m = m_of(v);
-    const double s = since_given(v, t);
-    double e[M], ed[M];
-    for (int i = 0; i < m; ++i) {
-        e[i] = reference(v, s, i) - q[i];
-        ed[i] = reference_rate(v, s, i) - qd[i];
-    }
-    for (int i = 0; i < m; ++i) {
-        tau[i] = v->tau[i];
-        for (int j = 0; j < m; ++j)
-            tau[i] += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
-    }
-}
 
 static double disturbance(const Values *v, double t, int i)
 {
@@ -62,24 +22,37 @@ void model_derivatives(const Values *values, double t, const double x[STATES],
                        double dx[STATES])
 {
     const int m = m_of(values);
-    const double *q = x, *qd = x + m;
-    double force[M];
-    applied(values, t, q, qd, force);
+    const double *q = x, *qd = x + m, *integral = x + 2 * m;
+    Control control_now;
+    double *force = control_now.applied;
+    control(values, t, q, qd, integral, &control_now);
     for (int i = 0; i < m; ++i) {
         force[i] += disturbance(values, t, i);
         dx[i] = qd[i];
     }
+    if (values->integrates != 0.0)
+        for (int i = 0; i < m; ++i)
+            dx[2 * m + i] = control_now.integral_rate[i];
     robot_acceleration(values, q, qd, force, dx + m);
 }
 
 void model_outputs(Values *values)
 {
-    applied(values, values->time, values->q, values->qd, values->tau_applied);
+    Control now;
+    control(values, values->time, values->q, values->qd, values->integral, &now);
+    for (int i = 0; i < m_of(values); ++i) {
+        values->tau_applied[i] = now.applied[i];
+        values->tau_missing[i] = now.missing[i];
+    }
 }
 
 void model_locals(Values *values)
 {
+    values->integrates = 0.0;
     for (int i = 0; i < m_of(values); ++i) {
+        for (int j = 0; j < m_of(values); ++j)
+            if (values->ki[i][j] != 0.0)
+                values->integrates = 1.0;
         int n = terms_of(values);
         while (n > 0 && values->disturbance_amplitude[i][n - 1] == 0.0)
             --n;

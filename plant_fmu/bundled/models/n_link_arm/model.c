@@ -21,30 +21,9 @@
 
 #include <math.h>
 
+#include "cholesky.h"
 #include "mathematics.h"
 #include "robot.h"
-
-/* Replaces b by the solution x of A x = b. The lower half of A, symmetric, is replaced by
- * its factor, with the reciprocals of the diagonal. */
-static void solve(int n, double A[M][M], double b[M])
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            for (int k = 0; k < j; ++k)
-                A[i][j] -= A[i][k] * A[j][k];
-            A[i][j] *= A[j][j];
-            A[i][i] -= A[i][j] * A[i][j];
-            b[i] -= A[i][j] * b[j];
-        }
-        A[i][i] = 1.0 / sqrt(A[i][i]);
-        b[i] *= A[i][i];
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k)
-            b[i] -= A[k][i] * b[k];
-        b[i] *= A[i][i];
-    }
-}
 
 void robot_acceleration(const Values *p, const double q[M], const double qd[M],
                         const double force[M], double qdd[M])
@@ -92,5 +71,5 @@ void robot_acceleration(const Values *p, const double q[M], const double qd[M],
         A[i][i] += p->J[i];
         qdd[i] = force[i] - h[i];
     }
-    solve(n, A, qdd);
+    cholesky_solve(n, A, qdd);
 }

@@ -1,0 +1,100 @@
+/* tau_applied = what of tau_asked is within torque_limit, with e = eps - q, ed = ups - qd and
+ *
+ *   u         = kp e + kd ed + ki z,   z' = e
+ *   tau_asked = tau + u + gravity_compensation G(q) + acceleration_feedforward M(q) a
+ *   eps(t)    = position_ref + s velocity_ref + s s/2 a,   ups(t) = velocity_ref + s a,
+ *   a         = acceleration_ref,   s = max(0, t - reference_time).
+ *
+ * With inertia_scaling M(q) u stands for u, and the gains are those of a unit inertia. With
+ * computed_torque it does too, and all that acts but tau is made up for: qdd = a + u where the limit
+ * does not bind. z rests where the limit binds and e would push on.
+ *
+ * The reference is a function of the inputs and the time alone, however often an importer
+ * sets them: it moves on from reference_time, and stays as it is where that is yet to come.
+ * A line is followed without the terms of an acceleration, which might turn -0 into 0.
+ *
+ * The robot's acceleration is affine in the force on it: what unit forces add to it at rest is
+ * the inverse of M(q), and what it is without force tells G(q) at rest, and all that acts else. */
+
+#include "controller.h"
+
+#include <stdbool.h>
+
+#include "cholesky.h"
+#include "robot.h"
+
+static double since_given(const Values *v, double t)
+{
+    return t > v->reference_time ? t - v->reference_time : 0.0;
+}
+
+static double reference(const Values *v, double s, int i)
+{
+    const double line = v->position_ref[i] + s * v->velocity_ref[i];
+    return v->acceleration_ref[i] == 0.0 ? line : line + s * s / 2 * v->acceleration_ref[i];
+}
+
+static double reference_rate(const Values *v, double s, int i)
+{
+    return v->acceleration_ref[i] == 0.0 ? v->velocity_ref[i]
+                                         : v->velocity_ref[i] + s * v->acceleration_ref[i];
+}
+
+/* Adds to tau the force that gives the accelerations `wanted` more than the robot has at (q, qd)
+ * without any, of which the share `made_up_for` is counted. */
+static void add_inverse_dynamics(const Values *v, const double q[M], const double qd[M],
+                                 const double wanted[M], double made_up_for, double tau[M])
+{
+    const int m = m_of(v);
+    const double none[M] = {0.0};
+    double inverse[M][M], at_rest[M], free[M], force[M];
+    robot_acceleration(v, q, none, none, at_rest);
+    robot_acceleration(v, q, qd, none, free);
+    for (int j = 0; j < m; ++j) {
+        double push[M] = {0.0}, pushed[M];
+        push[j] = 1.0;
+        robot_acceleration(v, q, none, push, pushed);
+        for (int i = 0; i < m; ++i)
+            inverse[i][j] = pushed[i] - at_rest[i];
+    }
+    for (int i = 0; i < m; ++i)
+        force[i] = wanted[i] - made_up_for * free[i];
+    cholesky_solve(m, inverse, force);
+    for (int i = 0; i < m; ++i)
+        tau[i] += force[i];
+}
+
+void control(const Values *v, double t, const double q[M], const double qd[M],
+             const double integral[M], Control *found)
+{
+    const int m = m_of(v);
+    const double s = since_given(v, t), *none = (const double[M]){0.0};
+    const bool computed = v->computed_torque != 0.0;
+    const bool scaled = computed || v->inertia_scaling != 0.0;
+    double e[M], ed[M], asked[M], wanted[M] = {0.0};
+    for (int i = 0; i < m; ++i) {
+        e[i] = reference(v, s, i) - q[i];
+        ed[i] = reference_rate(v, s, i) - qd[i];
+    }
+    for (int i = 0; i < m; ++i) {
+        double u = scaled ? 0.0 : v->tau[i];
+        for (int j = 0; j < m; ++j)
+            u += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
+        if (v->integrates != 0.0)
+            for (int j = 0; j < m; ++j)
+                u += v->ki[i][j] * integral[j];
+        asked[i] = scaled ? v->tau[i] : u;
+        const double share = computed ? 1.0 : v->acceleration_feedforward;
+        wanted[i] = (scaled ? u : 0.0) + share * v->acceleration_ref[i];
+    }
+    if (computed)
+        add_inverse_dynamics(v, q, qd, wanted, 1.0, asked);
+    else if (scaled || v->gravity_compensation != 0.0 || v->acceleration_feedforward != 0.0)
+        add_inverse_dynamics(v, q, none, wanted, v->gravity_compensation, asked);
+    for (int i = 0; i < m; ++i) {
+        const double limit = v->torque_limit[i];
+        found->applied[i] = asked[i] > limit ? limit : asked[i] < -limit ? -limit : asked[i];
+        found->missing[i] = asked[i] - found->applied[i];
+        found->integral_rate[i] = found->missing[i] * e[i] > 0.0 ? 0.0 : e[i];
+    }
+}
