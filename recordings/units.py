@@ -1,7 +1,10 @@
-"""The units of a message's fields: as declared, or from the joints' coordinates, rad or m."""
+"""What joints are called, and the units of fields: as declared, or from joints' coordinates."""
 
-from nrs_cosim.bus.fields import Field
-from nrs_cosim.recordings.metadata import RunRecord
+import numpy as np
+
+from nrs_cosim.bus.fields import Field, column_names
+from nrs_cosim.bus.messages import Codec
+from nrs_cosim.recordings.metadata import JointRecord, RunRecord
 
 _UNITS = {
     "position": {"rad": "rad", "m": "m"},
@@ -26,3 +29,31 @@ def field_unit(name: str, field: Field, coordinate: str) -> str:
         return field.unit
     of = _UNITS.get(name.rpartition("_")[2]) or _UNITS.get(field.truth or "", {})
     return of.get(coordinate, "")
+
+
+def joints_of_each(run: RunRecord) -> dict[int, tuple[JointRecord, ...]]:
+    """Return the joints of each robot, in the order of their numbers."""
+    return dict(sorted((robot, group.joints) for group in run.plants for robot in group.robots))
+
+
+def shared_joints(run: RunRecord) -> tuple[JointRecord, ...]:
+    """Return the joints of all robots where these are alike; none where they are not."""
+    found = {group.joints for group in run.plants}
+    return found.pop() if len(found) == 1 else ()
+
+
+def column_notes(codec: Codec | None, run: RunRecord) -> dict[str, dict[str, str]]:
+    """Return the unit and the joint of each column of a table, as far as all robots share them."""
+    notes = {"time_ns": {"unit": "ns"}, "t": {"unit": "s"}}
+    joints, coordinate = shared_joints(run), coordinate_of(run)
+    for name, field in codec.kind.fields.items() if codec else ():
+        shape = codec.shapes[name] if codec else ()
+        axis = field.shape.index("m") if "m" in field.shape and joints else None
+        for column, index in zip(column_names(name, shape), np.ndindex(shape), strict=True):
+            joint = None if axis is None else joints[index[axis]]
+            note = {
+                "unit": field_unit(name, field, joint.unit if joint else coordinate),
+                "joint": joint.name if joint else "",
+            }
+            notes[column] = {key: value for key, value in note.items() if value}
+    return notes

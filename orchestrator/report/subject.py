@@ -1,5 +1,7 @@
 """What a report must know of a scenario: target, network, theory, and how robots look."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -20,17 +22,19 @@ from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.data import Story, read_story
 from nrs_cosim.recordings.report.subject import Arm, Subject, unit_over
 from nrs_cosim.recordings.schemas import about
+from nrs_cosim.recordings.units import shared_joints
 
 
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
     """Read what a report draws of a recording, of an experiment that may be known already."""
     run = about(reader).run
     unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
-    return read_story(reader, subject_of(experiment or experiment_of(reader), unit))
+    names = tuple(joint.name for joint in shared_joints(run))
+    return read_story(reader, subject_of(experiment or experiment_of(reader), unit, names))
 
 
-def subject_of(experiment: Experiment, unit: str) -> Subject:
-    """Return what a report must know of an experiment, whose joints are in a unit."""
+def subject_of(experiment: Experiment, unit: str, joints: Sequence[str] = ()) -> Subject:
+    """Return what a report must know of an experiment, whose joints are in a unit, with names."""
     choice = experiment.scenario.algorithm
     # Nothing is proven of an algorithm that is not installed: its recording is drawn all the same.
     checked = None if isinstance(choice, NotInstalled) else check(experiment)
@@ -43,6 +47,7 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         phases=_phases(experiment.topologies),
         arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
+        joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
         conditions=_condition_rows(checked) if checked else [],
         spectral_radius=None
         if checked is None or checked.premise
@@ -50,6 +55,12 @@ def subject_of(experiment: Experiment, unit: str) -> Subject:
         byzantine=experiment.byzantine,
         bounds=_bounds(experiment, checked) if checked else {},
     )
+
+
+def _joint(number: int, names: Sequence[str]) -> str:
+    """Return what a joint is called; by its number where its FMU has no better name for it."""
+    name = names[number - 1] if names else ""
+    return f"joint {number}" if re.fullmatch(r"(q\[\d+\])?", name) else name
 
 
 def _pace(clock: Clock) -> str:

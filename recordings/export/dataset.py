@@ -8,7 +8,8 @@ target_position, target_velocity        (sampling_time, joint)         the targe
 An algorithm may send other fields, `sample_<field>` and `target_<field>`, and its agents may keep
 more, `agent_<field>`; what pinned robots measured at t_k is `measured_<field>`. An axis of m
 numbers is `joint`, one of n `other_robot`, one of in-degrees `in_neighbour`, and any other one the
-variable's own, as is a second one of a kind.
+variable's own, as is a second one of a kind. `joint_name` and `joint_unit` say what each robot's
+joints are called, and what their positions are in.
 """
 
 from collections import Counter
@@ -30,7 +31,7 @@ from nrs_cosim.recordings.export.tables import (
 )
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import about, recorded_types
-from nrs_cosim.recordings.units import coordinate_of, field_unit
+from nrs_cosim.recordings.units import coordinate_of, field_unit, joints_of_each
 
 _MEANING = {
     "position": "joint positions",
@@ -99,6 +100,7 @@ def dataset(reader: Reader) -> xarray.Dataset:
         if kind == "sample":
             full = f"target_{name}"
             variables[full] = variable(dims[:1], full, kind, name, values[:, 0])
+    joints = joints_of_each(run).values()
     seconds = {"units": "s", "long_name": "simulated time"}
     return xarray.Dataset(
         variables,
@@ -106,6 +108,8 @@ def dataset(reader: Reader) -> xarray.Dataset:
             "time": ("time", grid, seconds),
             "sampling_time": ("sampling_time", at, seconds),
             "robot": ("robot", np.arange(1, n + 1)),
+            "joint_name": (("robot", "joint"), [[one.name for one in of] for of in joints]),
+            "joint_unit": (("robot", "joint"), [[one.unit for one in of] for of in joints]),
             **{
                 axis: (axis, np.arange(1, sizes[axis] + 1))
                 for axis in _AXES.values()

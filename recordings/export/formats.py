@@ -5,8 +5,9 @@
 a row a robot and sampling time; `measurements`, where their algorithm measures the target in a way
 of its own, a row a pinned robot and sampling time; `link_events`, where the scenario has any, a row
 a sample that a link lost, delayed, duplicated or altered. A number of an array has a column of its
-own. All are sorted by time, then robot. CSV has floats in their shortest form that reads back to
-the same bits. A table gets its name when it is whole.
+own. All are sorted by time, then robot. Beside CSV, `joints` has a row a joint of each robot: name
+and units, which the other formats hold themselves. CSV has floats in their shortest form that reads
+back to the same bits. A table gets its name when it is whole.
 """
 
 import csv
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import MissingExtraError
+from nrs_cosim.bus.messages import STATE
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.tables import (
     MessageTable,
@@ -31,12 +33,14 @@ from nrs_cosim.recordings.export.tables import (
     rows,
 )
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.metadata import RunRecord
 from nrs_cosim.recordings.schemas import about, expect_joints, recorded_types
-from nrs_cosim.recordings.units import coordinate_of
+from nrs_cosim.recordings.units import field_unit, joints_of_each
 
 Format = Literal["csv", "parquet", "mat"]
 Opener = Callable[[Path, TableLayout], AbstractContextManager[Put]]
 """Opens a file for a table; what it gives puts rows into it."""
+_JOINTS = "joints"
 
 
 def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
@@ -51,6 +55,8 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     opened = _opener(form, reader)
     tables = recorded_tables(types)
     paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
+    if form == "csv":
+        paths[_JOINTS] = folder / f"{_JOINTS}.csv"
     parts = {name: path.with_suffix(".part") for name, path in paths.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,6 +77,8 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
                     if table.name not in put:
                         layout(types, table).expect_few_columns(reader.path)
                         open_table(table)
+            if form == "csv":
+                _write_joints(parts[_JOINTS], about(reader).run)
             return [parts[name].replace(path) for name, path in paths.items()]
         finally:
             for part in parts.values():
@@ -84,11 +92,11 @@ def _opener(form: Format, reader: Reader) -> Opener:
         case "csv":
             return _csv
         case "parquet":
-            return _parquet()
+            return _parquet(about(reader).run)
         case "mat":
             from nrs_cosim.recordings.export.mat import mat_table  # noqa: PLC0415, it loads scipy.io
 
-            return partial(mat_table, coordinate=coordinate_of(about(reader).run))
+            return partial(mat_table, run=about(reader).run)
 
 
 @contextmanager
@@ -106,9 +114,21 @@ def _csv(path: Path, of: TableLayout) -> Iterator[Put]:
         yield put
 
 
-def _parquet() -> Opener:
+def _parquet(run: RunRecord) -> Opener:
     try:
         from nrs_cosim.recordings.export.parquet import parquet_table  # noqa: PLC0415 (an extra)
     except ImportError:
         raise MissingExtraError("--format parquet: needs pyarrow", "analysis") from None
-    return parquet_table
+    return partial(parquet_table, run=run)
+
+
+def _write_joints(path: Path, run: RunRecord) -> None:
+    """Write what a CSV table has no place for: names and units of each robot's joints."""
+    quantities = {name: STATE.fields[name] for name in ("position", "velocity", "effort")}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(["robot", "joint", "name", *(f"unit_{name}" for name in quantities)])
+        for robot, joints in joints_of_each(run).items():
+            for number, joint in enumerate(joints, 1):
+                units = (field_unit(name, of, joint.unit) for name, of in quantities.items())
+                out.writerow([robot, number, joint.name, *units])

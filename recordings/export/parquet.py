@@ -1,9 +1,13 @@
 """A table as a Parquet file: the columns of the CSV table, counts of 32 bits, ns and floats of 64.
 
+The metadata of a column have its unit, and its joint where all robots call it alike; those of the
+file have the joints of each robot, as JSON.
+
 Rows are written in groups of at least `GROUP` bytes, so that neither a long recording fills the
 memory nor a small chunk makes a group of its own.
 """
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +18,8 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from nrs_cosim.recordings.export.tables import Put, TableLayout, flat
+from nrs_cosim.recordings.metadata import RunRecord
+from nrs_cosim.recordings.units import column_notes, joints_of_each
 
 GROUP = 4 * 2**20
 _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
@@ -21,10 +27,19 @@ _SCALARS = {"t": pa.float64(), "time_ns": pa.int64()}
 
 
 @contextmanager
-def parquet_table(path: Path, of: TableLayout) -> Iterator[Put]:
+def parquet_table(path: Path, of: TableLayout, run: RunRecord) -> Iterator[Put]:
     """Open a file for a table; what it gives puts rows into it."""
     kinds = {name: _SCALARS.get(name, pa.uint32()) for name in of.scalars}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in of.columns])
+    notes = column_notes(of.codec, run)
+    fields = [
+        pa.field(name, kinds.get(name, pa.float64()), metadata=notes.get(name))
+        for name in of.columns
+    ]
+    joints = {
+        str(robot): [joint.model_dump() for joint in all_of]
+        for robot, all_of in joints_of_each(run).items()
+    }
+    schema = pa.schema(fields, {"nrs.joints": json.dumps(joints)})
     waiting: list[NDArray[np.void]] = []
     with parquet.ParquetWriter(path, schema) as file:
 

@@ -6,6 +6,7 @@ those in the states at t_k, whether they were sent or not.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from math import prod
@@ -143,7 +144,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
     types = recorded_types(reader)
-    agents = _agent_fields(types, coordinate_of(said.run), len(t_k), len(drawn))
+    agents = _agent_fields(types, coordinate_of(said.run), subject.joints, len(t_k), len(drawn))
     schemas = {channel.topic: channel.schema_name for channel in reader.channels}
     for messages in reader.columns():
         numbers, found = np.unique(messages.channel, return_counts=True)
@@ -209,7 +210,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
 
 
 def _agent_fields(
-    types: RecordedTypes, coordinate: str, ticks: int, robots: int
+    types: RecordedTypes, coordinate: str, names: Sequence[str], ticks: int, robots: int
 ) -> dict[str, AgentField]:
     """Return what agents keep, with gaps in place of the numbers."""
     codec, found = types.codecs.get(AGENT_STATES.kind), {}
@@ -218,7 +219,7 @@ def _agent_fields(
         field = codec.kind.fields[name]
         by_joint = field.shape == ("m",)
         if by_joint:
-            labels = [f"{name}, joint {joint}" for joint in range(1, shape[0] + 1)]
+            labels = [f"{name}, {joint}" for joint in names]
         elif prod(shape) <= MOST_NUMBERS:
             labels = column_names(name, shape)
         else:

@@ -172,7 +172,8 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
         if curves:
             subject = stories[0].subject
             unit = subject.rate if quantity == "velocity" else subject.unit
-            yield Panel(f"{symbol}, joint {joint + 1} ({unit})", tuple(curves), joint)
+            called = next(s.subject.joints[joint] for s in stories if joint < s.m)
+            yield Panel(f"{symbol}, {called} ({unit})", tuple(curves), joint)
 
 
 def _curve(

@@ -166,7 +166,7 @@ def _colour(ink: int | None) -> str:
 
 
 def _mathematical(label: str) -> str:
-    return _SYMBOL.sub(r"\1$_{\2}$", label)
+    return _SYMBOL.sub(r"\1$_{\2}$", label.replace("$", r"\$"))
 
 
 MOST = 24

@@ -47,6 +47,8 @@ class Subject:
     """(n,) of the robots 1 … n."""
     unit: str
     """Of a joint's position, or in words that there is none; see `unit_over`."""
+    joints: Sequence[str]
+    """(m,) what all robots call their joints, or their numbers in words."""
     conditions: Sequence[Mapping[str, Any]]
     """Of the theory, each with `name`, `value`, `bound` (None that no number reaches), `at_least`
     (whether it is value > bound, not <), `status` as `nrs check` has it, and `source`."""

@@ -14,6 +14,8 @@ from nrs_cosim.recordings.export import mat
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.export.tables import AGENT_STATES, TableLayout
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.metadata import RUN, RunRecord
+from tests.recordings import made_up_runs
 from tests.recordings.made_up_runs import recorded
 
 LAYOUT = {"k": "uint32", "time_ns": "int64", "t": "double", "robot": "uint32"}
@@ -31,7 +33,7 @@ def test_matlab_reads_the_same_numbers_as_columns_and_matrices(tmp_path: Path) -
     for file, rows in zip(written, arrays, strict=True):
         variables = loadmat(file, mat_dtype=False)
         found = {name: kind for name, _, kind in whosmat(file)}
-        assert [*found] == [*rows.dtype.names, "units"]
+        assert [*found] == [*rows.dtype.names, "units", "joints"]
         assert found.items() >= LAYOUT.items()
         for name in rows.dtype.names:
             column = rows[name].reshape(len(rows), -1)
@@ -57,7 +59,9 @@ def test_a_mat_file_names_the_units_that_are_known(tmp_path: Path) -> None:
 
 def opened(folder: Path, fields: dict[str, Field]):
     of = TableLayout(AGENT_STATES, Codec(MessageType("nrs.Own.AgentState", fields), Sizes(2)))
-    return of, mat.mat_table(folder / "agent_states.part", of, "m")
+    said = made_up_runs.about(1, 2, 1)[RUN]
+    run = RunRecord.model_validate({**said, "plants": said["plants"].replace('"rad"', '"m"')})
+    return of, mat.mat_table(folder / "agent_states.part", of, run)
 
 
 def test_fields_keep_their_shape_and_declared_unit(tmp_path: Path) -> None:

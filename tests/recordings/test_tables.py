@@ -184,9 +184,9 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
             LINK_EVENTS: recording.link_events(),
         }
         names = [f"{table.name}.csv" for table in arrays]
-        assert [path.name for path in export(reader, tmp_path)] == names
+        assert [path.name for path in export(reader, tmp_path)] == [*names, "joints.csv"]
         export(reader, tmp_path, "parquet")
-    assert len(list(tmp_path.iterdir())) == 6
+    assert len(list(tmp_path.iterdir())) == 7
     for table, array in arrays.items():
         header, *rows = rows_of(tmp_path / f"{table.name}.csv")
         parquet = pyarrow.parquet.read_table(tmp_path / f"{table.name}.parquet")
@@ -207,7 +207,8 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
 def test_a_run_without_faults_has_no_link_event_table(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", ticks=2)
     with Reader(tmp_path / "a.mcap") as reader:
-        assert [path.name for path in export(reader, tmp_path)] == ["samples.csv", "states.csv"]
+        names = [path.name for path in export(reader, tmp_path)]
+    assert names == ["samples.csv", "states.csv", "joints.csv"]
 
 
 def test_a_recording_has_a_repr_and_selects_robots_by_number(tmp_path: Path) -> None:
