@@ -37,6 +37,8 @@ _NEXT = re.compile(rf",(?=\s*{_WORD}(?:\s*\.\s*{_WORD})*\s*=)")
 _OF_PLANTS = ("plant", "controller", "disturbance")
 _NETWORKS = {"adjacency", "generator", "edge_list", "edges", "graphml", "position", "switching"}
 _FILES = {("network", "edges"), ("network", "graphml"), ("target", "file")}
+_ENDINGS = {"fmu": ".fmu", "parameters": ".ssv"}
+"""By which the values of keys are files."""
 _TIMES = {
     "sampling_period": ("sampling_times",),
     "sampling_times": ("sampling_period", "sampling_jitter"),
@@ -195,7 +197,9 @@ def _found(key: Key, value: Any) -> Any:
     """Return a value; a file of here is one wherever the scenario lies."""
     if not isinstance(value, str):
         return value
-    names_file = key in _FILES or (key[-1] == "fmu" and value.endswith(".fmu"))
+    names_file = key in _FILES or any(
+        key[-1] == name and value.endswith(end) for name, end in _ENDINGS.items()
+    )
     if not names_file or not Path(value).exists():
         return value
     path = str(Path(value).absolute())
@@ -240,6 +244,8 @@ def _within(table: Any, part: str, below: str) -> Any:
         return table[_place(table, part)]
     if below == "0" and part not in table:
         table[part] = [tomlkit.table()]
+    if part == "parameters" and isinstance(table.get(part), str):
+        raise InputError(f"parameters.{below}: parameters are those of {quoted(str(table[part]))}")
     if not isinstance(table.get(part), dict | list):
         table[part] = tomlkit.table()
     return table[part]

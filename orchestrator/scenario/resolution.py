@@ -1,5 +1,6 @@
-"""What a scenario names is put into its tables: edges of files, samples of files and of FMUs.
+"""What a scenario names is put into its tables: edges, samples and parameters of files.
 
+The samples of an FMU that is the target are put there too.
 Each is an asset. One that is known already, as a recording has it, is taken as it is; another is
 read from its file, once, and where no file may be read that is a fault. The scenario's text stays
 as it was written.
@@ -16,6 +17,7 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import FMU, TABLE, Asset, Assets, sha256_of
 from nrs_cosim.orchestrator.scenario.edges import Arrow, expect_distinct, read_edges, written
 from nrs_cosim.orchestrator.scenario.samples import Array, Samples
+from nrs_cosim.orchestrator.scenario.tables.fmus import Fmu, ParameterFile
 from nrs_cosim.orchestrator.scenario.tables.networks import Digraph, Edge, Network
 from nrs_cosim.orchestrator.scenario.tables.scenario import Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import (
@@ -45,9 +47,30 @@ class Resolution:
         """Return a scenario with what it names, but for the motion of an FMU that is to be run."""
         update = {
             "network": self._network(scenario.network),
-            "target": self._target(scenario.target),
+            "target": self._target(self._with_file(scenario.target, "target")),
+            "plant": self._with_file(scenario.plant, "plant"),
+            "robots": tuple(
+                robot.model_copy(
+                    update={"plant": self._with_file(robot.plant, f"robots[{i}].plant")}
+                )
+                if robot.plant
+                else robot
+                for i, robot in enumerate(scenario.robots)
+            ),
         }
         return scenario.model_copy(update=update)
+
+    def _with_file(self, table: _Value, where: str) -> _Value:
+        """Return the table of an FMU, if it is one, with the parameters of its file."""
+        if not isinstance(table, Fmu) or not isinstance(table.parameters, ParameterFile):
+            return table
+        from nrs_cosim.orchestrator.scenario import parameter_sets  # noqa: PLC0415, it loads lxml
+
+        field, file = f"{where}.parameters", table.parameters.file
+        found = self._found(
+            field, file, parameter_sets.parameter_table, parameter_sets.read_parameters
+        )
+        return table.model_copy(update={"parameters": found or {}})
 
     def _network(self, network: Network) -> Network:
         phases = tuple(

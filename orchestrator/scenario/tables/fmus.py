@@ -85,11 +85,38 @@ Name = Annotated[
 ]
 
 
+class ParameterFile(dict[str, Any]):
+    """Parameters that are in a file, and not known before a scenario is resolved."""
+
+    def __init__(self, file: str) -> None:
+        super().__init__()
+        self.file = file
+
+
+def _table_or_file(value: Any, table: ValidatorFunctionWrapHandler) -> Any:
+    if not isinstance(value, str):
+        return value if isinstance(value, ParameterFile) else table(value)
+    if not value.lower().endswith(".ssv"):
+        raise ValueError("a table of parameters, or the path of an .ssv file")
+    return ParameterFile(value)
+
+
+def _or_file(schema: dict[str, Any]) -> None:
+    """Let an editor take the path of a file as well."""
+    inner = {key: schema.pop(key) for key in ("type", "additionalProperties") if key in schema}
+    schema["anyOf"] = [inner, {"type": "string", "pattern": "\\.ssv$"}]
+
+
 class Fmu(Table):
     """An FMU, and what it is told."""
 
     fmu: str = Field(description="a bundled model, or the path of an .fmu relative to this file")
-    parameters: dict[str, Parameter] = Field({}, description="of the FMU, by name, in its units")
+    parameters: Annotated[dict[str, Parameter], WrapValidator(_table_or_file)] = Field(
+        {},
+        description="of the FMU, by name, in its units; or the path of an .ssv file (SSP 1.0) that "
+        "has them, relative to this file",
+        json_schema_extra=_or_file,
+    )
     variables: dict[str, Name] = Field(
         {},
         description="what the FMU has for q, qd, tau …, or in a target for position and velocity, "
