@@ -50,6 +50,11 @@ class EstimateBounds:
         """Return the bounds with what else adds to the errors."""
         return EstimateBounds(self.position + added.position, self.velocity + added.velocity)
 
+    def most(self, other: "EstimateBounds") -> "EstimateBounds":
+        """Return the larger bound of each."""
+        larger = max(self.position, other.position), max(self.velocity, other.velocity)
+        return EstimateBounds(*larger)
+
 
 @dataclass(frozen=True, slots=True)
 class PaperBound:
@@ -114,11 +119,7 @@ def worst_case_always(
         return None
     held = (recursion.keep - np.eye(2))[:, 1]
     after = _attained(recursion, gamma_1, gamma_2, radius, recursion.jump, held)
-    if after is None:
-        return None
-    return EstimateBounds(
-        max(before.position, after.position), max(before.velocity, after.velocity)
-    )
+    return None if after is None else before.most(after)
 
 
 def _attained(

@@ -11,7 +11,7 @@ a target that goes straight on, S = lim u_k, the steady state has (statement W4)
 whatever the agents keep, and however late their links are, each by a fixed time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,25 @@ def worst_of_step(
     None where ρ = `radius` ≥ 1, where the target's sample is not that of an agent which is right,
     where those do not stay so at a target that rests, or where the past that counts is too long.
     """
+    found = impulse_errors(late, radius)
+    if found is None:
+        return None
+    straight, errors = found
+    sums = np.zeros(straight.shape)
+    for early, end, pulse in errors:
+        added = _integral(early - straight, end - straight, late.step.h) + np.abs(pulse)
+        sums += added
+        if added.max() <= LEFT * (1 - radius) * sums.max():
+            position, velocity = (gamma_2 * sums + gamma_1 * np.abs(straight)).max(axis=1).tolist()
+            return EstimateBounds(position, velocity)
+    return None
+
+
+def impulse_errors(late: LateStep, radius: float) -> tuple[Array, Iterator[Array]] | None:
+    """Return S, (2, n), and u_k at both ends of a period and v_k, (3, 2, n), for k = 1, 2, …
+
+    None as above; and no more of them than are worth the work.
+    """
     step, n = late.step, late.topology.n
     E, agreed = step.truth, step.own + step.received
     right = step.agrees and np.allclose(agreed @ E[:, 0] - E[:, 0], 0, atol=NEAR)
@@ -49,21 +68,19 @@ def worst_of_step(
     straight = np.zeros((2, n))
     if not np.allclose(slope, 0, atol=NEAR):
         straight = late.settled(1.0, slope, parts).real[:2]
-    x = np.zeros((len(E), n, 3))
-    x[..., 2] = -(E @ [0, 0, 1])[:, None]  # of the sample at t_0 the agents know nothing yet
-    recent, sums, given = [np.zeros_like(x)] * late.longest + [x], np.zeros((2, n)), x
-    for k in range(int(WORK / x.size)):
-        if k <= late.longest + 1:  # from then on it is the same
-            given = _of_all(late, weights, k)
-        x = late.advance(recent, parts) + given
-        recent = [*recent[1:], x]
-        early, end, pulse = np.moveaxis(x[:2], -1, 0)
-        added = _integral(early - straight, end - straight, step.h) + np.abs(pulse)
-        sums += added
-        if added.max() <= LEFT * (1 - radius) * sums.max():
-            position, velocity = (gamma_2 * sums + gamma_1 * np.abs(straight)).max(axis=1).tolist()
-            return EstimateBounds(position, velocity)
-    return None
+
+    def errors() -> Iterator[Array]:
+        x = np.zeros((len(E), n, 3))
+        x[..., 2] = -(E @ [0, 0, 1])[:, None]  # of the sample at t_0 the agents know nothing yet
+        recent, given = [np.zeros_like(x)] * late.longest + [x], x
+        for k in range(int(WORK / x.size)):
+            if k <= late.longest + 1:  # from then on it is the same
+                given = _of_all(late, weights, k)
+            x = late.advance(recent, parts) + given
+            recent = [*recent[1:], x]
+            yield np.moveaxis(x[:2], -1, 0)
+
+    return straight, errors()
 
 
 def _of_all(late: LateStep, weights: Weights, k: int) -> Array:

@@ -45,8 +45,8 @@ FLOOR = 1e-3
 class Response:
     """How an error in steady state depends on the target: p and r of each period that is past."""
 
-    h: float
-    """s"""
+    h: float | Array
+    """s, or (J,) of each period."""
     p: Array
     """(J,) of the position error that a period adds, the last period first."""
     r: Array
@@ -63,14 +63,15 @@ class Response:
         """
         pulled = np.cumsum((self.p * self.drag[0] + self.r * self.drag[1])[::-1])
         end = self.r[::-1] + pulled
-        change = self.h * self.p[::-1]
+        h: Array = np.broadcast_to(self.h, self.p.shape)[::-1]
+        change = h * self.p[::-1]
         size = _sizes(end + change / 2)
         count = np.clip(np.ceil(np.abs(change) / size / coarse), 1, PARTS).astype(np.intp)
         period = np.repeat(np.arange(len(count)), count)
         place = np.arange(len(period)) - np.repeat(np.cumsum(count) - count, count)
         begin = end[period] + change[period] * (1 - place / count[period])
         after = end[period] + change[period] * (1 - (place + 1) / count[period])
-        return self.h / count[period], begin, after, float(pulled[-1]) + self.held
+        return (h / count)[period], begin, after, float(pulled[-1]) + self.held
 
 
 def _sizes(N: Array) -> Array:
@@ -137,7 +138,7 @@ def largest_of(
     for i in np.argsort(-simple).tolist():
         if simple[i] <= best * (1 + NEAR):
             return max(best, float(simple[i]))
-        best = max(best, min(float(simple[i]), _bound_of(found[i], *gammas, best)))
+        best = max(best, min(float(simple[i]), bound_of(found[i], *gammas, best)))
     return best
 
 
@@ -147,7 +148,7 @@ def _without_turns(response: Response, gamma_1: float, gamma_2: float) -> float:
     return gamma_1 * abs(S) + gamma_2 * float(modulus(begin, end, widths).sum())
 
 
-def _bound_of(response: Response, gamma_1: float, gamma_2: float, least: float) -> float:
+def bound_of(response: Response, gamma_1: float, gamma_2: float, least: float = 0.0) -> float:
     """Return the worst case, or less than `least`; u = 0 where γ1 does not bind, nor drag."""
     widths, begin, end, S = response.pieces(np.inf)
     if not S:
@@ -304,7 +305,7 @@ def attained(
                 break
             periods -= len(some[0].p)
             for row, response in zip(rows, some, strict=True):
-                bound = min(float(most[row]), _bound_of(response, *gammas, best))
+                bound = min(float(most[row]), bound_of(response, *gammas, best))
                 best, place = max((best, place), (bound, int(row)))
             begin, count = begin + count, min(4 * count, TOGETHER)
         found.append(best)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.algorithm import modes, nominal_of
-from nrs_cosim.estimator_agents.target import Harmonic, Target
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.estimator_agents.theory.aperiodic_bounds import (
     worst_case_aperiodic,
@@ -18,15 +17,10 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
     PaperBound,
     SteadyMotion,
-    paper_bound,
-    steady_motion,
-    worst_case,
-    worst_case_always,
 )
 from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
-from nrs_cosim.estimator_agents.theory.target_response import worst_of_step
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
     lasting,
@@ -35,6 +29,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_of,
     spectra_of,
 )
+from nrs_cosim.orchestrator.analysis.known import Known, of_recursion, of_step
 from nrs_cosim.orchestrator.analysis.links import step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.noise import (
@@ -213,30 +208,22 @@ def ultimate_bounds(
         added, gaps = _added(experiment, recursion, step, rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
     step = None if recursions else step
-    motion, worst, always, paper = None, None, None, None
+    known = Known()
     if step is not None and not why_not:
-        motion, worst = _of_step(step, target, rho.radius, added)
-    if recursion is not None and not why_not and periods.constant_period is None:
+        known = of_step(step, target, rho.radius, added)
+    elif recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
             both = worst_case_of_list(recursion, periods.gaps, *whole, rho.radius)
         if both is None:
             radius = spectral_radius(modes(algorithm, spectra_of(topologies)[-1], middle))
             both = worst_case_aperiodic(recursion, r, *whole, radius)
-        worst, always = both or (None, None)
+        known = Known(None, *(both or ()))
     elif recursion is not None and not why_not:
-        radius = rho.radius
-        if isinstance(target, Harmonic):
-            motion = steady_motion(recursion, target, radius)
-        worst = worst_case(recursion, *whole, radius)
-        if added is None:
-            always = worst_case_always(recursion, *whole, radius, worst)
-            paper = None if topologies.switching else paper_bound(recursion, *whole)
-        elif worst is not None:
-            worst = worst.plus(added)
+        known = of_recursion(recursion, target, rho.radius, added, topologies.switching)
     constant = recursion if periods.constant_period is not None else None
-    of_paper = paper.bound if paper else None
-    tracking = tracking_of(robots, target, constant, always, of_paper)
+    of_paper = known.paper.bound if known.paper else None
+    tracking = tracking_of(robots, target, constant, known.always, of_paper, known.steps)
     source = _source(experiment.scenario.target)
     return UltimateBounds(
         *whole,
@@ -247,25 +234,16 @@ def ultimate_bounds(
         recursions,
         since,
         rho.radius,
-        motion,
+        known.motion,
         step,
         added,
         noise_analysis(experiment, periods),
         gaps,
-        worst,
-        paper,
+        known.worst,
+        known.paper,
         robots,
         tracking,
     )
-
-
-def _of_step(
-    step: LateStep, target: Target, radius: float, added: EstimateBounds | None
-) -> tuple[SteadyMotion | None, EstimateBounds | None]:
-    """Return what errors settle to and the worst case, of agents that keep more, or late links."""
-    motion = step.steady_motion(target) if isinstance(target, Harmonic) else None
-    worst = worst_of_step(step, *target.bounds(), radius)
-    return motion, worst.plus(added) if worst and added else worst
 
 
 def _added(

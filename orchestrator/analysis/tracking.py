@@ -7,9 +7,11 @@ from functools import cache
 import numpy as np
 
 from nrs_cosim.estimator_agents.target import Target
+from nrs_cosim.estimator_agents.theory.cascade import cascade_ball
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.reference_filter import filtered
+from nrs_cosim.estimator_agents.theory.step_responses import Steps
 from nrs_cosim.estimator_agents.theory.tracking import balls, worst_tracking
 from nrs_cosim.estimator_agents.theory.tracking_bounds import Loop, tracking_ball
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded
@@ -33,11 +35,12 @@ def tracking_of(
     recursion: Recursion | None,
     always: EstimateBounds | None,
     paper: EstimateBounds | None,
+    steps: Steps | None,
 ) -> Tracking:
     """Return the bounds on tracking from those on estimates at all times, and from the paper's.
 
-    `recursion` is that of the estimates at constant periods, without which less is known of how
-    their positions and velocities go together.
+    `recursion` is that of the estimates at constant periods, and `steps` their responses: without
+    these less is known of how their positions and velocities go together.
     """
     whole = target.bounds()
 
@@ -48,7 +51,10 @@ def tracking_of(
 
     def proven(part: Bounded) -> EstimateBounds | None:
         loop = loop_of(part, target)
-        return tracking_ball(loop, always, filter_of) if loop and always else None
+        if loop is None or always is None:
+            return None
+        exact = cascade_ball(loop, steps, np.array(part.robots) - 1) if steps else None
+        return exact or tracking_ball(loop, always, filter_of)
 
     return Tracking(
         worst_tracking([_stated(part, paper) for part in robots]),
