@@ -20,7 +20,7 @@ UNITS = {"rad": {"coordinate": "rad"}, "m": {"coordinate": "m"}, "": {}}
 """What a model's units are made of, by that of its axes."""
 INTEGRATING = (
     *("robot.c", "robot.h", "controller.c", "controller.h", "cholesky.h"),
-    *("integrator.c", "dormand_prince.c", "dop853.c"),
+    *("integrator.c", "dormand_prince.c", "dop853.c", "implicit_euler.c"),
 )
 """What an FMU without a plant has no use for."""
 

@@ -1,5 +1,6 @@
 /* What a model and sin and cos come to, as bits: of an arm that follows jumping references over
- * 60 intervals, argv[1] its integrator, argv[2] its relative tolerance. The numbers whose sin and
+ * 60 intervals, argv[1] its integrator, argv[2] its relative tolerance; with argv[3] it weighs
+ * little, so that its gains make it stiff. The numbers whose sin and
  * cos are told are on standard input. Beside the bits, how often the right-hand side was asked. */
 
 #include <inttypes.h>
@@ -61,6 +62,11 @@ int main(int count, char **arguments)
     v->relative_tolerance = count > 2 ? atof(arguments[2]) : 1e-9;
     v->kp[0][0] = v->kp[1][1] = 200.0;
     v->kd[0][0] = v->kd[1][1] = 300.0;
+    if (count > 3) {
+        v->kd[0][0] = v->kd[1][1] = 60.0;
+        v->m1 = v->m2 = 0.01;
+        v->J1 = v->J2 = 1e-4;
+    }
     v->q[0] = 0.4;
     v->qd[1] = -0.7;
     v->disturbance_frequency[0][0] = 1.0;

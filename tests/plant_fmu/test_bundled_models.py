@@ -29,8 +29,16 @@ each_version = pytest.mark.parametrize("fmi", VERSIONS)
 # The equations again
 
 
-def arm_acceleration(q: Array, qd: Array, force: Array) -> Array:
-    m1, m2, r1, r2, J1, J2, g = 0.5, 1.5, 1.0, 0.8, 5.0, 5.0, 9.8
+def arm_acceleration(
+    q: Array,
+    qd: Array,
+    force: Array,
+    m1: float = 0.5,
+    m2: float = 1.5,
+    J1: float = 5.0,
+    J2: float = 5.0,
+) -> Array:
+    r1, r2, g = 1.0, 0.8, 9.8
     M11 = (m1 + m2) * r1**2 + m2 * r2**2 + 2 * m2 * r1 * r2 * np.cos(q[1]) + J1
     M12 = m2 * r2**2 + m2 * r1 * r2 * np.cos(q[1])
     M = np.array([[M11, M12], [M12, m2 * r2**2 + J2]])

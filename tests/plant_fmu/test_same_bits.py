@@ -11,13 +11,14 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, solve_ivp
 
 from nrs_cosim.bus.mathematics import sine_and_cosine
 from nrs_cosim.plant_fmu.bundled.builder import FLAGS, build
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, bundled_models
 from tests.cases import cases
 from tests.plant_fmu.fmpy_instances import Open
+from tests.plant_fmu.test_bundled_models import arm_acceleration
 
 SHARED = {"-shared", "-fPIC", "-fvisibility=hidden", "-Werror"}
 COMPILERS = {
@@ -37,6 +38,7 @@ NO_NUMBERS = {
     *("cxa_finalize", "gmon_start", "ITM_registerTMCloneTable", "ITM_deregisterTMCloneTable"),
 }
 INTERVALS = 60
+STIFF = (0, 1e-9, "stiff")
 TERM = re.compile(r"([+-]?)\s*([0-9.e-]+) \* k([0-9]+)\[i\]")
 
 
@@ -107,10 +109,13 @@ def test_another_compiler_makes_models_of_the_same_bits(sources, here, name):
         pytest.skip(f"{shlex.join(compiler)} {shlex.join(emulator)} is not installed")
     if "ziglang" in compiler and not find_spec("ziglang"):
         pytest.skip("ziglang is not installed")
-    other = run(program(sources, compiler, options), numbers=NUMBERS, by=emulator)
-    assert [part.tobytes() for part in map(np.array, other)] == [
-        part.tobytes() for part in map(np.array, run(here, numbers=NUMBERS))
-    ]
+    other = program(sources, compiler, options)
+    for arguments in ((), (5,), STIFF):
+        ours, theirs = (
+            run(here, *arguments, numbers=NUMBERS),
+            run(other, *arguments, numbers=NUMBERS, by=emulator),
+        )
+        assert (ours[0].tobytes(), ours[1]) == (theirs[0].tobytes(), theirs[1])
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
@@ -142,6 +147,40 @@ def test_right_hand_sides_are_fewer_and_errors_smaller_than_by_order_5(here):
     assert errors[1] < errors[0] <= 1e-9
 
 
+def test_a_stiff_arm_is_integrated_by_the_implicit_method_within_the_tolerance(here):
+    found, evaluations = run(here, *STIFF)
+    explicit, many = run(here, 8, 1e-9, "stiff")
+    assert evaluations <= 1000 * INTERVALS
+    assert evaluations <= many / 5
+    forced, _ = run(here, 10, 1e-9, "stiff")
+    exact = stiff_by_radau(10)
+    for states in (found, forced, explicit):
+        rows = states.reshape(-1, 4)[:10, [0, 2, 1, 3]]
+        assert np.abs((rows - exact) / (1 + np.abs(exact))).max() <= 2e-9
+
+
+def stiff_by_radau(intervals):
+    """Return q and qd of the stiff arm at the end of each interval, by its equations again."""
+    light = {"m1": 0.01, "m2": 0.01, "J1": 1e-4, "J2": 1e-4}
+    x, off, rows = np.array([0.4, 0.0, 0.0, -0.7]), 2.0, []
+
+    def rates(t, x, eps, ups, since):
+        e, ed = eps + (t - since) * ups - x[:2], ups - x[2:]
+        disturbance = np.array([0.3 + 2 * np.sin(t), -0.2])
+        force = 200 * e + 60 * ed + disturbance
+        return np.concatenate([x[2:], arm_acceleration(x[:2], x[2:], force, **light)])
+
+    for k in range(intervals):
+        eps = np.array([0.1 * k + 0.9 * off, -0.05 * k - 0.7 * off])
+        ups = np.array([1.0 - off, off - 0.5])
+        given = eps, ups, 0.1 * k
+        span = 0.1 * k, 0.1 * (k + 1)
+        x = solve_ivp(rates, span, x, "Radau", args=given, rtol=1e-10, atol=1e-11).y[:, -1]
+        rows.append(x)
+        off *= 0.85
+    return np.array(rows)
+
+
 def test_the_method_of_order_8_has_the_coefficients_of_the_published_one():
     """scipy has them from the authors' program; that b integrates t^7 is checked beside."""
     text = (MODELS / "dop853.c").read_text("utf-8")
@@ -170,5 +209,5 @@ def test_the_integrator_is_a_parameter_and_one_that_is_none_is_refused(robot: Op
     assert ends[0] == pytest.approx(ends[2], rel=1e-9)
     with robot("two_link_arm", 3) as arm:
         assert arm.refuses(lambda: arm.initialize(integrator=7.0)) == (
-            "integrator: expected 0, 5 or 8, got 7"
+            "integrator: expected 0, 5, 8 or 10, got 7"
         )

@@ -4,7 +4,10 @@
  *
  * The next step is the one at which the error would be a little less than what is allowed. An
  * interval begins with the step with which the last one ended, or, where the right-hand side
- * jumps at its beginning, with the one that was right after the last jump. */
+ * jumps at its beginning, with the one that was right after the last jump.
+ *
+ * A method of order 8 that is not asked for by name gives way to the implicit one, for good, once
+ * in one interval stability has limited so many steps that the latter costs less. */
 
 #include "integrator.h"
 
@@ -14,8 +17,9 @@
 #include "core.h"
 #include "model.h"
 
-enum { MOST_STEPS = 1000000 };
+enum { MOST_STEPS = 1000000, MOST_LIMITED = 80 };
 
+static const double LIMIT = 4.0; /* of step times rate; from 6 on DOP853 is unstable */
 static const double SAFETY = 0.95, SHRINK = 0.1, GROW = 10.0;
 
 double scale(double a, double b)
@@ -23,17 +27,23 @@ double scale(double a, double b)
     return 1.0 + larger(fabs(a), fabs(b));
 }
 
-static const Method *method_of(const Values *values)
+/* NULL of a number that names none. */
+static const Method *method_of(const Values *values, const Pace *pace)
 {
+    if (values->integrator == 0.0)
+        return pace->is_stiff ? &implicit_euler : &dop853;
     if (values->integrator == 5.0)
         return &dormand_prince;
-    return values->integrator == 8.0 || values->integrator == 0.0 ? &dop853 : NULL;
+    if (values->integrator == 10.0)
+        return &implicit_euler;
+    return values->integrator == 8.0 ? &dop853 : NULL;
 }
 
 bool integrator_is_known(const Instance *self, const Values *values)
 {
-    return method_of(values) ||
-           core_refuse(self, "integrator: expected 0, 5 or 8, got %g", values->integrator);
+    const Pace none = {0.0, 0.0, 0};
+    return method_of(values, &none) ||
+           core_refuse(self, "integrator: expected 0, 5, 8 or 10, got %g", values->integrator);
 }
 
 static bool all_finite(int n, const double x[STATES])
@@ -61,9 +71,10 @@ static double growth(const Method *method, double error, double most)
 Outcome integrate(Values *values, double end, bool jumped, Pace *pace)
 {
     const int n = states_in(values);
-    const Method *method = method_of(values);
+    const Method *method = method_of(values, pace);
     const double rtol = values->relative_tolerance;
     double grow = GROW;
+    int limited = 0;
     Step now = {.values = values};
 
     get_states(values, now.x);
@@ -99,6 +110,12 @@ Outcome integrate(Values *values, double end, bool jumped, Pace *pace)
             set_derivatives(values, now.dx);
             if (last)
                 return REACHED;
+            limited += now.h * now.rate > LIMIT;
+            if (limited > MOST_LIMITED && values->integrator == 0.0) {
+                pace->is_stiff = 1;
+                method = method_of(values, pace);
+                now.rate = 0.0;
+            }
         } else {
             const double part = isfinite(error) ? growth(method, error, 1.0) : SHRINK;
             pace->step = now.h * larger(part, SHRINK);

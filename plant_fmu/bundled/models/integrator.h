@@ -14,6 +14,7 @@ typedef enum { REACHED, NOT_FINITE, STEP_UNDERFLOW, TOO_MANY_STEPS } Outcome;
 typedef struct {
     double step;
     double after_jump; /* where the right-hand side has just jumped */
+    int is_stiff;      /* 1 once stability alone has made steps short */
 } Pace;
 
 /* One step of a method, from x with derivatives dx at t to y with dy at t_next = t + h. */
@@ -21,6 +22,7 @@ typedef struct {
     const Values *values;
     double t, h, t_next;
     double x[STATES], dx[STATES], y[STATES], dy[STATES];
+    double rate; /* 1/s: of the fastest decay, as far as the method has seen any; else 0 */
 } Step;
 
 /* A method tries a step. The error is in units of the tolerance; dy need not be there of
@@ -31,7 +33,7 @@ typedef struct {
     double first_node; /* the least part of a step between two right-hand sides */
 } Method;
 
-extern const Method dormand_prince, dop853;
+extern const Method dormand_prince, dop853, implicit_euler;
 
 static inline double larger(double a, double b)
 {

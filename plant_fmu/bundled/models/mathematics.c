@@ -190,3 +190,8 @@ double inverse_eighth_root(double x)
 {
     return 1.0 / sqrt(sqrt(sqrt(x)));
 }
+
+double inverse_tenth_root(double x)
+{
+    return sqrt(inverse_fifth_root(x));
+}

@@ -9,8 +9,9 @@ double sine(double x);
 double cosine(double x);
 void sine_and_cosine(double x, double *s, double *c);
 
-/* x^(-1/5) and x^(-1/8) of 0 < x, finite, off by a few units in the last place. */
+/* x^(-1/5), x^(-1/8), x^(-1/10) of 0 < x, finite, off by a few units in the last place. */
 double inverse_fifth_root(double x);
 double inverse_eighth_root(double x);
+double inverse_tenth_root(double x);
 
 #endif

@@ -29,8 +29,8 @@ static bool is_sound(const Instance *self, const State *state)
     for (int i = 0; i < 2; ++i)
         if (!(isfinite(steps[i]) && steps[i] >= 0.0))
             return core_refuse(self, "the state has an internal step of %g s", steps[i]);
-    if (state->jumped & ~1)
-        return core_refuse(self, "the state has jumped %d", state->jumped);
+    if (state->jumped & ~1 || state->pace.is_stiff & ~1)
+        return core_refuse(self, "the state has marks that are neither 0 nor 1");
     if (!integrator_is_known(self, &state->values))
         return false;
     if (!isfinite(state->values.time) || isnan(state->stop))
