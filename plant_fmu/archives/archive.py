@@ -1,6 +1,7 @@
 """An FMU is a zip archive: its model description says what it offers, its digest who it is."""
 
 import hashlib
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -32,6 +33,8 @@ class Archive:
     description: ModelDescription
     obstacle: str = ""
     """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
+    misnamed: tuple[str, ...] = ()
+    """Its libraries for this machine that are not named as FMI has it."""
     has_sources: bool = False
     """Whether it has C files, of which a library may be compiled."""
     joints: tuple[Joint, ...] = ()
@@ -138,6 +141,7 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
             _digest(file),
             description,
             obstacle(description, names),
+            tuple(misnamed_libraries(description, names).values()),
             has_c(names),
             read_joints(archive, label),
             read_urdf_text(archive, label),
@@ -175,6 +179,10 @@ def unpacked(archive: Archive) -> Iterator[Path]:
             if _digest(file) != archive.sha256:
                 raise FmuError(f"{archive.label}: has changed since it was read")
             unpack(file, folder, archive.label)
+        names = [path.relative_to(folder).as_posix() for path in folder.glob("binaries/*/*")]
+        for expected, found in misnamed_libraries(archive.description, names).items():
+            if not (folder / expected).exists():  # as it does where letters' case does not count
+                shutil.copyfile(folder / found, folder / expected)
         yield folder
 
 
@@ -221,22 +229,52 @@ def obstacle(description: ModelDescription, names: Sequence[str]) -> str:
     if not offers:
         alone = ", but ScheduledExecution alone" if description.scheduledExecution else ""
         return f"offers neither CoSimulation nor ModelExchange{alone}"
-    here = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
-    wanted = sorted(
-        {f"binaries/{here}/{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers}
-    )
-    if not set(wanted).isdisjoint(names):
+    here, wanted = _here(description), _libraries(description)
+    if not set(wanted).isdisjoint(names) or misnamed_libraries(description, names):
         return ""
     paths = [PurePosixPath(name) for name in names]
     libraries = [p for p in paths if p.parts[:1] == ("binaries",) and p.suffix in SUFFIXES]
     libraries = [p for p in libraries if len(p.parts) == _DEPTH]
     lacking = f"has no library {' or '.join(wanted)} for this platform"
     if others := [str(p) for p in libraries if p.parts[1] == here]:
-        return f"{lacking}; it has {', '.join(others)}, which is not named as its modelIdentifier"
+        return f"{lacking}; it has {', '.join(others)}, none named as its modelIdentifier"
     there = ", ".join(sorted({p.parts[1] for p in libraries}))
     has = f"libraries for {there}" if there else "no library at all"
     advice = ", but sources: --compile makes one of them, code of others" * has_c(names)
     return f"{lacking}; it has {has}{advice}"
+
+
+def misnamed_libraries(description: ModelDescription, names: Sequence[str]) -> dict[str, str]:
+    """Return what stands for each library of this machine that an FMU has by another name.
+
+    It has that name in other letters, as tools of Windows may write it, or is the only one there.
+    """
+    here = [
+        name
+        for name in names
+        if PurePosixPath(name).parent.as_posix() == f"binaries/{_here(description)}"
+        and name.endswith(fmpy.sharedLibraryExtension)
+    ]
+    wanted = _libraries(description)
+    # A name that leads elsewhere is no other name of what is here.
+    if not set(wanted).isdisjoint(here) or any(
+        len(PurePosixPath(n).parts) != _DEPTH for n in wanted
+    ):
+        return {}
+    meant = {name: [one for one in here if one.lower() == name.lower()] or here for name in wanted}
+    return {name: found[0] for name, found in meant.items() if len(found) == 1}
+
+
+def _here(description: ModelDescription) -> str:
+    return str(fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple)
+
+
+def _libraries(description: ModelDescription) -> list[str]:
+    """Return where the libraries of the interfaces are, if FMI's names are kept."""
+    offers = (description.coSimulation, description.modelExchange)
+    folder = f"binaries/{_here(description)}"
+    names = {f"{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers if o is not None}
+    return sorted(f"{folder}/{name}" for name in names)
 
 
 def has_c(names: Sequence[str]) -> bool:

@@ -27,6 +27,7 @@ FLAGS = (
     "-O2",
     "-w",
     "-ffp-contract=off",
+    "-fno-tree-slp-vectorize",
     # The functions of a library have FMI's own names (FMI 2.0.4, section 2.1.1; FMI 3.0.2, 2.6.1).
     "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
     "-DFMI3_OVERRIDE_FUNCTION_PREFIX",

@@ -93,7 +93,11 @@ def _loading(archive: Archive) -> Iterator[Finding]:
         except FmuError as error:
             yield Finding("loads", kind, "fails", str(error))
         else:
-            yield Finding("loads", kind, "holds", f"it can be instantiated here{archive.needs}")
+            named = "".join(
+                f"; {name} is not named as its modelIdentifier" for name in archive.misnamed
+            )
+            text = f"it can be instantiated here{archive.needs}{named}"
+            yield Finding("loads", kind, "holds", text)
 
 
 def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:

@@ -62,12 +62,27 @@ def test_sources_without_a_binary_suggest_to_compile_them(tmp_path, fmi, here):
 
 
 @EACH_PLATFORM
-def test_a_library_of_another_name_is_named(tmp_path, fmi, here):
-    other = f"binaries/{here}/arm{fmpy.sharedLibraryExtension}"
-    path = moved(tmp_path / "arm.fmu", fmi, other, sources=True)
-    assert refused(path) == (
-        f"has no library binaries/{here}/{LIBRARY} for this platform; it has {other}, which is not "
-        f"named as its modelIdentifier"
+@pytest.mark.parametrize(
+    ("name", "beside"),
+    [("arm", ()), ("Two_Link_Arm", ("helper",))],
+    ids=["the only one", "in other letters"],
+)
+def test_a_library_of_another_name_is_taken_and_told_of(tmp_path, fmi, here, name, beside):
+    places = [f"binaries/{here}/{one}{fmpy.sharedLibraryExtension}" for one in (name, *beside)]
+    path = moved(tmp_path / "arm.fmu", fmi, *places)
+    checked = check(CheckTask(open_archive(path)))
+    assert checked.passes
+    loads = [finding.text for finding in checked.findings if finding.topic == "loads"]
+    assert len(loads) == 2
+    assert all(f"; {places[0]} is not named as its modelIdentifier" in text for text in loads)
+
+
+@EACH_PLATFORM
+def test_one_of_several_libraries_of_other_names_is_not_guessed(tmp_path, fmi, here):
+    others = [f"binaries/{here}/{name}{fmpy.sharedLibraryExtension}" for name in "ab"]
+    assert refused(moved(tmp_path / "arm.fmu", fmi, *others)) == (
+        f"has no library binaries/{here}/{LIBRARY} for this platform; it has {', '.join(others)}, "
+        f"none named as its modelIdentifier"
     )
 
 
