@@ -28,27 +28,19 @@ from benchmarks.work import scenario
 from nrs_cosim.orchestrator.engine.run import run
 
 PARTS: Mapping[str, Sequence[str]] = {
-    "FMUs: references set": ["nrs_cosim.plant_fmu.fleet:Fleet.hold"],
-    "FMUs: stepped and read": ["nrs_cosim.plant_fmu.drives.stepped:Stepped.step"],
-    "FMUs: states gathered": ["nrs_cosim.plant_fmu.fleet:Fleet.advance"],
-    "agents: receive and jump": [
-        "nrs_cosim.estimator_agents.agents:Agents.receive",
-        "nrs_cosim.estimator_agents.agents:Agents.jump",
+    "tick: FMUs, states, records": [
+        "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.advance"
     ],
-    "worker: states looked at, recorded": ["nrs_cosim.orchestrator.engine.worker:Worker._states"],
-    "worker: samples as records": ["nrs_cosim.orchestrator.engine.worker:Worker._publish"],
-    "worker: what it needs": ["nrs_cosim.orchestrator.engine.worker:Worker._await"],
+    "tick: receive and jump": [
+        "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.hear",
+        "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.jump",
+    ],
+    "block: what was received": ["nrs_cosim.orchestrator.engine.blocks:Blocks._hear"],
+    "block: all else": ["nrs_cosim.orchestrator.engine.blocks:Blocks.run"],
+    "target: its samples": ["nrs_cosim.orchestrator.engine.lockstep:TargetNode.publish_until"],
     "wire: batches packed": [
         "nrs_cosim.bus.validation:Wire.pack_samples",
-        "nrs_cosim.bus.validation:Wire.pack_tick",
-    ],
-    "wire: signed and verified": [
-        "nrs_cosim.bus.signature:Signer.sign",
-        "nrs_cosim.bus.signature:Signer.verify",
-    ],
-    "wire: batches validated": [
-        "nrs_cosim.bus.validation:Wire.unpack_samples",
-        "nrs_cosim.bus.validation:Wire.unpack_tick",
+        "nrs_cosim.bus.validation:Wire.pack_block",
     ],
     "Zenoh: put": ["nrs_cosim.bus.network.zenoh_bus:ZenohBus.publisher()"],
     "Zenoh: taken": ["nrs_cosim.bus.network.zenoh_bus:ZenohInbox.take"],

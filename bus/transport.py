@@ -71,7 +71,7 @@ class Inbox(Protocol):
         """
 
 
-class _Side:
+class Side:
     """One of two parties that have an inbox together, each of which gets all that comes."""
 
     def __init__(self, inbox: Inbox) -> None:
@@ -83,13 +83,22 @@ class _Side:
         """Return all that arrived, in order; see `Inbox`."""
         arrived = self._inbox.take(0.0 if self.waiting else seconds)
         self.other.waiting += arrived
-        mine, self.waiting = self.waiting + arrived, []
+        return self.pending() + arrived
+
+    def pending(self) -> list[Item]:
+        """Return what the other side took out of the inbox, and forget it."""
+        mine, self.waiting = self.waiting, []
         return mine
 
+    def add(self, item: Item) -> None:
+        """Let both get what came into the inbox and was taken out of it by somebody else."""
+        self.waiting.append(item)
+        self.other.waiting.append(item)
 
-def tee(inbox: Inbox) -> tuple[Inbox, Inbox]:
+
+def tee(inbox: Inbox) -> tuple[Side, Side]:
     """Return two inboxes, for use in one thread, that both get what comes into one."""
-    one, other = _Side(inbox), _Side(inbox)
+    one, other = Side(inbox), Side(inbox)
     one.other, other.other = other, one
     return one, other
 

@@ -10,7 +10,8 @@ is expected of it: its robots, its times, finite numbers. Any other is rejected 
 never mixed in.
 
 A wire of one process knows the bytes that it packed itself: those that come and are the very same,
-of which nothing but the numbers could be wrong, are not taken apart again.
+of which nothing but the numbers could be wrong, are not taken apart again. On it a worker that is
+alone may put the states of several ticks as one batch, that of the first.
 """
 
 from collections import defaultdict
@@ -55,6 +56,17 @@ class Tick:
     of_agents: Mapping[str, Records] = field(default_factory=dict)
     """What agents keep right after t_k and measured at it, by kind as `Codecs.of_agents`; none of
     t_0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickBlock:
+    """Ticks that a worker which is alone did one after another, and tells at once."""
+
+    first: int
+    last: int
+    states: Records
+    samples: Records
+    """That it heard: its own and the target's."""
 
 
 def _nobody(_k: int) -> Nodes:
@@ -155,9 +167,25 @@ class Wire:
             self._keep(RECORDS, worker, payload, (k, tick))
         return payload
 
+    def pack_block(self, worker: str, block: TickBlock) -> bytes:
+        """Return the batch of all else that is recorded of some ticks; see `own_block`."""
+        payload = _K.pack(block.first) + joined([block.states.tobytes(), b""])
+        self._keep(RECORDS, worker, payload, (block.first, block))
+        return payload
+
+    def own_block(self, worker: str, payload: bytes) -> TickBlock | None:
+        """Return of which ticks this very wire packed a batch, if so: nobody else can say any."""
+        own = self._packed(RECORDS, worker, payload)
+        return own[1] if own and isinstance(own[1], TickBlock) else None
+
+    def own_tick(self, worker: str, payload: bytes) -> int | None:
+        """Return k of a batch of samples that this very wire packed; None of any other."""
+        own = self._packed(SAMPLES, worker, payload)
+        return own[0] if own else None
+
     def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
         """Return k and a worker's records of it; `RejectedError` when they are not accepted."""
-        if own := self._packed(RECORDS, worker, payload):
+        if (own := self._packed(RECORDS, worker, payload)) and isinstance(own[1], Tick):
             own_tick: tuple[int, Tick] = own
             return own_tick
         data, robots = self._open(RECORDS, worker, payload)

@@ -13,6 +13,7 @@ what its algorithm says; its own state goes on without it (`lying_agents` lie by
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ Mask = NDArray[np.bool_]
 Nodes = NDArray[np.integer] | slice
 Disagree = Callable[[int, Values], Disagreement]
 """Finds the disagreement over the edges of an exchange, from the left limits."""
+D = TypeVar("D", bound=Disagree)
 _NOTHING = Values()
 
 
@@ -75,11 +77,12 @@ class Agents:
     ) -> None:
         self.robots = robots
         self.state = initial
-        self._algorithm, self._ticks, self._seed = algorithm, ticks, seed
-        self._lies = lies
+        self.algorithm, self._ticks, self._seed = algorithm, ticks, seed
+        self.lies = lies
         self.pretended = NOTHING_PRETENDED
         """What other algorithms say at t_k by which robots lie."""
-        self._exchange_at = topologies.at
+        self.exchange_at = topologies.at
+        """Which exchange there is at t_k."""
         into = {t: Edges.into(robots, t, topologies.links, links) for t in topologies.digraphs}
         self._edges = [(into[e.position], into[e.velocity]) for e in topologies.exchanges]
         """Of positions and of velocities, by exchange."""
@@ -122,7 +125,7 @@ class Agents:
 
     def left(self, dt: float) -> Values:
         """Return the state a time dt, s, after the last t_k⁺, before the next sampling time."""
-        return self._algorithm.flow(self.state, dt)
+        return self.algorithm.flow(self.state, dt)
 
     def receive(self, k: int, nodes: Nodes, samples: Mapping[str, Array]) -> None:
         """Take the samples of k from (s,) nodes, or a range of them: (s, *shape) by field."""
@@ -135,7 +138,7 @@ class Agents:
 
         What a link delivers is looked at, when it delivers something new.
         """
-        edges = self._edges[self._exchange_at(k)][0]
+        edges = self._edges[self.exchange_at(k)][0]
         if self._buffer:
             of_target = self._buffer.links.source == 0
             self._buffer.take(k, self._sent_over_links(k), self._who_sends(k), of_target)
@@ -145,40 +148,38 @@ class Agents:
         pinned = np.zeros(len(self.robots), bool)
         pinned[edges.row[new]] = True
         delivered = self._delivered(k, edges)
-        measured = initial_values(self._algorithm.SENT, len(self.robots), self._sizes)
+        measured = initial_values(self.algorithm.SENT, len(self.robots), self._sizes)
         for name, values in measured.items():
             values[edges.row[new]] = delivered[name][new]
-        return self._algorithm.observe(self._now(k), left, measured, pinned)
+        return self.algorithm.observe(self._now(k), left, measured, pinned)
 
     def send(self, k: int, left: Values) -> tuple[Values, Values, Mask | None]:
         """Return the state afterwards, the messages, and who sends, (rows,); None for all."""
-        x, messages, who = self._algorithm.send(self._now(k), left)
-        if who is not None and not self._algorithm.TRIGGERED:
+        x, messages, who = self.algorithm.send(self._now(k), left)
+        if who is not None and not self.algorithm.TRIGGERED:
             raise wrong_return(
-                self._algorithm,
+                self.algorithm,
                 "send",
                 "returned who sends; an algorithm that does so declares TRIGGERED = True",
             )
         new = {name: values for name, values in messages.items() if values is not left.get(name)}
-        expect_returned(self._algorithm, k, "send", [(new, self._samples, self.robots)])
+        expect_returned(self.algorithm, k, "send", [(new, self._samples, self.robots)])
         if silent := self.silent(k):
             out = np.isin(self.robots, silent)
             who = ~out if who is None else who & ~out
             x = x if x is left else _chosen(out, left, x)
-        if self._lies:
-            messages = Values(
-                self._lies.sent_instead(k, self._ticks.t(k), messages, self.pretended)
-            )
+        if self.lies:
+            messages = Values(self.lies.sent_instead(k, self._ticks.t(k), messages, self.pretended))
         return x, messages, who
 
     def jump(self, k: int, left: Values) -> None:
         """Receive the samples of t_k, k after k, with the state after `send`."""
         if self._disagree:
-            found = self._disagree(self._exchange_at(k), left)
-            self.state = jumped_by(self._algorithm, left, found)
-            expect_returned(self._algorithm, k, "receive", [(self.state, left, self.robots)])
+            found = self._disagree(self.exchange_at(k), left)
+            self.state = jumped_by(self.algorithm, left, found)
+            expect_returned(self.algorithm, k, "receive", [(self.state, left, self.robots)])
             return
-        positions, velocities = self._edges[self._exchange_at(k)]
+        positions, velocities = self._edges[self.exchange_at(k)]
         if self._buffer:
             of = self._buffer.links.source > 0 if self._observes else None
             sent, who = self._sent_over_links(k), self._who_sends(k)
@@ -188,29 +189,29 @@ class Agents:
         else:
             over_velocities = None if velocities is positions else self._received(k, velocities)
             place, received = positions.place, self._received(k, positions, over_velocities)
-        after = self._algorithm.receive(self._now(k), left, received)
+        after = self.algorithm.receive(self._now(k), left, received)
         after, links = after if isinstance(after, tuple) else (after, _NOTHING)
         of_links = self.robots[received.row] if links else self.robots
         returned = [(links, self._links, of_links), (after, left, self.robots)]
-        expect_returned(self._algorithm, k, "receive", returned)
+        expect_returned(self.algorithm, k, "receive", returned)
         for name, values in links.items():
             self._links[name][place] = values  # of one that is there twice, the last
         self.state = after
 
-    def disagree_by(self, make: Callable[[Sequence[tuple[Edges, Edges]], Values], Disagree]) -> str:
+    def disagree_by(self, make: Callable[[Sequence[tuple[Edges, Edges]], Values], D]) -> D | str:
         """Let something else find disagreements, to the same bits, where these are all it takes.
 
-        It is made for the edges of positions and velocities, by exchange, and what nodes sent last.
-        Return why it is not asked, or nothing.
+        It is made for the edges of positions and velocities, by exchange, and what nodes sent last,
+        and returned; or why it is not asked.
         """
         if self._buffer:
             return "links have impairments"
-        if class_of(self._algorithm) is not type(self._algorithm):
+        if class_of(self.algorithm) is not type(self.algorithm):
             return "the algorithm is a plugin's"
-        if not jumps(self._algorithm):
+        if not jumps(self.algorithm):
             return "the algorithm does more than jump by the disagreement"
-        self._disagree = make(self._edges, self._samples)
-        return ""
+        self._disagree = found = make(self._edges, self._samples)
+        return found
 
     def measured(self, k: int) -> tuple[Mask, Values]:
         """Return who is pinned at t_k, (rows,), and what these measure of the target then.
@@ -256,10 +257,10 @@ class Agents:
                 )
             for name, values in kept.items():
                 self._links[name][links] = values
-        return unflattened(np.array(rows), self._algorithm.STATE, self._sizes)
+        return unflattened(np.array(rows), self.algorithm.STATE, self._sizes)
 
     def _now(self, k: int) -> Now:
-        edges = self._edges[self._exchange_at(k)][0]
+        edges = self._edges[self.exchange_at(k)][0]
         t, before = seconds(self._ticks.t(k)), seconds(self._ticks.t(k - 1))
         return Now(
             k,
@@ -341,10 +342,10 @@ class Agents:
         """Return who is pinned at t_k, and what each row measures; asked for once a tick."""
         if self._measured is None or self._measured[0] != k:
             pinned = np.zeros(len(self.robots), bool)
-            for edges in self._edges[self._exchange_at(k)]:
+            for edges in self._edges[self.exchange_at(k)]:
                 pinned |= edges.pinned
             target = self._samples.at(0)
-            found = self._algorithm.measure(self._now(k), target)
+            found = self.algorithm.measure(self._now(k), target)
             rows = len(self.robots)
             each = Values(
                 {
@@ -353,13 +354,13 @@ class Agents:
                 }
             )
             returned = [(each.at(pinned), self._samples, self.robots[pinned])]
-            expect_returned(self._algorithm, k, "measure", returned)
+            expect_returned(self.algorithm, k, "measure", returned)
             self._measured = k, pinned, each
         return self._measured[1:]
 
     def _who_sends(self, k: int) -> Mask | None:
         """Return whose sample of t_k there may be, over the links of the buffer; None: all's."""
-        if not self._buffer or not self._algorithm.TRIGGERED:
+        if not self._buffer or not self.algorithm.TRIGGERED:
             return None
         source = self._buffer.links.source
         sends: Mask = self._sent_at[source] == k

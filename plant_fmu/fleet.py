@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.drives.checkpoint import time_of
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
+from nrs_cosim.plant_fmu.fmi.instances import NativeSteps
 from nrs_cosim.plant_fmu.plants import Array, DrivenPlants
 
 
@@ -40,6 +41,32 @@ class Fleet:
         for plants in self.plants:
             if isinstance(plants, Stepped) and plants.instances.library.archive.ours:
                 plants.instances.rounds.use_threads(count)
+
+    def native(self) -> list[tuple[NDArray[np.intp], NativeSteps]] | str:
+        """Return the rows of each group, and by what native code steps them; or why it cannot.
+
+        It is to fill `q`, `qd` and `tau` too, and then to say what was `reached`.
+        """
+        found = []
+        for rows, plants in zip(self._rows, self.plants, strict=True):
+            steps = plants.native() if isinstance(plants, Stepped) else "they are not stepped here"
+            if isinstance(steps, str):
+                return steps
+            found.append((np.array(rows), steps))
+        return found
+
+    @property
+    def time(self) -> float:
+        """s, of plants that native code steps."""
+        first = self.plants[0]
+        assert isinstance(first, Stepped)
+        return first.time
+
+    def reached(self, time: float) -> None:
+        """Be at a time, s, to which native code stepped; next is a `hold`."""
+        for plants in self.plants:
+            assert isinstance(plants, Stepped)
+            plants.reached(time)
 
     def save(self) -> list[bytes]:
         """Return each robot's checkpoint."""

@@ -22,7 +22,7 @@ from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, kind_of, topic_of
 from nrs_cosim.bus.messages import CHECKPOINT, HEADER, BlobType, Codec, MessageType
 from nrs_cosim.bus.transport import Message
-from nrs_cosim.bus.validation import Records, RejectedError, Tick, Wire
+from nrs_cosim.bus.validation import Records, RejectedError, Tick, TickBlock, Wire
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Channel, Schema
 from nrs_cosim.recordings.mcap.container import Message as Recorded
@@ -137,6 +137,8 @@ class Recorder:
         """Of each robot the last that is recorded: its tick and its message."""
         self._writer, self._wire, self._keep = writer, wire, keep
         self._open: defaultdict[int, _Open] = defaultdict(_Open)
+        self._block: TickBlock | None = None
+        """Ticks that are not closed yet."""
         self._past: dict[int, list[Records]] = {}
         self._reader: Reader | None = None
         self._read_until = -1
@@ -158,6 +160,12 @@ class Recorder:
         Raises `BusError` when a worker says a tick again, and not in the same words.
         """
         kind, _, worker = message.key.partition("/")
+        if kind == RECORDS and (block := self._wire.own_block(worker, message.payload)):
+            new = block.first > self.closed and block is not self._block
+            self._block = block if new else self._block
+            self.taken += new
+            self.repeated += not new
+            return
         try:
             if kind == SAMPLES:
                 k, samples = self._wire.unpack_samples(worker, message.payload)
@@ -188,6 +196,8 @@ class Recorder:
 
     def is_whole(self, k: int) -> bool:
         """Return whether nothing of tick k is missing."""
+        if self._block and self._block.first <= k <= self._block.last:
+            return True
         tick, workers = self._open[k], len(self._workers)
         return len(tick.ticks) == workers and (not k or len(tick.samples) == workers + 1)
 
@@ -207,7 +217,10 @@ class Recorder:
         return max(received, default=self.closed)
 
     def close(self, k: int) -> None:
-        """Write tick k, of which nothing is missing."""
+        """Write tick k, of which nothing is missing, and what came in one with it."""
+        if self._block and self._block.first == k:
+            self._close_block(self._block)
+            return
         tick = self._open.pop(k)
         parts = [_columns(self._samples_on, records) for records in tick.samples.values()]
         checkpoints: list[bytes] = []
@@ -222,6 +235,19 @@ class Recorder:
             messages = [_checkpoint(message) for message in checkpoints]
             parts.append(columns_of(messages, self._writer.numbers))
         self._put(k, parts, list(tick.samples.values()), checkpoints)
+
+    def _close_block(self, block: TickBlock) -> None:
+        parts = [
+            _columns(self._samples_on, block.samples),
+            _columns(self._states_on, block.states),
+        ]
+        self._writer.put(parts)
+        self.messages += len(block.samples) + len(block.states)
+        self.sent += int(np.count_nonzero(block.samples["robot"]))
+        self.closed, self._block = block.last, None
+        for k in range(block.first, block.last + 1):
+            self._open.pop(k, None)
+            self._past.pop(k - self._keep, None)
 
     def copy(self, k: int, batch: list[Recorded]) -> None:
         """Write tick k as another recording of the same run has it."""
@@ -238,7 +264,8 @@ class Recorder:
         A closed tick is whole, and its worker is `EVERYONE`. What is no more at hand is read from
         the recording.
         """
-        if since <= min(until, self.closed) and since not in self._past:
+        closed = range(since, min(until, self.closed) + 1)
+        if any(k not in self._past for k in closed):
             yield from self._read(since, min(until, self.closed))
         else:
             for k in range(since, until + 1):

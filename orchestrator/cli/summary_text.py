@@ -237,4 +237,5 @@ def profile(console: Console, profile: "Profile", wall: float) -> None:
     table(console, _columns("s of wall time", *titles), cells)
     if profile.in_one_thread:
         by = f"NumPy, for {profile.numpy_why}" if profile.numpy_why else "native code"
-        console.print(f"what agents disagree by is found by {by}")
+        apart = f"; plants are stepped apart, for {profile.steps_why}" * bool(profile.steps_why)
+        console.print(f"ticks are done by {by}{apart}")

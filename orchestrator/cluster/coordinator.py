@@ -132,7 +132,7 @@ class Coordinator:
         for slot in self._slots.values():
             self._answers.send_off(slot)
 
-    def advance(self, k: int) -> None:
+    def advance(self, k: int, until: int) -> None:
         """Do nothing: workers advance by themselves."""
 
     def handle(self, item: Item) -> None:

@@ -13,6 +13,7 @@ from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus, Item, tee
 from nrs_cosim.bus.validation import Wire
+from nrs_cosim.orchestrator.engine.blocks import Blocks, most_ticks
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Workers
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE, point_of
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
@@ -30,18 +31,25 @@ class InProcess:
 
     def __init__(self, bus: Bus, robots: Robots, watch: Watch) -> None:
         self.assignment = {NAME: robots.numbers}
-        self.inbox, received = tee(bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*")))
+        inbox = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
+        self.inbox, self._received = tee(inbox)
         self.rejected: Counter[str] = Counter()
         self.restarts = 0
         self._wire = wire_of(robots.experiment, self.assignment, Signer(), in_process=True)
-        self._worker: Worker = robots.worker(NAME, bus, received, self._wire)
-        self._robots, self._watch = robots, watch
+        self._worker: Worker = robots.worker(NAME, bus, self._received, self._wire)
+        self._robots, self._watch, clock = robots, watch, robots.experiment.clock
         self._ticks: Iterator[int] = iter(())
-
-    @property
-    def numpy_why(self) -> str:
-        """Why NumPy finds what agents disagree by; nothing where native code does."""
-        return self._worker.numpy_why
+        most, outputs = most_ticks(self._wire, len(robots.numbers)), len(clock.outputs(1))
+        tick = robots.whole_tick(self._wire, most * outputs)
+        self._blocks: Blocks | None = None
+        self.numpy_why = self.steps_why = ""
+        """Why NumPy does the ticks, if so; why native code that does them does not step plants."""
+        if isinstance(tick, str):
+            self.numpy_why = tick
+        else:
+            self.steps_why = tick.steps_why
+            hearing = bus, inbox, self._received
+            self._blocks = Blocks(self._worker, tick, most, *hearing, self._wire, clock)
 
     def wire(self) -> Wire:
         """Return the wire between the worker and the recorder."""
@@ -60,15 +68,20 @@ class InProcess:
         point = point_of(self._robots.numbers, recorder.checkpoints, recorder.closed)
         if point.start:
             self._worker.restore(point.start, point.checkpoints)
-        self._ticks = self._worker.run(point.recorded, self._watch, _RecordedSamples(recorder))
+        self._recorded = _RecordedSamples(recorder)
+        self._ticks = self._worker.run(point.recorded, self._watch, self._recorded)
         # What the recording has is run through at once, and nothing of it is sent.
         if point.recorded >= 0:
             while next(self._ticks) < point.recorded:
                 pass
 
-    def advance(self, k: int) -> None:  # noqa: ARG002
-        """Do the next tick."""
-        next(self._ticks)
+    def advance(self, k: int, until: int) -> None:
+        """Do the next tick, and perhaps more at once up to `until`."""
+        if self._blocks and self._blocks.does(k):
+            self._worker.take_in(k, self._received.pending(), self._recorded)
+            self._blocks.run(k, until, self._watch)
+        else:
+            next(self._ticks)
 
     def handle(self, item: Item) -> Never:
         """Refuse what nobody can have put."""

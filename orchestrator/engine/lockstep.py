@@ -102,8 +102,8 @@ class Workers(Protocol):
     def begin(self, recorder: Recorder) -> None:
         """Let all workers begin where a recording ends."""
 
-    def advance(self, k: int) -> None:
-        """Let the workers that run in this thread do tick k."""
+    def advance(self, k: int, until: int) -> None:
+        """Let the workers that run in this thread do tick k, and more at once up to `until`."""
 
     def handle(self, item: Item) -> None:
         """Take what came and is neither samples nor records."""
@@ -154,23 +154,29 @@ class Lockstep:
         self._pace = pace
 
     def run(self) -> Iterator[int]:
-        """Close the ticks after the last that is recorded; yield each number."""
+        """Close the ticks after the last that is recorded; yield each number, or the last of some.
+
+        Some are closed at once where the workers tell them at once.
+        """
         first = self._recorder.closed + 1
         self._target.skip_to(first - 1)
         self._target.publish_until(first - 1 + self._ahead)
         self._pace.start(self._clock.t(max(first - 1, 0)))
-        for k in range(first, self._clock.ticks + 1):
-            self._workers.advance(k)
+        k = first
+        while k <= self._clock.ticks:
+            self._workers.advance(k, k if self._pace.asked else max(k, self._target.published))
             self._gather(k)
             self._pace.wait(self._clock.t(k), partial(self._look_around, k))
             began = perf_counter()
             self._recorder.close(k)
+            k = self._recorder.closed
             self.recording += perf_counter() - began
             # By half windows: a few ticks' samples cost hardly more than one's.
             if self._target.published < k + (self._ahead + 1) // 2:
                 self._target.publish_until(k + self._ahead)
             self._watch(self._clock.t(k))
             yield k
+            k += 1
 
     def _gather(self, k: int) -> None:
         recorder = self._recorder

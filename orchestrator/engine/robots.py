@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.keys import TARGET
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Bus, Inbox
@@ -19,6 +20,7 @@ from nrs_cosim.orchestrator.engine.native.tick import (
     NativeStates,
     load_tick,
 )
+from nrs_cosim.orchestrator.engine.native.whole_tick import WholeTick
 from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -88,12 +90,12 @@ class Robots:
 
     def worker(self, name: str, bus: Bus, inbox: Inbox, wire: Wire) -> Worker:
         """Return the worker that runs them."""
-        run, states, why = self.experiment.scenario.run, None, "nothing can be compiled"
+        run, states = self.experiment.scenario.run, None
         if native := load_tick():
-            why = self.agents.disagree_by(partial(NativeDisagreements, native))
+            self.agents.disagree_by(partial(NativeDisagreements, native))
             limit = run.divergence_limit
             states = NativeStates(native, wire.states, self.agents, self.plants, limit)
-        worker = Worker(
+        return Worker(
             name,
             bus,
             inbox,
@@ -105,8 +107,21 @@ class Robots:
             run.checkpoint_every,
             states,
         )
-        worker.numpy_why = why
-        return worker
+
+    def whole_tick(self, wire: Wire, most: int) -> WholeTick | str:
+        """Return what does whole ticks of them by native code, of `most` outputs; or why not."""
+        native, agents = load_tick(), self.agents
+        if not native:
+            return "nothing can be compiled"
+        found = agents.disagree_by(partial(NativeDisagreements, native))
+        if isinstance(found, str):
+            return found
+        if agents.lies or type(agents) is not Agents:
+            return "robots lie"
+        if wire.of_agents or agents.algorithm.SENT != ESTIMATE:
+            return "the algorithm sends or keeps more than its estimate"
+        limit = self.experiment.scenario.run.divergence_limit
+        return WholeTick(native, wire, agents, self.plants, found, limit, most)
 
 
 def agents_of(experiment: Experiment, numbers: Sequence[int]) -> Agents:

@@ -54,7 +54,9 @@ class Profile:
     in_one_thread: bool
     """Whether the only worker is in the orchestrator's own thread."""
     numpy_why: str
-    """Then: why NumPy finds what agents disagree by; nothing where native code does."""
+    """Then: why NumPy does the ticks; nothing where native code does."""
+    steps_why: str
+    """Then: why native code that does the ticks does not step the plants too; nothing if so."""
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Return it for JSON, s by process and by what it was spent on."""
@@ -182,8 +184,8 @@ def run(
         recorder.end()
         rejected = Counter(recorder.rejected) + Counter(workers.rejected)
         here = isinstance(workers, InProcess)
-        why = workers.numpy_why if isinstance(workers, InProcess) else ""
-        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, here, why)
+        why = (workers.numpy_why, workers.steps_why) if isinstance(workers, InProcess) else ("", "")
+        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, here, *why)
         extra = {
             SPENT: json.dumps(profile.as_json()),
             REJECTED: json.dumps(rejected),

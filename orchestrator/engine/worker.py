@@ -117,8 +117,6 @@ class Worker:
             nodes = wire.assignment[worker]
             rows = np.flatnonzero(np.isin(nodes, agents.in_neighbours))
             self._wanted[worker] = as_slice(rows), as_slice(nodes[rows])
-        self.numpy_why = ""
-        """Why NumPy and no native code finds what agents disagree by, if so."""
         self.now = 0
         """The tick that it is at."""
         self.place = (0, 0, 0)
@@ -154,8 +152,8 @@ class Worker:
         elif recorded < 0:
             self._tell(0, self._states(0, self._clock.t(0)), ())
         yield self.now
-        for k in range(self.now + 1, self._clock.ticks + 1):
-            self.now = k
+        while self.now < self._clock.ticks:
+            self.now = k = self.now + 1
             states = self.advance(k, watch)
             # Before the jump: what is restored receives the samples of k anew, and jumps itself.
             checkpoints = self._checkpoints(k) if k > recorded else ()
@@ -233,8 +231,7 @@ class Worker:
                 asked = perf_counter()
                 items = self._inbox.take(listening.patience)
                 waited += perf_counter() - asked
-            for item in items:
-                self._keep(k, self._samples_in(item, listening))
+            self.take_in(k, items, listening)
         received = self._received[k]
         # The recording's are of all nodes: beside them nothing else of the tick is needed.
         if EVERYONE in received:
@@ -303,9 +300,22 @@ class Worker:
             found[kind] = records
         return found
 
+    def is_checkpoint(self, k: int) -> bool:
+        """Return whether robots can be restored from t_k."""
+        return bool(self._every and k % self._every == 0 and self.plants.checkpointable)
+
+    def take_in(self, k: int, items: Sequence[Item], listening: Listening) -> None:
+        """Keep the samples in what came that are of t_k or later."""
+        for item in items:
+            self._keep(k, self._samples_in(item, listening))
+
+    def target_ahead(self, k: int) -> Records | None:
+        """Return the target's (1, …) sample of t_k, if it came before its time, and forget it."""
+        return self._received.pop(k, {}).get(TARGET)
+
     def _checkpoints(self, k: int) -> Sequence[bytes]:
         """Return what each robot can be restored from at t_k, where that is due and exact."""
-        if not self._every or k % self._every or not self.plants.checkpointable:
+        if not self.is_checkpoint(k):
             return ()
         t = self._clock.t(k)
         checkpoints = []
@@ -319,7 +329,7 @@ class Worker:
         """Return the states of t, ns, once it is seen that they are bounded."""
         if self._native and (found := self._native.records(k, t, self.left)) is not None:
             return found
-        self._expect_bounded(t)
+        self.expect_bounded(t)
         records = self._state.copy()
         records["k"], records["time_ns"] = k, t
         records["position"], records["velocity"] = self.plants.q, self.plants.qd
@@ -328,7 +338,8 @@ class Worker:
         records["reference_velocity"] = self.left.velocity
         return records
 
-    def _expect_bounded(self, t: int) -> None:
+    def expect_bounded(self, t: int) -> None:
+        """Raise `DivergedError` for a state of t, ns, that is not bounded."""
         estimates = {
             "estimated position": self.left.position,
             "estimated velocity": self.left.velocity,

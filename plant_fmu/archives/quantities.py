@@ -116,9 +116,9 @@ class View:
         # C has the address of `theirs`: it is filled, and never replaced.
         layout = NumberLayout.of(quantities)
         self._ours, self._layout = ours, layout
-        self._is_direct, self.is_complete = layout.is_direct, layout.is_complete
+        self.is_direct, self.is_complete = layout.is_direct, layout.is_complete
         self.references = layout.references
-        self.theirs = ours if self._is_direct else np.tile(layout.start, (len(ours), 1))
+        self.theirs = ours if self.is_direct else np.tile(layout.start, (len(ours), 1))
         """(robots, numbers): what is passed; ours themselves where the FMUs have just these."""
 
     def in_units(self, ours: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -127,10 +127,10 @@ class View:
 
     def give(self) -> None:
         """Bring ours into theirs."""
-        if not self._is_direct:
+        if not self.is_direct:
             self.theirs[:, self._layout.index] = self._ours / self._layout.factor
 
     def take(self) -> None:
         """Bring theirs into ours."""
-        if not self._is_direct:
+        if not self.is_direct:
             np.multiply(self.theirs[:, self._layout.index], self._layout.factor, out=self._ours)

@@ -17,6 +17,7 @@ from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
+from nrs_cosim.plant_fmu.fmi.instances import NativeSteps
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.plants import Array, Body
 
@@ -49,6 +50,7 @@ class ReferenceDrivenPlants(Stepped):
         sizes = dict.fromkeys(REFERENCE, self.m)
         if takes(archive, names, TIME):
             sizes[TIME] = 1
+        self._sizes = sizes
         self._reference, self._write_reference = self._inputs(sizes)
         self._acceleration: Array | None = None
         if takes(archive, names, ACCELERATION):
@@ -76,6 +78,15 @@ class ReferenceDrivenPlants(Stepped):
             )
             self._give(begin, (end - begin) / step)
         super().advance(start, step)
+
+    def native(self) -> NativeSteps | str:
+        """Return by what native code gives them lines to follow and steps them, or why not."""
+        if not self._tells_torque:
+            return "an FMU does not tell its torque"
+        if self._acceleration is not None and self._acceleration.any():
+            return "references are accelerated"
+        given = [self.instances.vector(*one) for one in self._sizes.items()]
+        return self.instances.native((given, self._reference), (self._told_by, self.outputs))
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned; only where it is `checkpointable`."""

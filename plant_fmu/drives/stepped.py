@@ -9,7 +9,7 @@ from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives.checkpoint import decode, encode
 from nrs_cosim.plant_fmu.drives.pd_law import Law
-from nrs_cosim.plant_fmu.fmi.instances import Instances
+from nrs_cosim.plant_fmu.fmi.instances import Instances, NativeSteps
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.states import States
 from nrs_cosim.plant_fmu.plants import Array, Body
@@ -45,9 +45,9 @@ class Stepped:
         self.q, self.qd = self.state[:, :m], self.state[:, m:]
         self.tau = np.zeros((len(bodies), m))
         self.instances = Instances(library, bodies, names)
-        told_by = [self.instances.vector(name, m) for name in outputs]
-        self._read = self.instances.reads(told_by, self.outputs)
-        self._step = self.instances.steps(told_by, self.outputs)
+        self._told_by = [self.instances.vector(name, m) for name in outputs]
+        self._read = self.instances.reads(self._told_by, self.outputs)
+        self._step = self.instances.steps(self._told_by, self.outputs)
         self.checkpointable = library.saves_states
         self._states = States(self.instances) if self.checkpointable else None
         self._start(bodies)
@@ -65,6 +65,17 @@ class Stepped:
         """Advance from a time by a step, in s."""
         self.step(start, step)
         self._tell_torque()
+
+    def native(self) -> NativeSteps | str:
+        """Return by what other native code gives them lines to follow and steps them, or why not.
+
+        Afterwards `reached` is called.
+        """
+        return "their references are no inputs of the FMU"
+
+    def reached(self, time: float) -> None:
+        """Be at a time, s, to which native code stepped; next is a `hold`."""
+        self.time = time
 
     def step(self, start: float, step: float) -> None:
         """Step all instances, and read their outputs; `StepError` where one is not finite."""

@@ -4,7 +4,8 @@ A call that fails is an error that names the robot, the FMU, the time and the ca
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Never
 
 import numpy as np
 
@@ -18,7 +19,11 @@ from nrs_cosim.plant_fmu.fmi.assignment import StartValues, assignments, sizes_o
 from nrs_cosim.plant_fmu.fmi.batch_calls import CalledRounds, EarlyEnd, Rounds, arguments
 from nrs_cosim.plant_fmu.fmi.calls import FATAL, answer, c_references, is_fine
 from nrs_cosim.plant_fmu.fmi.library import Library
-from nrs_cosim.plant_fmu.fmi.native.batch_calls import native_rounds
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import (
+    NativeRounds,
+    StepAddresses,
+    native_rounds,
+)
 from nrs_cosim.plant_fmu.plants import Array, Body, called
 
 Transfer = Callable[[float], None]
@@ -107,17 +112,40 @@ class Instances:
 
     def steps(self, quantities: Sequence[Quantity], rows: Array) -> Advance:
         """Return the act that steps each FMU, and then fills rows (robots, numbers) as `reads`."""
-        view, what = View(quantities, rows), _listed(quantities)
+        view = View(quantities, rows)
         advance = self.rounds.advance(view)
 
         def step(start: float, step: float) -> None:
-            if end := advance(start, step):
-                if end.stepping:
-                    raise self.refusal(end.row, start, f"a step of {step:g} s", end.status)
-                raise self.refusal(end.row, start + step, f"access to {what}", end.status)
+            self.expect_stepped(advance(start, step), quantities, start, step)
             view.take()
 
         return step
+
+    def native(
+        self,
+        given: tuple[Sequence[Quantity], Array],
+        read: tuple[Sequence[Quantity], Array],
+    ) -> "NativeSteps | str":
+        """Return what other native code sets and steps them by, or why it cannot.
+
+        Both are quantities, and rows of them as an array (robots, numbers).
+        """
+        rounds, views = self.rounds, (View(*given), View(*read))
+        if not isinstance(rounds, NativeRounds):
+            return "nothing can be compiled"
+        if rounds.threads > 1:
+            return "several threads step them"
+        if not all(view.is_direct for view in views):
+            return "an FMU has other numbers than ours, or in another order"
+        return NativeSteps(self, given, read, rounds, rounds.addresses(*views))
+
+    def expect_stepped(
+        self, end: EarlyEnd | None, read: Sequence[Quantity], start: float, step: float
+    ) -> None:
+        """Raise `StepError` for the robot whose FMU ended a round of steps, in s."""
+        if end and end.stepping:
+            raise self.refusal(end.row, start, f"a step of {step:g} s", end.status)
+        self.expect_all(end, f"access to {_listed(read)}", start + step)
 
     def arguments(self, row: int, view: View, at: int) -> tuple[Any, ...]:
         """Return what `get` and `set` are told of a row's FMU, and of a row of its own numbers."""
@@ -214,6 +242,27 @@ class Instances:
         """Say how a call ended, with the FMU's last words; after Fatal there is no other."""
         self.library.is_dead |= status == FATAL
         return f"ended with {answer(status)}{self.library.last_words(called(self.robots[row]))}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NativeSteps:
+    """Instances that other native code sets and steps; see `StepAddresses`."""
+
+    instances: Instances
+    given: tuple[Sequence[Quantity], Array]
+    read: tuple[Sequence[Quantity], Array]
+    _rounds: NativeRounds
+    addresses: StepAddresses
+
+    def raise_for(self, row: int, start: float, step: float, *, held: bool, stepped: bool) -> Never:
+        """Raise `StepError` for a row whose call ended badly, or, `stepped`, is not finite."""
+        instances, end = self.instances, self._rounds.early_end(row)
+        if not held:
+            instances.expect_all(end, f"access to {_listed(self.given[0])}", start)
+        elif not stepped:
+            instances.expect_stepped(end, self.read[0], start, step)
+        instances.expect_finite(self.read[1], start + step)
+        raise AssertionError  # one of them has raised
 
 
 def _listed(quantities: Sequence[Quantity]) -> str:

@@ -61,7 +61,7 @@ class Workers:
 
         return put
 
-    def advance(self, k):
+    def advance(self, k, _until):
         self.advanced.append(k)
 
     def handle(self, item):
@@ -298,6 +298,8 @@ def test_the_watcher_gets_the_last_closed_tick_while_waiting(case):
 
 class Paced:
     """A pace that keeps what it is asked."""
+
+    asked = 1.0
 
     def __init__(self):
         self.calls = []

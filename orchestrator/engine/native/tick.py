@@ -10,7 +10,9 @@ from ctypes import (
     Structure,
     byref,
     c_bool,
+    c_char_p,
     c_double,
+    c_int,
     c_size_t,
     c_uint32,
     c_uint64,
@@ -41,6 +43,9 @@ SOURCE = Path(__file__).with_suffix(".c")
 _FIELDS = ("position", "velocity", "effort", "reference_position", "reference_velocity")
 
 
+_ADVANCE = c_void_p, c_bool, *(c_double,) * 3, c_uint32, c_uint64, c_size_t, c_bool
+
+
 class _Edges(Structure):
     kept: Any
     """What the addresses are of."""
@@ -53,7 +58,11 @@ class _Edges(Structure):
     )
 
 
-class _State(Structure):
+class StateRecords(Structure):
+    """Of what records are made, and how."""
+
+    kept: Any
+    """What the addresses are of."""
     _fields_ = (
         ("rows", c_size_t),
         ("m", c_size_t),
@@ -69,6 +78,9 @@ class TickCalls(NamedTuple):
 
     disagree: Call
     state: Call
+    advance: Call
+    hear: Call
+    jump: Call
 
 
 @cache
@@ -84,7 +96,27 @@ def load_tick() -> TickCalls | None:
     return TickCalls(
         bind(dll, "disagree", *four, result=None),
         bind(dll, "state", *four[:3], c_uint32, c_uint64, result=c_bool),
+        bind(dll, "advance", *_ADVANCE, result=c_int),
+        bind(dll, "hear", c_void_p, c_char_p, c_char_p, result=None),
+        bind(dll, "jump", *four[:3], result=c_bool),
     )
+
+
+def state_of(codec: Codec, records: Records, plants: Plants, limit: float) -> StateRecords:
+    """Return how records (outputs · robots,) are made of what plants are at."""
+    place = {name: codec.dtype.fields[name][1] for name in ("k", "time_ns", *_FIELDS)}  # type: ignore[index]
+    kept = plants.q, plants.qd, plants.tau, records
+    found = StateRecords(
+        *plants.q.shape,
+        limit,
+        *(array.ctypes.data for array in kept),
+        codec.size,
+        place["k"],
+        place["time_ns"],
+        (c_size_t * len(_FIELDS))(*(place[name] for name in _FIELDS)),
+    )
+    found.kept = kept
+    return found
 
 
 class NativeStates:
@@ -94,20 +126,8 @@ class NativeStates:
         self, native: TickCalls, codec: Codec, agents: Agents, plants: Plants, limit: float
     ) -> None:
         self._state, self._records = native.state, codec.blank(agents.robots)
-        place = {name: codec.dtype.fields[name][1] for name in ("k", "time_ns", *_FIELDS)}  # type: ignore[index]
-        self._motion = plants.q, plants.qd, plants.tau
         self._reference = [np.empty_like(plants.q) for _ in ESTIMATE]
-        rows, m = plants.q.shape
-        self._of = _State(
-            rows,
-            m,
-            limit,
-            *(array.ctypes.data for array in (*self._motion, self._records)),
-            codec.size,
-            place["k"],
-            place["time_ns"],
-            (c_size_t * len(_FIELDS))(*(place[name] for name in _FIELDS)),
-        )
+        self._of = state_of(codec, self._records, plants, limit)
         self._given = byref(self._of), *(array.ctypes.data for array in self._reference)
 
     def records(self, k: int, t: int, reference: Values) -> Records | None:
@@ -123,11 +143,14 @@ class NativeDisagreements:
     def __init__(
         self, native: TickCalls, exchanges: Sequence[tuple[Edges, Edges]], sent: Values
     ) -> None:
-        self._disagree, self._sent = native.disagree, sent
+        self._disagree = native.disagree
         shape = len(exchanges[0][0].start), *sent.position.shape[1:]
         self._own, self._found = ([np.empty(shape) for _ in ESTIMATE] for _ in range(2))
         made = {edges: _edges(edges, shape[1]) for edges in set(chain(*exchanges))}
-        self._edges = made
+        self.sent = sent
+        """What nodes sent last."""
+        self.edges = [tuple(made[edges] for edges in pair) for pair in exchanges]
+        """Of positions and of velocities, by exchange, as tick.c knows them."""
         self._given = [
             [
                 (byref(made[edges]), *(array.ctypes.data for array in (sent[name], own, found)))

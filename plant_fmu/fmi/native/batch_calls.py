@@ -36,6 +36,7 @@ SOURCE = Path(__file__).with_suffix(".c")
 WHO = 32
 """Bytes of a name, as rounds.c has it."""
 _NUMBERS = {"set": ("SetReal", "SetFloat64"), "get": ("GetReal", "GetFloat64")}
+_STEPPING = {**_NUMBERS, "step": ("DoStep", "DoStep")}
 _STATES = {
     "get_state": ("GetFMUstate", "GetFMUState"),
     "set_state": ("SetFMUstate", "SetFMUState"),
@@ -78,6 +79,17 @@ class _Shared(Structure):
 
 class _Answer(Structure):
     _fields_ = (("status", c_int), ("stepping", c_bool))
+
+
+class StepAddresses(Structure):
+    """What other native code steps all instances by: `exchange`, `advance`, and their arguments."""
+
+    kept: Any
+    """What the addresses are of."""
+    _fields_ = tuple(
+        (name, c_void_p)
+        for name in ("exchange", "advance", "setting", "stepping", "all", "given", "read", "answer")
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +143,7 @@ class NativeRounds:
     def advance(self, view: View) -> Step:
         """Return a round of steps; see `Rounds`."""
         advance, n = self._native.advance, self._all.n
-        calls, rows = self._bound({**_NUMBERS, "step": ("DoStep", "DoStep")}), _rows(view)
+        calls, rows = self._bound(_STEPPING), _rows(view)
         whom = byref(calls), byref(self._all), byref(rows)
 
         def step(start: float, step: float) -> EarlyEnd | None:
@@ -143,6 +155,20 @@ class NativeRounds:
             return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
 
         return step
+
+    def addresses(self, given: View, read: View) -> StepAddresses:
+        """Return what sets the numbers of a view, and steps and gets those of another."""
+        setting, stepping = self._bound(_NUMBERS), self._bound(_STEPPING)
+        kept = setting, stepping, self._all, _rows(given), _rows(read), self._answers[0]
+        native: tuple[Any, Any] = self._native.exchange, self._native.advance
+        functions = (cast(function, c_void_p) for function in native)
+        found = StepAddresses(*functions, *map(addressof, kept))
+        found.kept = kept
+        return found
+
+    def early_end(self, row: int) -> EarlyEnd:
+        """Return how the one thread's call ended that ended a round at a row."""
+        return EarlyEnd(row, self._answers[0].status, self._answers[0].stepping)
 
     def _together(self, whom: tuple[Any, ...], start: float, step: float) -> tuple[int, _Answer]:
         """Return the first row that ended a round of several threads, n if none, and how."""
