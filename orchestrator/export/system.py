@@ -25,7 +25,14 @@ from nrs_cosim.orchestrator.engine.plants import Group, group_by_archive
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, bundled_models
 from nrs_cosim.plant_fmu.bundled.model_description import element_names
-from nrs_cosim.plant_fmu.bundled.sampled import Built, build_agent, build_robot, build_target
+from nrs_cosim.plant_fmu.bundled.sampled import (
+    Built,
+    build_agent,
+    build_robot,
+    build_target,
+    built_equations,
+    bundled_equations,
+)
 from nrs_cosim.plant_fmu.drives.choice import choose
 from nrs_cosim.plant_fmu.drives.reference_driven import start_values
 from nrs_cosim.plant_fmu.errors import FmuError
@@ -145,7 +152,13 @@ def _robot(
         if v.causality == "structuralParameter"
     }
     received = max(len(graph.in_neighbours(body.robot)), 1)
-    built = build_robot(archive.name, received, structural)
+    if archive.label in bundled_models():
+        equations = bundled_equations(archive.name)
+    else:
+        units = {joint.unit for joint in group.joints(body.parameters)}
+        unit = units.pop() if len(units) == 1 else ""
+        equations = built_equations(archive.name, archive.path, len(body.q), unit)
+    built = build_robot(equations, received, structural)
     given = start_values(body, archive, group.names)
     inputs = {v.name for v in built.declaration.of_kind("input")}
     starts = {STARTS.get(name, name): value for name, value in given.items() if name not in inputs}
@@ -220,13 +233,13 @@ def _wrong(experiment: Experiment) -> Iterator[str]:
     if not isinstance(experiment.target, Harmonic):
         yield "target: is no sum of sines; samples and FMUs are not written as a part of a system"
     for group in group_by_archive(experiment):
-        if group.archive.label not in bundled_models():
+        if group.archive.label not in bundled_models() and not group.archive.ours:
             yield (
-                f"{group.field}.fmu: {group.archive.label} is no bundled model: an agent is built "
-                "together with the equations, which it has in C"
+                f"{group.field}.fmu: {group.archive.label} is neither a bundled model nor built "
+                "here from a URDF: an agent is compiled together with equations in C"
             )
         elif group.plant.variables:
-            yield f"{group.field}.variables: a robot with its agent has the names of its model"
+            yield f"{group.field}.variables: a robot with its agent has names of its own"
         else:
             try:
                 way = choose(group.archive, group.names, group.driving).way

@@ -1,4 +1,4 @@
-"""FMUs of what a network samples: a bundled robot with its agent, an agent alone, and a target.
+"""FMUs of what a network samples: a robot of ours with its agent, an agent alone, and a target.
 
 Each is for Co-Simulation alone, of FMI 2 unless it is asked for otherwise. An agent's in-degree and
 the number of joints are compiled; its algorithm, by K and G, and all else are parameters.
@@ -9,14 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.bundled.builder import build_model
+from nrs_cosim.plant_fmu.bundled.builder import build_model, fmi_headers
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare_tables, own_tables
+from nrs_cosim.plant_fmu.errors import FmuError
 
 AGENT, TARGET = MODELS / "agent", MODELS / "target"
-UNITS = {"rad": {"coordinate": "rad"}, "m": {"coordinate": "m"}, "": {}}
+UNITS = {
+    "rad": {"coordinate": "rad", "effort": "N.m"},
+    "m": {"coordinate": "m", "effort": "N"},
+    "": {},
+}
 """What a model's units are made of, by that of its axes."""
 INTEGRATING = (
     *("robot.c", "robot.h", "controller.c", "controller.h", "cholesky.h"),
@@ -33,25 +39,60 @@ class Built:
     declaration: Declaration
 
 
-def build_robot(model: str, received: int, sizes: Mapping[str, int]) -> Built:
-    """The FMU of a bundled robot whose agent has so many in-neighbours; `FmuError` as `build`.
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """What one robot has that others have not: its tables, as in model.toml, and its C files."""
+
+    name: str
+    tables: dict[str, Any]
+    files: Mapping[str, bytes]
+
+
+def bundled_equations(name: str) -> Equations:
+    """Those of a bundled model."""
+    return Equations(name, own_tables(name), _files(MODELS / name, "model.c"))
+
+
+def built_equations(name: str, path: Path, m: int, unit: str) -> Equations:
+    """Those of an FMU that was built here from a URDF, of m joints in rad or m, or in both.
+
+    `FmuError` where an earlier version built it.
+    """
+    with ZipFile(path) as archive:
+        sources = {
+            file.removeprefix("sources/"): archive.read(file)
+            for file in archive.namelist()
+            if file.startswith("sources/")
+        }
+    shared = {file.name: file.read_bytes() for file in MODELS.glob("*.[ch]")}
+    if any(shared.get(file, text) != text for file, text in sources.items()):
+        raise FmuError(f"{name}: was built by another version; build it again from its URDF")
+    known = {*shared, *fmi_headers(2), *fmi_headers(3), "variables.c", "variables.h"}
+    files = {file: text for file, text in sources.items() if file not in known}
+    files = {file: text for file, text in files.items() if file.endswith((".c", ".h"))}
+    about = {"description": name, "dimensions": {"m": m}, "units": UNITS[unit], "variables": {}}
+    return Equations(name, about, files)
+
+
+def build_robot(robot: Equations, received: int, sizes: Mapping[str, int]) -> Built:
+    """The FMU of a robot whose agent has so many in-neighbours; `FmuError` as `build`.
 
     `sizes` are the values of the model's structural parameters, which FMI 2 has not.
     """
-    own = own_tables(model)
+    own = robot.tables
     for name, size in sizes.items():
         own["variables"][name]["start"] = size
-    agent, robot = _tables(AGENT / "agent.toml"), _tables(AGENT / "robot.toml")
+    agent, starts = _tables(AGENT / "agent.toml"), _tables(AGENT / "robot.toml")
     dimensions = {**own["dimensions"], **agent["dimensions"], "received": received}
-    variables = {**own["variables"], **agent["variables"], **robot["variables"]}
+    variables = {**own["variables"], **agent["variables"], **starts["variables"]}
     about = f"{own['description']}; with an estimator agent that receives from {received}"
     extended = {**own, "description": about, "dimensions": dimensions, "variables": variables}
-    name = f"{model}_with_agent"
+    name = f"{robot.name}_with_agent"
     declared = declare_tables(name, [_tables(MODELS / "robot.toml"), extended], 2)
     states = (replace(v, start=None) if v.kind == "state" else v for v in declared.variables)
     declared = replace(declared, variables=tuple(states))
     files = _files(AGENT, "agent.c", "plant.h", "robot_plant.c", "summation.h")
-    return _build(declared, {**files, **_files(MODELS / model, "model.c")}, 2)
+    return _build(declared, {**files, **robot.files}, 2)
 
 
 def build_agent(m: int, received: int, fmi: int, values: Mapping[str, Any]) -> Built:

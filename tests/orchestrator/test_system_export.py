@@ -24,12 +24,15 @@ from nrs_cosim.orchestrator.export.answers import answers
 from nrs_cosim.orchestrator.export.package import ssp_bytes
 from nrs_cosim.orchestrator.export.system import agent_of, node_names, system_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.plant_fmu.bundled.builder import build_library
+from nrs_cosim.plant_fmu.bundled.builder import build_library, copy_out
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS
+from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
+from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.elsewhere.engines import ENGINES, compared
-from tests.scenarios import write
+from tests.orchestrator.test_exit_status import SLIDER
+from tests.scenarios import SHORT, drawn, example, write
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
@@ -62,6 +65,41 @@ def test_an_engine_comes_to_the_very_numbers_of_the_recording(systems, engine, b
         pytest.skip(f"{NEEDS[engine]} is not installed")
     size, same, _ = compared(engine, systems / f"{base}.ssp")
     assert size == same == 10 * (4 + 6 * 8)
+
+
+def test_robots_of_a_urdf_that_receive_from_many_come_to_the_same_numbers_too(tmp_path):
+    pytest.importorskip("adam", reason="adam-robotics is not installed (the extra `urdf`)")
+    (tmp_path / "slider.urdf").write_text(SLIDER, "utf-8")
+    copy_out(build_urdf(read_urdf(tmp_path / "slider.urdf")), tmp_path / "slider.fmu")
+    everyone = [[int(i != j) for j in range(10)] for i in range(10)]
+    changes = {
+        "run": {"duration": 0.5, "sampling_period": 0.1, "seed": 3},
+        "network": {"adjacency": everyone, "pinning": [1, *[0] * 9]},
+        "plant": {"fmu": "slider.fmu"},
+        "target": {"axes": [{"rate": 1.0, "sines": [{"amplitude": 2.0, "frequency": 3.0}]}]},
+        "disturbance": None,
+        "initial": drawn(-1.0, 1.0),
+    }
+    write(tmp_path / "s.toml", changes)
+    assert nrs("run", "s.toml", "-o", "s.mcap", cwd=tmp_path).returncode == 0
+    (tmp_path / "s.ssp").write_bytes(packed(tmp_path / "s.mcap"))
+    size, same, _ = compared("fmpy", tmp_path / "s.ssp")
+    assert size == same == 5 * (2 + 10 * 4)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "exact"),
+    [
+        ({"name": "dcea1", "alpha": 0.7, "beta": 0.8}, True),
+        ({"name": "dcea2", "alpha": 0.7, "beta": 0.8}, True),
+        ({"name": "pd_like", "alpha": 1.7}, True),
+        ({"name": "impulsive", "alpha": 0.7, "beta": 0.3}, False),
+    ],
+    ids=lambda value: value["name"] if isinstance(value, dict) else "",
+)
+def test_it_is_told_where_k_and_g_are_the_jump_but_for_rounding(algorithm, exact):
+    changes = {"algorithm": algorithm, **SHORT}
+    assert system_of(example("paper_first_order", changes), 1).exact == exact
 
 
 def test_a_system_is_as_its_standard_has_it_and_always_the_same_bytes(systems):
