@@ -32,14 +32,13 @@ PARTS: Mapping[str, Sequence[str]] = {
         "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.advance"
     ],
     "tick: receive and jump": [
-        "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.hear",
         "nrs_cosim.orchestrator.engine.native.whole_tick:WholeTick.jump",
     ],
-    "block: what was received": ["nrs_cosim.orchestrator.engine.blocks:Blocks._hear"],
+    "block: what was received": ["nrs_cosim.orchestrator.engine.blocks:Blocks._received"],
     "block: all else": ["nrs_cosim.orchestrator.engine.blocks:Blocks.run"],
     "target: its samples": ["nrs_cosim.orchestrator.engine.lockstep:TargetNode.publish_until"],
     "wire: batches packed": [
-        "nrs_cosim.bus.validation:Wire.pack_samples",
+        "nrs_cosim.bus.validation:Wire.pack_ahead",
         "nrs_cosim.bus.validation:Wire.pack_block",
     ],
     "Zenoh: put": ["nrs_cosim.bus.network.zenoh_bus:ZenohBus.publisher()"],

@@ -66,7 +66,7 @@ class TickBlock:
     last: int
     states: Records
     samples: Records
-    """That it heard: its own and the target's."""
+    """That it received: its own and the target's."""
 
 
 def _nobody(_k: int) -> Nodes:
@@ -130,6 +130,20 @@ class Wire:
             if not self._silent(k).size and _is_finite(self.samples, packed):
                 self._keep(SAMPLES, worker, payload, (k, packed))
         return payload
+
+    def pack_ahead(self, worker: str, records: Records) -> list[bytes]:
+        """Return the batches of the samples (ticks,) of a worker that has one node."""
+        key, size = wire_key(SAMPLES, worker), self.samples.size
+        data = records.tobytes()
+        packed, ks = np.frombuffer(data, records.dtype), records["k"].tolist()
+        knows = self._knows_own and _is_finite(self.samples, packed)
+        payloads = []
+        for row, k in enumerate(ks):
+            payload = self._signer.sign(key, _K.pack(k) + data[row * size : (row + 1) * size])
+            if knows and not self._silent(k).size:
+                self._keep(SAMPLES, worker, payload, (k, packed[row : row + 1]))
+            payloads.append(payload)
+        return payloads
 
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
         """Return k and the samples (n,) that a worker put.

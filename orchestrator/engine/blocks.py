@@ -1,9 +1,10 @@
 """A worker that is alone does ticks by native code, and tells the recorder some of them at once.
 
-At each tick its samples are put on the bus and heard, as ever; what is heard must be the very bytes
-that were put, and whatever else comes is left to those who judge it. What is recorded of a block of
-ticks is one batch. A block ends before a checkpoint, and before a tick at which something fails: it
-is told first. It is no longer than `MOST_BYTES` of messages or `MOST_SECONDS` of wall time.
+At each tick its samples are put on the bus and received, as ever; what is received must be the very
+bytes that were put, and whatever else comes is left to those who judge it. What is recorded of a
+block of ticks is one batch. A block ends before a checkpoint, and before a tick at which something
+fails: it is told first. It is no longer than `MOST_BYTES` of messages or `MOST_SECONDS` of wall
+time.
 """
 
 from time import perf_counter
@@ -41,7 +42,7 @@ class Blocks:
         wire: Wire,
         clock: Clock,
     ) -> None:
-        """Do up to `most` ticks; hear an inbox, of which worker and recorder have each a side."""
+        """Do up to `most` ticks; worker and recorder have each a side of the inbox."""
         self._worker, self._tick, self._most = worker, tick, most
         self._inbox, self._ears, self._wire, self._clock = inbox, ears, wire, clock
         self._outputs = len(worker.agents.robots) * len(clock.outputs(1))
@@ -69,14 +70,14 @@ class Blocks:
         if self._failure:
             raise self._failure
         self._tick.take_up()
-        heard: list[bytes] = []
+        received: list[bytes] = []
         began, last = perf_counter(), first - 1
         due = began + MOST_SECONDS
         try:
             while last < min(until, first + self._most - 1) and perf_counter() < due:
                 if last >= first and self._worker.is_checkpoint(last + 1):
                     break
-                heard += self._do(last + 1, last + 1 - first, watch)
+                received += self._do(last + 1, last + 1 - first, watch)
                 last += 1
         except Exception as error:
             if last < first:
@@ -85,7 +86,7 @@ class Blocks:
         self._worker.spent.plants += perf_counter() - began
         self._tick.hand_over()
         states = self._tick.states[: (last + 1 - first) * self._outputs]
-        samples = np.frombuffer(b"".join(heard), self._wire.samples.dtype)
+        samples = np.frombuffer(b"".join(received), self._wire.samples.dtype)
         block = TickBlock(first, last, states.copy(), samples)
         self._put_records(self._wire.pack_block(self._worker.name, block))
 
@@ -111,12 +112,11 @@ class Blocks:
             watch(t)
         samples = tick.samples.tobytes()
         self._put_samples(samples)
-        target = self._hear(k, samples)
-        tick.hear(target, samples)
-        tick.jump(k)
+        target = self._received(k, samples)
+        tick.jump(k, target, samples)
         return target[4:], samples[4:]
 
-    def _hear(self, k: int, samples: bytes) -> bytes:
+    def _received(self, k: int, samples: bytes) -> bytes:
         """Take what came until what was put is among it; return the target's sample of t_k."""
         own = False
         for item in self._inbox.take():

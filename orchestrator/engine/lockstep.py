@@ -30,6 +30,8 @@ WINDOW_BYTES = 16 * 2**20
 """Of messages that the recorder may have to keep until a tick before them is closed."""
 MOST_WINDOW, LEAST_WINDOW = 64, 4
 """Ticks, however few bytes they have, or many."""
+AT_ONCE = 512
+"""Samples of the target that are worked out at once: arithmetic on few numbers costs as much."""
 _BATCHES = (wire_key(SAMPLES, ""), wire_key(RECORDS, ""))
 _PATIENCE = 0.25
 """s: how long nothing may come before it is looked whether the workers are well."""
@@ -53,25 +55,37 @@ class TargetNode:
         self._put = bus.publisher(wire_key(SAMPLES, TARGET))
         self.published = 0
         """The last tick whose sample is published."""
+        self._found, self._known = self._record[:0], 0
+        """Samples that are worked out, and the tick of the last."""
 
     def skip_to(self, k: int) -> None:
         """Take the samples up to t_k as published."""
         self.published = max(k, 0)
+        self._found, self._known = self._record[:0], self.published
 
     def publish_until(self, k: int) -> None:
         """Publish the target's samples up to that of t_k which are not published yet."""
-        ticks = np.arange(self.published + 1, min(k, self._clock.ticks) + 1)
-        if not ticks.size:
-            return
-        times = [self._clock.t(now) for now in ticks.tolist()]
+        last = min(k, self._clock.ticks)
+        while self.published < last:
+            if self.published >= self._known:
+                self._find(self.published + 1)
+            until = min(last, self._known)
+            first = self._known - len(self._found) + 1
+            found = self._found[self.published + 1 - first : until + 1 - first]
+            for payload in self._wire.pack_ahead(TARGET, found):
+                self._put(payload)
+            self.published = until
+
+    def _find(self, first: int) -> None:
+        """Work out the samples of `AT_ONCE` sampling times, or up to the last."""
+        ticks = range(first, min(first + AT_ONCE, self._clock.ticks + 1))
+        times = [self._clock.t(now) for now in ticks]
         records = np.tile(self._record, len(times))
         records["k"], records["time_ns"] = ticks, times
         at = np.array([seconds(t) for t in times])
         for name, value in sample_of(self._target, self._fields, at).items():
             records[name] = value
-        for row, now in enumerate(ticks.tolist()):
-            self._put(self._wire.pack_samples(TARGET, now, records[row : row + 1]))
-        self.published = int(ticks[-1])
+        self._found, self._known = records, ticks[-1]
 
 
 class Workers(Protocol):

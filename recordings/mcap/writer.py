@@ -29,7 +29,7 @@ from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
 from nrs_cosim.recordings.mcap.chunk import encoded_chunk, packed
-from nrs_cosim.recordings.mcap.columns import HEAD, MANY, Columns
+from nrs_cosim.recordings.mcap.columns import HEAD, Columns
 from nrs_cosim.recordings.mcap.container import (
     END_FIELDS,
     LIMIT,
@@ -60,7 +60,7 @@ class _Stored:
     crc: int
     digest: Digest
     counts: NDArray[np.int64]
-    """(65536,) messages, by channel."""
+    """(channels + 1,) messages, by channel."""
     closed: int = 0
     """How many of the chunks that were closed; those without a message are not in the file."""
     chunks: int = 0
@@ -119,7 +119,7 @@ class Writer:
             self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115 (closed by finish)
         except OSError as error:
             raise UncreatableError(f"{path}: cannot be created: {error.strerror}") from error
-        self._stored = _Stored(0, 0, Digest(counted), np.zeros(MANY, np.int64))
+        self._stored = _Stored(0, 0, Digest(counted), np.zeros(len(channels) + 1, np.int64))
         try:
             offset, crc = self._emit(begin)
         except BaseException:
@@ -281,7 +281,7 @@ class Writer:
             offset,
             crc,
             digest,
-            old.counts + np.bincount(messages.channel, minlength=MANY),
+            old.counts + np.bincount(messages.channel, minlength=len(old.counts)),
             closed=old.closed + 1,
             chunks=old.chunks + 1,
             ticks=old.ticks + int(np.count_nonzero(np.unique(messages.sequence))),

@@ -4,8 +4,8 @@
  *   state     look whether all is bounded, and write the records of the states
  *   advance   hand references to the FMUs and step them, flow to the left limits, then state, and
  *             at t_k write the records of the samples
- *   hear      take what nodes sent
- *   jump      disagree over both, and jump by it where that is of a form that is known here
+ *   receive   take what nodes sent
+ *   jump      receive, disagree over both, and jump by it where that is of a form that is known here
  *
  * Compiled with -ffp-contract=off: nothing is rounded but as it is written. */
 
@@ -255,7 +255,7 @@ static void take(const Tick *tick, size_t node, const unsigned char *record)
 }
 
 /* The batches of the target's sample, and of all robots': k, and the records. */
-EXPORTED void hear(const Tick *tick, const unsigned char *target, const unsigned char *robots)
+EXPORTED void receive(const Tick *tick, const unsigned char *target, const unsigned char *robots)
 {
     take(tick, 0, target + sizeof(uint32_t));
     for (size_t row = 0; row < tick->state->rows; ++row)
@@ -263,12 +263,14 @@ EXPORTED void hear(const Tick *tick, const unsigned char *target, const unsigned
 }
 
 /* Return whether all is finite after the jump. */
-EXPORTED bool jump(Tick *tick, const Edges *positions, const Edges *velocities)
+EXPORTED bool jump(Tick *tick, const unsigned char *target, const unsigned char *robots,
+                   const Edges *positions, const Edges *velocities)
 {
     const size_t count = tick->state->rows * tick->state->m;
     const double *left = tick->left_position, *rate = tick->left_velocity;
     const double alpha = tick->alpha, beta = tick->beta;
     bool finite = true;
+    receive(tick, target, robots);
     disagree(positions, tick->sent_position, left, tick->apart);
     disagree(velocities, tick->sent_velocity, rate, tick->veer);
     for (size_t i = 0; i < count; ++i) {

@@ -79,7 +79,7 @@ class TickCalls(NamedTuple):
     disagree: Call
     state: Call
     advance: Call
-    hear: Call
+    receive: Call
     jump: Call
 
 
@@ -92,13 +92,13 @@ def load_tick() -> TickCalls | None:
         dll = CDLL(str(build_library("tick", {SOURCE.name: SOURCE.read_bytes()})))
     except (FmuError, OSError):
         return None
-    four = (c_void_p,) * 4
+    four, received = (c_void_p,) * 4, (c_void_p, c_char_p, c_char_p)
     return TickCalls(
         bind(dll, "disagree", *four, result=None),
         bind(dll, "state", *four[:3], c_uint32, c_uint64, result=c_bool),
         bind(dll, "advance", *_ADVANCE, result=c_int),
-        bind(dll, "hear", c_void_p, c_char_p, c_char_p, result=None),
-        bind(dll, "jump", *four[:3], result=c_bool),
+        bind(dll, "receive", *received, result=None),
+        bind(dll, "jump", *received, c_void_p, c_void_p, result=c_bool),
     )
 
 

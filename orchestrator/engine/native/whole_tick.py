@@ -79,7 +79,7 @@ class WholeTick:
         most: int,
     ) -> None:
         """Have room for the states of `most` outputs."""
-        self._advance, self._hear, self._jump = native.advance, native.hear, native.jump
+        self._advance, self._receive, self._jump = native.advance, native.receive, native.jump
         self._agents, self._plants = agents, plants
         rows, m = plants.q.shape
         own = {name: np.empty((rows, m)) for name in ("position", "velocity")}
@@ -173,14 +173,17 @@ class WholeTick:
             of.raise_for(self._tick.at_instance, start, step, held=held, stepped=stepped)
         return how == _FINE
 
-    def hear(self, target: bytes, robots: bytes) -> None:
-        """Take the samples of t_k, as batches."""
-        self._hear(self._given, target, robots)
+    def jump(self, k: int, target: bytes, robots: bytes) -> None:
+        """Let the agents receive the samples of t_k, as batches, and jump.
 
-    def jump(self, k: int) -> None:
-        """Let the agents jump at t_k; `AlgorithmError` as `Agents.jump`."""
-        if self._form and self._jump(self._given, *self._edges[self._agents.exchange_at(k)]):
-            return
+        `AlgorithmError` as `Agents.jump`.
+        """
+        if self._form:
+            edges = self._edges[self._agents.exchange_at(k)]
+            if self._jump(self._given, target, robots, *edges):
+                return
+        else:
+            self._receive(self._given, target, robots)
         self._agents.jump(k, self.left())
         self._take_estimates()
 
