@@ -116,7 +116,7 @@ def _judge_mass(
         )
     else:
         said = faults
-        text += f"singular; lock that joint (--lock), or {_GIVE}"
+        text += f"singular; lock a joint that leads there (--lock), or {_GIVE}"
     for joint in light:
         said.add(text, "link", joint.child)
 

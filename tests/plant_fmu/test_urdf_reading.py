@@ -247,7 +247,7 @@ def test_a_massless_link_of_a_universal_joint_is_singular_where_its_rod_lies_alo
         '<link name="cross"/>',
         JOINT.replace("arm", "cross") + turning("y", "cross", "arm"),
     ).replace(BODY, rod)
-    with pytest.raises(FmuError, match=r"link 'cross': no inertia .* is singular; lock that joint"):
+    with pytest.raises(FmuError, match=r"link 'cross': no inertia .* is singular; lock a joint"):
         read(tmp_path, text)
 
 
