@@ -96,6 +96,21 @@ def test_mimics_in_random_trees_agree_with_another_library(pinocchio, read):
             assert error <= 1e-12 * np.abs(wanted).max(), seed
 
 
+@pytest.mark.usefixtures("pinocchio")
+def test_a_compiled_gripper_is_a_row_of_the_table_of_robots(tmp_path):
+    from tests.urdfs import look_at  # noqa: PLC0415, which needs Pinocchio
+
+    path = tmp_path / "gripper.urdf"
+    path.write_text(GRIPPER, "utf-8")
+    found = look_at(path, tmp_path / "gripper")
+    assert (found.cells[0], found.refused) == ("2", "")
+    assert 0 < found.error < 1e-13
+    assert np.isfinite(float(found.cells[3]))
+    path.write_text(GRIPPER.replace(link("tip") + "<", "<"), "utf-8")
+    wanted = "joint 'tip': <child>: there is no link 'tip'"
+    assert look_at(path, tmp_path / "none").refused == wanted
+
+
 def test_a_finger_without_inertia_may_follow_another(read):
     found = read(GRIPPER.replace(link("tip"), '<link name="tip"/>'))
     assert found.warnings == (
