@@ -12,7 +12,6 @@ import pytest
 
 import nrs_cosim
 from docs import demo, reference
-from tests.printed import masked
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
@@ -80,47 +79,7 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
         assert not unneeded & loaded, command[0]
 
 
-README, RESULTS = ROOT / "README.md", ROOT / "docs/results.md"
-
-
-def blocks(page, language):
-    """Return the blocks of a page in a language."""
-    return re.findall(rf"```{language}\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
-
-
-@pytest.fixture
-def reader_s_folder(tmp_path):
-    """Return a folder as a reader of the README has it: with the scenario that is written there."""
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    (tmp_path / "row.toml").write_text(blocks(README, "toml")[0], "utf-8")
-    return tmp_path
-
-
-@pytest.mark.parametrize("page", [README, RESULTS], ids=lambda page: page.name)
-def test_a_documented_session_prints_what_is_shown(reader_s_folder, page):
-    (session,) = blocks(page, "console")
-    commands = re.split(r"^\$ ", session, flags=re.MULTILINE)[1:]
-    assert len(commands) >= 2
-    for block in commands:
-        command, *expected = block.splitlines()
-        program, *arguments = shlex.split(command)
-        done = subprocess.run(
-            [BIN / program, *arguments],
-            cwd=reader_s_folder, check=False, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        printed = done.stdout.splitlines()
-        assert [masked(line) for line in printed] == [masked(line) for line in expected]
-
-
-def test_the_python_in_the_readme_runs(reader_s_folder):
-    (program,) = blocks(README, "python")
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=reader_s_folder, check=False, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ["0.500", "completed True"]
+README = ROOT / "README.md"
 
 
 def test_the_demos_last_sentence_depends_on_the_run():
