@@ -64,3 +64,31 @@ def test_a_reset_restores_the_start_values(robot: Open, fmi: int) -> None:
         assert r.get("kp").tolist() == [[0.0, 0.0], [0.0, 0.0]]
         r.initialize(**SETTINGS)
         assert np.array_equal(play(r, 0, STEPS), first)
+
+
+@each_version
+def test_importers_that_add_up_time_come_to_the_bits_of_those_that_count_it(
+    robot: Open, fmi: int
+) -> None:
+    ended, added = [], 0.0
+    for counts in (True, False):
+        with robot("two_link_arm", fmi) as arm:
+            arm.initialize(q=[1.0, -1.0], disturbance_rate=[3.0, 1.0])
+            added = 0.0
+            for k in range(200):
+                step = (k + 1) / 10 - k / 10 if counts else 0.1
+                arm.fmu.doStep(k / 10 if counts else added, step)
+                added += 0.1
+            ended.append(np.concatenate([arm.get("q"), arm.get("qd")]))
+    assert added != 20.0
+    assert np.array_equal(*ended)
+
+
+def test_times_that_are_no_whole_ns_stay_as_they_are_but_for_rounding(robot: Open) -> None:
+    with robot("planar_robot", 2) as arm:
+        arm.initialize()
+        time = 0.0
+        for _ in range(30):
+            arm.fmu.doStep(time, 1 / 3)
+            time += 1 / 3
+            assert abs(arm.get("time") - time) <= 8 * np.spacing(time)
