@@ -224,12 +224,12 @@ def scene(
     recording: RecordingPath,
     output: NewRecording,
 ) -> None:
-    """Add the robots in 3D to a copy of a recording, for Foxglove; bundled models alone."""
+    """Add the robots whose URDF is known to a copy of a recording, in 3D, for Foxglove."""
     from nrs_cosim.orchestrator.cli.output_paths import make_folder
     from nrs_cosim.orchestrator.cli.progress import reading
-    from nrs_cosim.orchestrator.engine.summary import experiment_of
-    from nrs_cosim.orchestrator.report.subject import shapes_of
     from nrs_cosim.recordings.mcap.reader import Reader
+    from nrs_cosim.recordings.robots.placed import placed_robots
+    from nrs_cosim.recordings.schemas import expect_joints, recorded_types
 
     try:
         from nrs_cosim.recordings.export.scene import write_scene
@@ -237,13 +237,12 @@ def scene(
         raise MissingExtraError("a scene needs foxglove-schemas-protobuf", "scene") from None
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("show")
-        shapes = shapes_of(experiment_of(reader))
-        if not shapes:
-            raise InputError(
-                f"{recording}: no robot is a bundled model, so their looks are unknown"
-            )
+        expect_joints(reader, recorded_types(reader))
+        placed = placed_robots(reader)
+        if not placed:
+            raise InputError(f"{recording}: has a URDF of no robot, so their looks are unknown")
         make_folder(output)
-        write_scene(reader, output, shapes)
+        write_scene(reader, output, placed)
         for damage in reader.damage:
             say("yellow", "damage", damage)
     out.print(str(output), markup=False)

@@ -1,11 +1,9 @@
-"""What a report must know of a scenario: target, network, theory, and how robots look."""
+"""What a report must know of a scenario: target, network and theory."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
-
-import numpy as np
 
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.topologies import TopologySchedule
@@ -15,12 +13,10 @@ from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
-from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.plant_fmu.bundled.declaration import bundled_models, declaration
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState
 from nrs_cosim.recordings.report.data import Story, read_story
-from nrs_cosim.recordings.report.subject import Arm, Subject, unit_over
+from nrs_cosim.recordings.report.subject import Subject, unit_over
 from nrs_cosim.recordings.schemas import about
 from nrs_cosim.recordings.units import shared_joints
 
@@ -45,7 +41,6 @@ def subject_of(experiment: Experiment, unit: str, joints: Sequence[str] = ()) ->
         target_at=experiment.target_at,
         topology=experiment.topologies.links,
         phases=_phases(experiment.topologies),
-        arms=[arm_of(plant, experiment.m) for plant in experiment.plants],
         unit=unit,
         joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
         conditions=_condition_rows(checked) if checked else [],
@@ -83,29 +78,6 @@ def _phases(topologies: TopologySchedule) -> str:
         sentences.append("positions and velocities travel over digraphs of their own")
     words = "; ".join(sentences)
     return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
-
-
-def arm_of(plant: Plant, m: int) -> Arm:
-    """Return how a robot of m joints is drawn: with its own lengths, where its plant tells them.
-
-    A bundled model's are `r1`, `r2`, or the array `r`; one that has neither is a point.
-    """
-    if plant.fmu not in bundled_models():
-        return Arm((1.0,) * m, known=False)
-    model = declaration(plant.fmu)
-    values: dict[str, Any] = {
-        v.name: v.start for v in model.of_kind("parameter")
-    } | plant.parameters
-    if "r" in values:
-        return Arm(tuple(np.broadcast_to(np.asarray(values["r"], float), m).tolist()))
-    links = [f"r{link}" for link in range(1, m + 1)]
-    return Arm(tuple(float(values[link]) for link in links) if values.keys() >= {*links} else ())
-
-
-def shapes_of(experiment: Experiment) -> dict[int, tuple[float, ...]]:
-    """Return the lengths of the links of those robots whose plants tell them, by number, from 1."""
-    arms = [arm_of(plant, experiment.m) for plant in experiment.plants]
-    return {robot: arm.lengths for robot, arm in enumerate(arms, 1) if arm.known}
 
 
 def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:

@@ -3,18 +3,16 @@
     /scene    foxglove.SceneUpdate, once: what each link looks like, in a frame of its own
     /tf       foxglove.FrameTransforms, at each output time: where the frames are
 
-The world has x ahead and z up. An arm moves in a plane of constant y, q1 from x towards z, every
-other angle from the link before; the arms stand side by side. Points move in the x-y plane. The
-target, robot 0, is a pale figure like robot 1, at the sampling times. Neither channel is counted,
-so the digest stays.
+Robots are drawn by their URDFs, see `robots.placed`; the target, a pale one, moves at the sampling
+times. Neither channel is counted, so the digest stays.
 """
 
-from collections.abc import Mapping
-from math import sqrt
+from collections.abc import Iterable, Sequence
 from os import PathLike
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -29,40 +27,61 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.export.tables import SAMPLES, STATES, rows
+from nrs_cosim.recordings.export.tables import SAMPLES, STATES, robots, rows_of
 from nrs_cosim.recordings.mcap.container import Channel, Message, Schema
 from nrs_cosim.recordings.mcap.copy import copy_of, ending
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.robots.description import Shape
+from nrs_cosim.recordings.robots.frames import MovingFrames
+from nrs_cosim.recordings.robots.kinematics import quaternion
+from nrs_cosim.recordings.robots.placed import PlacedRobot
+from nrs_cosim.recordings.schemas import about, recorded_types
 
-SCENE, TF, WORLD = "/scene", "/tf", "world"
+SCENE, TF = "/scene", "/tf"
 _NS_PER_S = 10**9
-_ALONG_X = Quaternion(y=sqrt(0.5), w=sqrt(0.5))
-"""Takes z, along which cylinders stand, to x, along which links lie."""
-_COLOURS = ((0.12, 0.47, 0.71), (1.0, 0.5, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16))
 
 
-Links = tuple[float, ...]
-"""The lengths (m) of an arm's links; none of a point that moves in the plane."""
-
-
-def write_scene(reader: Reader, path: str | PathLike[str], shapes: Mapping[int, Links]) -> None:
-    """Write a new recording that also shows the robots whose links are known, by their numbers.
+def write_scene(reader: Reader, path: str | PathLike[str], placed: Sequence[PlacedRobot]) -> None:
+    """Write a new recording that also shows robots, the target first.
 
     Raises `UncreatableError` when there is a file already, or none can be made.
     """
-    figures = {0: shapes[min(shapes)], **shapes}
-    apart = 0.5 * max(sum(links) for links in figures.values())
+    types, of_target = recorded_types(reader), MovingFrames(placed[:1], [0])
+    of_robots = MovingFrames(placed[1:], range(1, robots(reader) + 1))
+    shows = types.codecs[SAMPLES.kind].shapes.get("position") == (about(reader).run.joints,)
     kinds = {SCENE: SceneUpdate.DESCRIPTOR, TF: FrameTransforms.DESCRIPTOR}
     channels = [Channel(topic, kind.full_name, counted=False) for topic, kind in kinds.items()]
     schemas = [Schema(kind.full_name, _described(kind.file)) for kind in kinds.values()]
     with copy_of(reader, path, {}, channels, schemas) as writer:
-        for number, chunk in enumerate(reader.batches()):
-            added = _moves(reader, figures, apart, chunk[0][0], chunk[-1][0] + 1)
+        for number, columns in enumerate(reader.columns()):
+            added: list[Message] = []
             if not number:
-                time_ns, _, k, _ = chunk[0]
-                added.append((time_ns, SCENE, k, _figures(figures, time_ns).SerializeToString()))
-            writer.write([*chunk, *added])
+                time_ns, k = int(columns.time[0]), int(columns.sequence[0])
+                still = [transform for robot in placed for transform in _still(robot)]
+                scene = SceneUpdate(entities=_entities(placed, time_ns))
+                added.append((time_ns, SCENE, k, scene.SerializeToString()))
+                added.append((time_ns, TF, k, _transforms(time_ns, still).SerializeToString()))
+            for table, frames in ((STATES, of_robots), (SAMPLES, of_target)):
+                found = rows_of(reader, types, table, columns)
+                if found is None or not frames.names or not (table is STATES or shows):
+                    continue
+                mine = found if table is STATES else found[found["robot"] == 0]
+                for row, at in zip(
+                    mine[:: frames.robots], frames.at(mine["position"]), strict=True
+                ):
+                    moved = zip(frames.names, at, strict=True)
+                    message = _transforms(int(row["time_ns"]), moved).SerializeToString()
+                    added.append((int(row["time_ns"]), TF, int(row["k"]), message))
+            writer.write([*columns.messages(reader.topics), *added])
         writer.finish(*ending(reader))
+
+
+Transform = tuple[tuple[str, str], NDArray[np.float64]]
+"""The parent and the child frame, and seven numbers."""
+
+
+def _still(robot: PlacedRobot) -> Iterable[Transform]:
+    return zip(*robot.still, strict=True)
 
 
 def _described(file: FileDescriptor) -> bytes:
@@ -85,89 +104,60 @@ def _stamp(time_ns: int) -> Timestamp:
     return Timestamp(seconds=time_ns // _NS_PER_S, nanos=time_ns % _NS_PER_S)
 
 
-def frame(robot: int, link: int) -> str:
-    """Return the name of the frame of a robot's link, from 1; link 0 is the frame of a point."""
-    return f"robot/{robot}/link/{link}" if link else f"robot/{robot}"
-
-
-def _figures(figures: Mapping[int, Links], time_ns: int) -> SceneUpdate:
+def _entities(placed: Sequence[PlacedRobot], time_ns: int) -> list[SceneEntity]:
     """What all frames carry, for good."""
-    scene = SceneUpdate()
-    for robot, links in figures.items():
-        red, green, blue = _COLOURS[robot % len(_COLOURS)] if robot else (0.6, 0.6, 0.6)
-        colour = Color(r=red, g=green, b=blue, a=1.0 if robot else 0.4)
-        thick = 0.06 * max(links, default=3.0)
-        ball = SpherePrimitive(
-            pose=Pose(position=Vector3(), orientation=Quaternion(w=1)),
-            size=Vector3(x=1.5 * thick, y=1.5 * thick, z=1.5 * thick),
-            color=colour,
-        )
-        for link, length in enumerate(links, 1) if links else ((0, 0.0),):
-            rod = CylinderPrimitive(
-                pose=Pose(position=Vector3(x=length / 2), orientation=_ALONG_X),
-                size=Vector3(x=thick, y=thick, z=length),
-                bottom_scale=1,
-                top_scale=1,
-                color=colour,
+    entities = []
+    for robot in placed:
+        colour = Color(**dict(zip("rgba", robot.colour, strict=True)))
+        for link, shapes in robot.description.shapes.items():
+            frame = robot.frame(link)
+            entity = SceneEntity(
+                timestamp=_stamp(time_ns), frame_id=frame, id=frame, frame_locked=True
             )
-            scene.entities.append(
-                SceneEntity(
-                    timestamp=_stamp(time_ns),
-                    frame_id=frame(robot, link),
-                    id=frame(robot, link),
-                    frame_locked=True,
-                    spheres=[ball],
-                    cylinders=[rod] if link else [],
+            _add(entity, shapes, colour)
+            entities += [entity] if shapes else []
+    return entities
+
+
+def _add(entity: SceneEntity, shapes: Sequence[Shape], colour: Color) -> None:
+    for shape in shapes:
+        pose = Pose(position=_vector(*shape.xyz), orientation=_quaternion(quaternion(shape.rpy)))
+        match shape.kind:
+            case "box":
+                cube = CubePrimitive(pose=pose, size=_vector(*shape.size), color=colour)
+                entity.cubes.append(cube)
+            case "sphere":
+                size = _vector(*(2 * shape.size[0],) * 3)
+                entity.spheres.append(SpherePrimitive(pose=pose, size=size, color=colour))
+            case _:
+                radius, length = shape.size
+                size = _vector(2 * radius, 2 * radius, length)
+                rod = CylinderPrimitive(
+                    pose=pose, size=size, bottom_scale=1, top_scale=1, color=colour
                 )
-            )
-    return scene
+                entity.cylinders.append(rod)
 
 
-def _moves(
-    reader: Reader, figures: Mapping[int, Links], apart: float, start_ns: int, end_ns: int
-) -> list[Message]:
-    """The messages on `/tf` with start_ns <= log_time < end_ns."""
-    found: dict[int, tuple[int, list[tuple[int, NDArray[np.float64]]]]] = {}
-    for table, part in rows(reader, [SAMPLES, STATES], figures.keys(), start_ns, end_ns):
-        if "position" not in (part.dtype.names or ()) or part["position"].ndim == 1:
-            continue  # samples of an algorithm that does not send where the target is
-        for row in part:
-            if (table is SAMPLES) == (row["robot"] == 0):
-                _, robots = found.setdefault(int(row["time_ns"]), (int(row["k"]), []))
-                robots.append((int(row["robot"]), row["position"]))
-    return [
-        (time_ns, TF, k, _transforms(time_ns, robots, figures, apart).SerializeToString())
-        for time_ns, (k, robots) in found.items()
-    ]
-
-
-def _transforms(
-    time_ns: int,
-    robots: list[tuple[int, NDArray[np.float64]]],
-    figures: Mapping[int, Links],
-    apart: float,
-) -> FrameTransforms:
-    stamp, made = _stamp(time_ns), []
-    for robot, q in robots:
-        links = figures[robot]
-        if not links:
-            x, y = (*q.tolist(), 0.0)[:2]
-            made.append((WORLD, frame(robot, 0), Vector3(x=x, y=y), Quaternion(w=1)))
-            continue
-        parent, at = WORLD, Vector3(y=apart * robot)
-        turns = zip(np.sin(-q / 2).tolist(), np.cos(q / 2).tolist(), links, strict=True)
-        for link, (sine, cosine, length) in enumerate(turns, 1):
-            made.append((parent, frame(robot, link), at, Quaternion(y=sine, w=cosine)))
-            parent, at = frame(robot, link), Vector3(x=length)
+def _transforms(time_ns: int, frames: Iterable[Transform]) -> FrameTransforms:
+    stamp = _stamp(time_ns)
     return FrameTransforms(
         transforms=[
             FrameTransform(
                 timestamp=stamp,
                 parent_frame_id=parent,
                 child_frame_id=child,
-                translation=at,
-                rotation=rotation,
+                translation=_vector(*numbers[:3].tolist()),
+                rotation=_quaternion(numbers[3:]),
             )
-            for parent, child, at, rotation in made
+            for (parent, child), numbers in frames
         ]
     )
+
+
+def _vector(x: float, y: float, z: float) -> Vector3:
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(numbers: NDArray[np.float64]) -> Quaternion:
+    x, y, z, w = numbers.tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)

@@ -30,6 +30,7 @@ from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, steady_state
 from nrs_cosim.recordings.report.subject import Subject
+from nrs_cosim.recordings.robots.skeleton import Skeleton, skeletons
 from nrs_cosim.recordings.schemas import RecordedTypes, about, recorded_types
 from nrs_cosim.recordings.units import coordinate_of, field_unit
 
@@ -100,6 +101,8 @@ class Story:
     """(T,) the output times, s."""
     t_k: Array
     """(K,) the sampling times from t_1 on, s."""
+    skeletons: tuple[Skeleton, ...]
+    """(r,) how they are drawn."""
     vectors: dict[str, Array]
     """(T, r, m) of the joints and of the estimates that they follow: `VECTORS`."""
     target: dict[str, Array]
@@ -195,6 +198,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         drawn=drawn,
         t=t,
         t_k=t_k,
+        skeletons=skeletons(reader, drawn.tolist(), m),
         vectors=vectors,
         target={"position": position, "velocity": velocity},
         agents=agents,

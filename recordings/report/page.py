@@ -126,18 +126,37 @@ def _plotly() -> str:
 
 
 MOST_FRAMES = 900
+MOST_NUMBERS = 2**21
+"""Of all frames' points: a robot of many links moves in fewer of them."""
 
 
 def motion(story: Story, arrays: Arrays) -> dict[str, Any]:
-    """Return the frames of a story for the page: arrays (frames, robots, m) in single precision."""
-    count = len(story.t)
-    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).astype(np.intp))
-    arms = [story.subject.arms[robot - 1] for robot in story.drawn]
+    """Return the frames of a story for the page, in single precision.
+
+    Joint space is (frames, robots, m); a robot's points are (frames, points, 2), and so are those
+    of the target, which is drawn as the first robot that is no mere point.
+    """
+    drawn = [skeleton for skeleton in story.skeletons if skeleton.parents]
+    points = 2 * sum(len(skeleton.parents) + 1 for skeleton in drawn)
+    most = min(len(story.t), MOST_FRAMES, max(MOST_NUMBERS // max(points, 1), 2))
+    rows = np.unique(np.linspace(0, len(story.t) - 1, most).astype(np.intp))
+    q = story.vectors["position"][rows]
+    target = story.target["position"][rows]
+
+    def put(values: NDArray[np.float64]) -> int:
+        return arrays.put(values.astype(np.float32))
+
     return {
         "t": arrays.put(story.t[rows]),
-        "q": arrays.put(story.vectors["position"][rows].astype(np.float32)),
-        "estimates": arrays.put(story.vectors["reference_position"][rows].astype(np.float32)),
-        "target": arrays.put(story.target["position"][rows].astype(np.float32)),
-        "lengths": [arm.lengths for arm in arms],
-        "known": all(arm.known for arm in arms),
+        "q": put(q),
+        "estimates": put(story.vectors["reference_position"][rows]),
+        "target": put(target),
+        "parents": [list(skeleton.parents) for skeleton in story.skeletons],
+        "points": [
+            put(skeleton.points(q[:, at])) if skeleton.parents else None
+            for at, skeleton in enumerate(story.skeletons)
+        ],
+        "target_parents": list(drawn[0].parents) if drawn else [],
+        "target_points": put(drawn[0].points(target)) if drawn else None,
+        "known": all(skeleton.known for skeleton in story.skeletons),
     }

@@ -12,16 +12,6 @@ MIXED, UNKNOWN = "mixed units", "unit not known"
 """Stand where a number or an axis is over joints in unlike units, or in none that an FMU gives."""
 
 
-@dataclass(frozen=True, slots=True)
-class Arm:
-    """How a robot is drawn: a chain of links in the plane, or without any a point at (q_1, q_2)."""
-
-    lengths: tuple[float, ...]
-    """(m,) m: of the links from the base on; empty for a point."""
-    known: bool = True
-    """Whether the plant tells them; a chain of unit lengths is drawn where it does not."""
-
-
 def unit_over(units: Collection[str]) -> str:
     """Return the unit of all joints, or in words that there is no such one."""
     if len(set(units)) > 1:
@@ -43,8 +33,6 @@ class Subject:
     """All links that there are at some time, each with its largest weight."""
     phases: str
     """When these links are there, in words; empty where it is always."""
-    arms: Sequence[Arm]
-    """(n,) of the robots 1 … n."""
     unit: str
     """Of a joint's position, or in words that there is none; see `unit_over`."""
     joints: Sequence[str]

@@ -25,6 +25,7 @@ from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.robots.frames import MovingFrames
 from nrs_cosim.recordings.robots.placed import PlacedRobot, own_urdf, placed_robots
 from nrs_cosim.recordings.ros2 import cdr
 from nrs_cosim.recordings.ros2.bag import Bag, Topic, new_bag
@@ -86,11 +87,14 @@ class _Conversion:
         if all(sent.get(name) == (run.joints,) for name in ("position", "velocity")):
             self.read.append(topic_of("sample", 0))
             self._target = joints("joint_states", [0], effort=False)
-        self._frames: list[_Frames] = []
+        self._frames: list[tuple[int, cdr.Templates, MovingFrames]] = []
         self._once: list[tuple[int, cdr.Templates, dict[str, Any]]] = []
         if placed:
             on = self._add("/tf", of=TF)
-            self._frames = [_Frames(placed[1:], robots, on), _Frames(placed[:1], [0], on)]
+            for those, of in ((placed[1:], robots), (placed[:1], [0])):
+                moving = MovingFrames(those, of)
+                templates = cdr.Templates.of([cdr.transforms(moving.names)])
+                self._frames.append((on, templates, moving))
             self._describe(placed if self._target else placed[1:])
         events = [topic for i in robots if (topic := topic_of("link_event", i)) in there]
         self.read += events
@@ -150,10 +154,10 @@ class _Conversion:
                 which = of.row[rows["robot"]]
                 numbers = {name: rows[field] for name, field in fields.items()}
                 add(of.channel + which, of.templates, which, rows, **numbers)
-        for rows, frames in zip((states, targets), self._frames, strict=False):
-            if rows is not None and frames.templates is not None:
+        for rows, (on, templates, frames) in zip((states, targets), self._frames, strict=False):
+            if rows is not None and frames.names:
                 at = rows[:: frames.robots]
-                add(frames.channel, frames.templates, np.zeros(len(at), np.intp), at,
+                add(on, templates, np.zeros(len(at), np.intp), at,
                     frame=frames.at(rows["position"]))  # fmt: skip
         if events is not None:
             templates, which = _logged(events)
@@ -169,36 +173,6 @@ class _JointStates:
         self.row = np.zeros(max(robots) + 1, np.intp)
         """Of each robot its template."""
         self.row[[*robots]] = np.arange(len(robots))
-
-
-class _Frames:
-    """The frames of all joints that move, of robots among those that states are of."""
-
-    def __init__(self, placed: Sequence[PlacedRobot], robots: Sequence[int], channel: int) -> None:
-        self.channel, self.robots = channel, len(robots)
-        moving = [frame for robot in placed for frame in robot.moving]
-        self.templates = cdr.Templates.of([cdr.transforms(moving)]) if moving else None
-        self._count = len(moving)
-        column = {robot: at for at, robot in enumerate(robots)}
-        ends = np.cumsum([0, *(len(robot.moving) for robot in placed)])
-        self._alike: dict[int, list[tuple[int, int]]] = {}
-        """Of robots of the same kinematics the columns of their states and of their frames."""
-        self._kinematics = {id(robot.kinematics): robot.kinematics for robot in placed}
-        for robot, end in zip(placed, ends.tolist(), strict=False):
-            places = (column[robot.number], end)
-            self._alike.setdefault(id(robot.kinematics), []).append(places)
-
-    def at(self, q: Array) -> Array:
-        """Return (times, frames, 7) of positions (times · robots, m), a time after the other."""
-        by_time = q.reshape(-1, self.robots, q.shape[1])
-        found = np.empty((len(by_time), self._count, 7))
-        for key, places in self._alike.items():
-            kinematics = self._kinematics[key]
-            columns, begins = np.array(places).T
-            mine = kinematics.joints(by_time[:, columns].reshape(-1, q.shape[1]))
-            mine = mine[:, kinematics.moving].reshape(len(by_time), len(columns), -1, 7)
-            found[:, begins[:, np.newaxis] + np.arange(mine.shape[2])] = mine
-        return found
 
 
 _EVENT = ("robot", "source", "lost", "outage", "delay", "duplicates")

@@ -1,6 +1,7 @@
 """A recording of an algorithm that is not installed is read, compared, drawn and exported."""
 
 import json
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,11 @@ import pytest
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.messages import STATE
+from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
 from nrs_cosim.recordings.mcap.container import Schema
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
+from nrs_cosim.recordings.metadata import URDFS
 from tests.command import nrs
 from tests.recordings import made_up_runs
 from tests.scenarios import toml
@@ -20,6 +23,7 @@ SENT = {"position": Field(truth="position"), "P": Field((2, "m")), "level": Fiel
 KEPT = {**ESTIMATE, "last": Field(("in_degree",))}
 CODECS = Codecs.of(Sizes(M, N, 2), "Mine", SENT, KEPT)
 NOT_HERE = {"algorithm": {"name": "no_such_law", "gain": 0.9, "missing": "hold", "where": "here"}}
+ARM = model_urdf("n_link_arm", {"n": M}, [f"joint_{j}" for j in range(1, M + 1)]).encode()
 SCENARIO = toml(NOT_HERE, base=made_up_runs.chain(N, M, 10))
 
 
@@ -38,8 +42,11 @@ def written(
         version="1",
         channels=channels,
         schemas=by_name.values(),
-        metadata=metadata,
-        attachments={"scenario.toml": ("application/toml", scenario.encode())},
+        metadata={**metadata, URDFS: {f"{sha256(ARM).hexdigest()}.urdf": str([*range(1, N + 1)])}},
+        attachments={
+            "scenario.toml": ("application/toml", scenario.encode()),
+            f"{sha256(ARM).hexdigest()}.urdf": ("application/xml", ARM),
+        },
     ) as writer:
         for k in range(ticks + 1):
             writer.write(made_up_runs.tick(k, N, M, (2,), codecs))

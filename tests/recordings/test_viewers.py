@@ -1,5 +1,6 @@
 """A recording of the paper's example opens elsewhere, with our counts and our numbers."""
 
+import hashlib
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,15 @@ from mcap_protobuf.decoder import DecoderFactory
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of
-from nrs_cosim.orchestrator.report.subject import shapes_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.export.scene import write_scene
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.metadata import URDFS
+from nrs_cosim.recordings.robots.placed import placed_robots
+from tests.orchestrator.test_assets import again
 from tests.recordings.made_up_runs import recorded
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -88,50 +92,64 @@ def matrix(transform: Any) -> np.ndarray:
 def test_a_scene_shows_the_arms_at_their_positions(example: Path, tmp_path: Path) -> None:
     path = tmp_path / "scene.mcap"
     with Reader(example) as reader:
-        shapes = shapes_of(experiment_of(reader))
-        assert shapes == dict.fromkeys(range(1, 7), (1.0, 0.8))
-        write_scene(reader, path, shapes)
+        placed = placed_robots(reader)
+        write_scene(reader, path, placed)
         with Reader(path, verify=True) as new:
             assert (new.digest, new.status, new.ticks) == (reader.digest, "completed", 300)
             assert new.damage == []
             ours = [channel.topic for channel in reader.channels]
             assert list(new.messages(ours)) == list(reader.messages())
         with pytest.raises(UncreatableError, match="is there already"):
-            write_scene(reader, path, shapes)
+            write_scene(reader, path, placed)
     found = decoded(path)
     (scene,) = [value for topic, _, value in found if topic == "/scene"]
-    frames = {entity.frame_id for entity in scene.entities}
-    assert len(frames) == 7 * 2
-    lengths = {e.frame_id: e.cylinders[0].size.z for e in scene.entities}
-    moves = {m.log_time: value for topic, m, value in found if topic == "/tf"}
+    lengths = {e.frame_id: e.cylinders[0].size.z for e in scene.entities if e.cylinders}
+    names = ["target", *(f"robot_{i}" for i in range(1, 7))]
+    links = {f"{name}/link_{k}": length for name in names for k, length in ((1, 1.0), (2, 0.8))}
+    assert lengths == links
+    moves: dict[int, list[Any]] = {}
+    for topic, message, value in found:
+        if topic == "/tf":
+            assert {one.timestamp.ToNanoseconds() for one in value.transforms} == {message.log_time}
+            moves.setdefault(message.log_time, []).extend(value.transforms)
+    still = {one.child_frame_id: one for one in moves[0]}
     with Recording(path) as recording:
         states = recording.states()
-        assert len(moves) == len(np.unique(states["time_ns"]))
-        for row in states[::97]:
-            made = {t.child_frame_id: t for t in moves[int(row["time_ns"])].transforms}
-            assert made.keys() <= frames
-            first, second = (f"robot/{row['robot']}/link/{i}" for i in (1, 2))
-            assert (made[first].parent_frame_id, made[second].parent_frame_id) == ("world", first)
-            assert (lengths[first], lengths[second]) == (1.0, 0.8)
-            end = matrix(made[first]) @ matrix(made[second]) @ [0.8, 0, 0, 1]
-            one, both = row["position"][0], row["position"].sum()
-            x, z = np.cos(one) + 0.8 * np.cos(both), np.sin(one) + 0.8 * np.sin(both)
-            assert end[[0, 2]] == pytest.approx([x, z], abs=1e-9)
+    assert moves.keys() == {*states["time_ns"].tolist()}
+    for row in states[::97]:
+        made = still | {one.child_frame_id: one for one in moves[int(row["time_ns"])]}
+        frame, place = f"robot_{row['robot']}/tip", np.eye(4)
+        while frame != "world":
+            place = matrix(made[frame]) @ place
+            frame = made[frame].parent_frame_id
+        one, both = row["position"][0], row["position"].sum()
+        x, z = np.cos(one) + 0.8 * np.cos(both), np.sin(one) + 0.8 * np.sin(both)
+        assert place[[0, 2], 3] == pytest.approx([x, z], abs=1e-9)
 
 
 def test_points_move_in_the_plane(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     recorded(path, n=2, m=2, ticks=3)
-    with Reader(path) as reader:
-        write_scene(reader, tmp_path / "b.mcap", {2: ()})
+    urdf = model_urdf("planar_robot", {}, ["joint_1", "joint_2"]).encode()
+    name = f"{hashlib.sha256(urdf).hexdigest()}.urdf"
+    again(
+        path,
+        tmp_path / "b.mcap",
+        attachments=lambda kept: {**kept, name: ("application/xml", urdf)},
+        records=lambda kept: {**kept, URDFS: {name: "[1, 2]"}},
+    )
+    with Reader(tmp_path / "b.mcap") as reader:
+        write_scene(reader, tmp_path / "c.mcap", placed_robots(reader))
     with Recording(path) as recording:
-        places = {(row["time_ns"], 2): row["position"] for row in recording.states([2])}
-        places |= {(row["time_ns"], 0): row["position"] for row in recording.samples([0])}
-    shown = {
-        (message.log_time, int(move.child_frame_id[-1])): [move.translation.x, move.translation.y]
-        for topic, message, value in decoded(tmp_path / "b.mcap")
-        if topic == "/tf"
-        for move in value.transforms
-    }
+        states, samples = recording.states(), recording.samples([0])
+    places = {(row["time_ns"], row["robot"]): row["position"] for row in (*states, *samples)}
+    shown: dict[Any, Any] = {}
+    for topic, message, value in decoded(tmp_path / "c.mcap"):
+        for one in value.transforms if topic == "/tf" else ():
+            robot, link = one.child_frame_id.split("/")
+            if link.startswith("link_"):
+                at = (message.log_time, int(robot[-1]) if robot != "target" else 0)
+                shift = [getattr(one.translation, axis) for axis in "xy"]
+                shown[at] = np.array(shift) + shown.get(at, 0)
     assert shown.keys() == places.keys()
-    assert all(shown[at] == places[at].tolist() for at in places)
+    assert all(shown[at].tolist() == places[at].tolist() for at in places)

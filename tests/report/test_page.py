@@ -14,14 +14,13 @@ from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.messages import LINK_EVENT, Codec
 from nrs_cosim.orchestrator.cli.main import app
-from nrs_cosim.orchestrator.report.subject import arm_of
-from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.tables import samples, states
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.figures import BUCKETS, figures, kept
 from nrs_cosim.recordings.report.page import page
 from nrs_cosim.recordings.report.subject import unit_over
+from nrs_cosim.recordings.robots.skeleton import skeletons
 from tests.recordings.made_up_runs import recorded as recorded_run
 from tests.report.conftest import story
 
@@ -300,13 +299,31 @@ def test_names_from_a_recording_are_escaped(recorded):
     assert sentences_of(text)["runs"][0]["name"] == "</script><b>{{plotly}}"
 
 
-def test_arms_are_drawn_with_their_plants_lengths():
-    assert arm_of(Plant(fmu="two_link_arm"), 2).lengths == (1.0, 0.8)
-    assert arm_of(Plant(fmu="two_link_arm", parameters={"r2": 0.5}), 2).lengths == (1.0, 0.5)
-    assert arm_of(Plant(fmu="n_link_arm", parameters={"n": 4}), 4).lengths == (0.5,) * 4
-    assert arm_of(Plant(fmu="planar_robot"), 2).lengths == ()
-    unknown = arm_of(Plant(fmu="theirs.fmu"), 3)
-    assert (unknown.lengths, unknown.known) == ((1.0, 1.0, 1.0), False)
+def test_arms_are_drawn_where_their_links_are(recorded):
+    path = recorded("arms", {"run.duration": 1.0, "plant.parameters": {"r2": 0.5}})
+    drawn = story(path).skeletons[0]
+    q = np.array([[0.3, 0.4], [np.nan, 1.0]])
+    assert (drawn.parents, drawn.known) == ((0, 1, 2), True)
+    elbow, tip = drawn.points(q)[0, 2:]
+    assert elbow == pytest.approx([np.cos(0.3), np.sin(0.3)])
+    assert tip - elbow == pytest.approx([0.5 * np.cos(0.7), 0.5 * np.sin(0.7)])
+    assert np.isnan(drawn.points(q)[1, 3]).all()
+
+
+def test_robots_of_which_no_urdf_is_known_are_chains_of_unit_links(tmp_path):
+    recorded_run(tmp_path / "a.mcap", n=2, m=3, ticks=2)
+    with Reader(tmp_path / "a.mcap") as reader:
+        (drawn, _) = skeletons(reader, [1, 2], 3)
+    assert (drawn.parents, drawn.known) == ((0, 1, 2, 3), False)
+    straight = drawn.points(np.zeros((1, 3)))[0]
+    assert straight.tolist() == [[x, 0] for x in (0, 0, 1, 2, 3)]
+
+
+def test_a_point_is_drawn_in_the_plane_of_its_joints(recorded):
+    path = recorded("points", {"run.duration": 0.2, "plant": {"fmu": "planar_robot"}})
+    assert story(path).skeletons[0].parents == ()
+    (run,) = sentences_of(page([story(path)]))["runs"]
+    assert run["motion"]["target_points"] is None
 
 
 def test_an_unwritable_output_is_named(paper, tmp_path):

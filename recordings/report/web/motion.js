@@ -1,4 +1,4 @@
-// The moving picture: arms as chains of links, robots without links as points, on two canvases.
+// The moving picture: arms as their links, robots without links as points, on two canvases.
 
 const picture = {
   runs: [], end: 0, now: 0, playing: false, before: 0,
@@ -14,7 +14,10 @@ const picture = {
     this.runs = runs.filter(({ motion }) => motion).map((run) => {
       const motion = run.motion;
       const t = arrays[motion.t], q = arrays[motion.q], m = q.length / t.length / run.robots.length;
-      return { t, q, m, robots: run.robots, lengths: motion.lengths, known: motion.known,
+      const points = motion.points.map((number) => arrays[number]);
+      const target_figure = { parents: motion.target_parents, points: arrays[motion.target_points] };
+      return { t, q, m, robots: run.robots, known: motion.known, target_figure,
+        figures: motion.parents.map((parents, row) => ({ parents, points: points[row] })),
         estimates: arrays[motion.estimates], target: arrays[motion.target], unit: run.unit,
         groups: run.robots.map((robot) => (runs.length > 1 ? run.name : `robot ${robot}`)) };
     });
@@ -24,8 +27,11 @@ const picture = {
     if (!this.runs.length) return;
     this.end = Math.max(...this.runs.map(({ t }) => t[t.length - 1]));
     $("#slider").max = this.end || 1;
-    const chains = this.runs.some(({ lengths }) => lengths.some((links) => links.length));
-    const points = this.runs.some(({ lengths }) => lengths.some((links) => !links.length));
+    const all = this.runs.flatMap(({ figures }) => figures);
+    const chains = all.some(({ parents }) => parents.length), points = all.some(({ parents }) => !parents.length);
+    this.far = 0;
+    for (const { points } of all)
+      for (const along of points || []) if (Math.abs(along) > this.far) this.far = Math.abs(along);
     $("#jointspace").hidden = !chains || this.runs.every(({ m }) => m < 2);
     const unknown = this.runs.some(({ known }) => !known);
     $("#workspace figcaption").textContent = !chains ? `the plane (${this.runs[0].unit}); rings are estimates; the picture goes with the target, the cross`
@@ -85,7 +91,7 @@ const picture = {
   },
 
   // the values of one row of a run's array at a time, between its frames
-  at(run, array, row, rows, t) {
+  at(run, array, row, rows, t, width = run.m) {
     const times = run.t;
     let low = 0, high = times.length - 1;
     while (high - low > 1) {
@@ -94,8 +100,8 @@ const picture = {
     }
     const part = high > low ? Math.min(Math.max((t - times[low]) / (times[high] - times[low]), 0), 1) : 0;
     const values = [];
-    for (let axis = 0; axis < run.m; axis++) {
-      const from = array[(low * rows + row) * run.m + axis], to = array[(high * rows + row) * run.m + axis];
+    for (let axis = 0; axis < width; axis++) {
+      const from = array[(low * rows + row) * width + axis], to = array[(high * rows + row) * width + axis];
       values.push(from + (to - from) * part);
     }
     return values;
@@ -138,16 +144,17 @@ const picture = {
     return ([x, y]) => [side / 2 + (x - middle[0]) * scale, side / 2 - (y - middle[1]) * scale];
   },
 
-  chain(angles, lengths) {
-    const joints = [[0, 0]];
-    let [x, y, phi] = [0, 0, 0];
-    lengths.forEach((length, link) => {
-      phi += angles[link];
-      x += length * Math.cos(phi);
-      y += length * Math.sin(phi);
-      joints.push([x, y]);
-    });
-    return joints;
+  // where the points of a robot's links are on the canvas at a time
+  places(run, figure, t, to) {
+    const flat = this.at(run, figure.points, 0, 1, t, 2 * (figure.parents.length + 1));
+    return [...Array(flat.length / 2).keys()].map((at) => to([flat[2 * at], flat[2 * at + 1]]));
+  },
+
+  limbs(brush, places, { parents }) {
+    if (places.flat().some(Number.isNaN)) return;
+    brush.beginPath(); // one for all, so that nothing is darker where they meet
+    parents.forEach((parent, at) => { brush.moveTo(...places[parent]); brush.lineTo(...places[at + 1]); });
+    brush.stroke();
   },
 
   line(brush, points) {
@@ -163,40 +170,36 @@ const picture = {
     if (fill) brush.fill(); else brush.stroke();
   },
 
-  trail(run, row, map) { // of the last second and a half
+  trail(place) { // of the last second and a half
     const points = [];
     for (let past = 45; past >= 0; past--) {
       const t = this.now - past / 30;
-      if (t >= 0) points.push(map(this.at(run, run.q, row, run.robots.length, t)));
+      if (t >= 0) points.push(place(t));
     }
     return points;
   },
 
   arms(brush, side) {
-    const reach = Math.max(...this.runs.flatMap(({ lengths }) => lengths.map((links) => links.reduce((a, b) => a + b, 0))));
-    const to = this.grid(brush, side, [0, 0], reach * 1.12);
+    const to = this.grid(brush, side, [0, 0], this.far * 1.12);
     for (const [at, run] of this.runs.entries()) {
-      const links = run.lengths.find((some) => some.length);
-      if (links && shown.has("target") && at === 0) {
+      if (run.target_figure.points && shown.has("target") && at === 0) {
         brush.strokeStyle = brush.fillStyle = theme.colour("--ink");
         brush.globalAlpha = 0.22;
         brush.lineWidth = 16;
-        this.line(brush, this.chain(this.at(run, run.target, 0, 1, this.now), links).map(to));
+        this.limbs(brush, this.places(run, run.target_figure, this.now, to), run.target_figure);
         brush.globalAlpha = 1;
       }
-      run.robots.forEach((_, row) => {
-        if (!shown.has(run.groups[row])) return;
-        const colour = theme.ink(run.inks[row]), lengths = run.lengths[row];
-        const tip = (q) => to(this.chain(q, lengths).at(-1));
-        brush.strokeStyle = brush.fillStyle = colour;
+      run.figures.forEach((figure, row) => {
+        if (!figure.points || !shown.has(run.groups[row])) return;
+        brush.strokeStyle = brush.fillStyle = theme.ink(run.inks[row]);
         brush.globalAlpha = 0.35;
         brush.lineWidth = 1.5;
-        this.line(brush, this.trail(run, row, tip));
+        this.line(brush, this.trail((t) => this.places(run, figure, t, to).at(-1)));
         brush.globalAlpha = 0.92;
         brush.lineWidth = 4;
-        const joints = this.chain(this.at(run, run.q, row, run.robots.length, this.now), lengths).map(to);
-        this.line(brush, joints);
-        joints.slice(1).forEach((joint) => this.dot(brush, joint, 5, true));
+        const places = this.places(run, figure, this.now, to);
+        this.limbs(brush, places, figure);
+        places.slice(1).forEach((place) => this.dot(brush, place, 5, true));
         brush.globalAlpha = 1;
       });
     }
@@ -217,7 +220,7 @@ const picture = {
         brush.strokeStyle = brush.fillStyle = theme.ink(run.inks[row]);
         brush.globalAlpha = 0.5;
         brush.lineWidth = 1.5;
-        this.line(brush, this.trail(run, row, two));
+        this.line(brush, this.trail((t) => two(this.at(run, run.q, row, run.robots.length, t))));
         brush.globalAlpha = 1;
         brush.lineWidth = 2;
         this.dot(brush, two(this.at(run, run.estimates, row, run.robots.length, this.now)), 8, false);
