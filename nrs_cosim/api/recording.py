@@ -56,7 +56,7 @@ class Recording(Tables):
         ...     with nrs.Recording(f"{folder}/run.mcap") as recording:
         ...         recording
         ...         recording.to_scenario() == scenario.replace({"run.duration": 1.0})
-        Recording('run.mcap': completed, 6 robots, 10 ticks, digest 66e3191d)
+        Recording('run.mcap': completed, 6 robots, 10 ticks, digest a53d8f96)
         True
     """
 

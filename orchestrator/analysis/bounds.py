@@ -39,6 +39,7 @@ from nrs_cosim.orchestrator.analysis.noise import (
     rounds,
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
+from nrs_cosim.orchestrator.analysis.stiffness import Stiffness, sampled_mobility, stiffness
 from nrs_cosim.orchestrator.analysis.tracking import Tracking, tracking_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
@@ -82,6 +83,8 @@ class UltimateBounds:
     paper: PaperBound | None
     robots: list[Bounded]
     tracking: Tracking
+    stiff: list[Stiffness]
+    """Robots whose gains are large for their inertia."""
 
     @property
     def steady_state(self) -> EstimateBounds | None:
@@ -111,6 +114,7 @@ class UltimateBounds:
             "noise": self.noise.as_json() if self.noise else None,
             "periods_between_samples": None if self.gaps is None else self.gaps.tolist(),
             "plants": [_plant(part) for part in self.robots],
+            "stiff": [part.as_json() for part in self.stiff],
             "tracking": {
                 **{name: pair_json(getattr(self.tracking, name)) for name in TRACKED},
                 "unproven": ["paper", "paper_of_worst_case"],
@@ -243,6 +247,7 @@ def ultimate_bounds(
         known.paper,
         robots,
         tracking,
+        stiffness(experiment, sampled_mobility(find)),
     )
 
 

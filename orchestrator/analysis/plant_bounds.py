@@ -61,12 +61,17 @@ def plant_bounds(experiment: Experiment, find: Find | None = None) -> list[Bound
 
     P3 of an FMU that is not bundled is what `find` finds.
     """
-    own = {robot.id: _table(robot) for robot in experiment.scenario.robots}
-    none, constant_period = _table(Robot(id=1)), defaultdict[str, list[int]](list)
-    for number in range(1, experiment.n + 1):
-        constant_period[own.get(number, none)].append(number)
     whole = experiment.target.bounds()
-    return [_bounded(experiment, robots, whole, find) for robots in constant_period.values()]
+    return [_bounded(experiment, robots, whole, find) for robots in alike(experiment)]
+
+
+def alike(experiment: Experiment) -> list[list[int]]:
+    """Return the robots, those together that differ in nothing but where they start."""
+    own = {robot.id: _table(robot) for robot in experiment.scenario.robots}
+    none, together = _table(Robot(id=1)), defaultdict[str, list[int]](list)
+    for number in range(1, experiment.n + 1):
+        together[own.get(number, none)].append(number)
+    return [*together.values()]
 
 
 def _table(robot: Robot) -> str:

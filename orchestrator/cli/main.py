@@ -305,6 +305,8 @@ def check(
         checked = theory_of(experiment, find)
         begin("bounds of the steady state")
         ultimate = ultimate_bounds(experiment, checked.rho, find)
+        for part in ultimate.stiff:
+            say("yellow", "warning", part.sentence())
         if worst_target and output:
             from nrs_cosim.orchestrator.analysis.worst_scenario import worst_target_changes
             from nrs_cosim.orchestrator.cli.scenario_files import changed_text, write_scenario

@@ -54,6 +54,7 @@ def run(
 ) -> None:
     """Run a scenario and record every message."""
     from nrs_cosim.orchestrator.analysis.conditions import check
+    from nrs_cosim.orchestrator.analysis.stiffness import mobility_at_start, stiffness
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
     from nrs_cosim.orchestrator.engine.attachments import with_fmus
     from nrs_cosim.orchestrator.engine.plants import naming_field, with_compiled_fmus
@@ -67,6 +68,8 @@ def run(
             experiment = with_compiled_fmus(experiment)
     for warning in check(experiment).warnings():
         say("yellow", "warning", warning)
+    for part in stiffness(experiment, mobility_at_start(experiment)):
+        say("yellow", "warning", part.sentence())
     with naming_field(scenario_name(scenario)):
         if embed_fmus:
             experiment = with_fmus(experiment)

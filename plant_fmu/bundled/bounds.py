@@ -52,6 +52,8 @@ class Bounds:
     """How they were found."""
     states: int | None = None
     """Of how many states they are the worst, where it was sampled; the truth may be worse."""
+    mobility: tuple[float, ...] = ()
+    """The largest (M⁻¹)_ii seen of each joint, 1/(kg m²) or 1/kg; none where it is not known."""
 
 
 def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | None:
@@ -72,7 +74,7 @@ def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | Non
         return None
     if model == "planar_robot":
         mass, drag = float(p["m"][0]), float(p["d"][0])
-        return Bounds(mass, mass, 0.0, 0.0, drag, "exact")
+        return Bounds(mass, mass, 0.0, 0.0, drag, "exact", mobility=(1 / mass,) * m if mass else ())
     if model == "two_link_arm":
         masses, lengths, drives = (np.append(p[f"{k}1"], p[f"{k}2"]) for k in "mrJ")
         return arm(masses, lengths, lengths, np.zeros(2), drives, float(p["g"][0]))
@@ -89,18 +91,24 @@ def arm(mass: Array, r: Array, c: Array, I: Array, J: Array, g: float) -> Bounds
     stretched = L.T @ a @ L
     weight = float(np.linalg.norm(abs(g) * L.T @ s))
     largest = float(np.linalg.eigvalsh(stretched)[-1] + J.max())
+    mobility: tuple[float, ...] = ()
     if n <= PATTERNS:
         postures = [L.T @ (a * np.outer(u, u)) @ L + np.diag(J) for u in _straight(n)]
         sizes = np.linalg.eigvalsh(np.array(postures))
         largest = float(sizes[:, -1].max())
+        if sizes[:, 0].min() > 0:
+            inverses = np.linalg.inv(np.array(postures))
+            mobility = tuple(inverses.diagonal(axis1=1, axis2=2).max(axis=0).tolist())
     if n == 1:
-        return Bounds(largest, largest, 0.0, weight, 0.0, "exact")
+        return Bounds(largest, largest, 0.0, weight, 0.0, "exact", mobility=mobility)
     if n == 2:
         least = float(sizes[:, 0].min())
-        return Bounds(least, largest, _turning(float(a[0, 1])), weight, 0.0, "exact")
+        turning = _turning(float(a[0, 1]))
+        return Bounds(least, largest, turning, weight, 0.0, "exact", mobility=mobility)
     apart = a - np.diag(np.diag(a))
     turning = float(np.linalg.norm(L.T @ (apart * np.sqrt(np.arange(1, n + 1))) @ L, 2))
-    return Bounds(float(J.min()), largest, turning, weight, 0.0, "safe, lambda_g exact")
+    source = "safe, lambda_g exact"
+    return Bounds(float(J.min()), largest, turning, weight, 0.0, source, mobility=mobility)
 
 
 def _straight(n: int) -> Iterator[Array]:

@@ -52,6 +52,19 @@ def sampled(task: CheckTask, budget: Budget) -> Bounds:
         return found.bounds(len(body.q))
 
 
+def start_mobility(task: CheckTask) -> tuple[float, ...]:
+    """Return (M⁻¹)_ii of each joint where a robot starts; `FmuError` says why it is not found."""
+    archive, body = task.archive, task.body
+    assert body is not None
+    sizes = sizes_of(assignments(archive, body.parameters))
+    offered = offers(archive, task.names, sizes)
+    with ExitStack() as stack:
+        probe = open_probe(stack, archive, body, task.names, offered, offered[0])
+        mechanics = MechanicsProbe(probe, body, Budget())
+        found = mechanics.mobility(body.q, mechanics.spans[0]).diagonal()
+    return tuple(found.tolist())
+
+
 class _Worst:
     """The worst that was seen of one plant."""
 
@@ -59,6 +72,7 @@ class _Worst:
         self._mechanics = mechanics
         self._least, self._most, self._weight = np.inf, 0.0, 0.0
         self._turning, self._drag = 0.0, 0.0
+        self._mobility = np.zeros(0)
 
     def bounds(self, m: int) -> Bounds:
         """Draw, climb, and return the worst."""
@@ -93,6 +107,7 @@ class _Worst:
             self._drag,
             source="sampled",
             states=self._mechanics.states,
+            mobility=tuple(self._mobility.tolist()),
         )
 
     def _still(self, q: Array) -> tuple[float, float, float]:
@@ -104,6 +119,8 @@ class _Worst:
         self._least = min(self._least, float(sizes[0]))
         self._most = max(self._most, float(sizes[-1]))
         self._weight = max(self._weight, weight)
+        mobile = mobility.diagonal()
+        self._mobility = np.maximum(self._mobility, mobile) if self._mobility.size else mobile
         return -float(sizes[0]), float(sizes[-1]), weight
 
     def _moving(self, q: Array) -> float:

@@ -110,7 +110,7 @@ def p3_of(task: CheckTask, deadline: float = DEADLINE) -> Bounds:
     (line,) = report.lines
     if "why" in line:
         raise FmuError(line["why"])
-    return Bounds(**line)
+    return Bounds(**{**line, "mobility": tuple(line["mobility"])})
 
 
 def _found_apart(task: CheckTask, deadline: float, tell: Tell) -> list[Finding]:

@@ -107,7 +107,7 @@ def test_bounds_of_longer_arms_are_safe_and_reached_when_exact(n):
 
 
 def test_a_point_mass_is_bounded_by_its_mass_and_drag():
-    drag = Bounds(3.0, 3.0, 0.0, 0.0, 0.5, "exact")
+    drag = Bounds(3.0, 3.0, 0.0, 0.0, 0.5, "exact", mobility=(1 / 3, 1 / 3))
     assert bounds_of("planar_robot", {"m": 3.0}, 2) == drag
 
 
