@@ -25,11 +25,11 @@ import nrs_cosim as nrs
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario
 from nrs_cosim.orchestrator.study.axes import axis_of
+from nrs_cosim.orchestrator.study.plan import StudyPlan, task_of
 from nrs_cosim.orchestrator.study.point_run import run_point
-from nrs_cosim.orchestrator.study.points import study_point
+from nrs_cosim.orchestrator.study.points import PointReader
 from nrs_cosim.orchestrator.study.rows import StudyRow
 from nrs_cosim.orchestrator.study.store import StudyStore
-from nrs_cosim.orchestrator.study.study import StudyPlan, task_of
 
 PAPER = Path(__file__).parents[1] / "scenarios/paper_first_order.toml"
 NRS = Path(sys.executable).with_name("nrs")
@@ -42,6 +42,7 @@ def overhead() -> None:
     """Processor time of a point beyond its bare run: planning, theory, measuring, the row."""
     base = read_scenario(PAPER)
     plan = StudyPlan({base.name: base}, [])
+    reader = PointReader(plan.scenarios)
     with TemporaryDirectory() as folder, StudyStore(Path(folder)) as store:
         found: dict[str, list[float]] = {"first of its gains": [], "same but for the seed": []}
         whole: list[float] = []
@@ -49,13 +50,13 @@ def overhead() -> None:
             for kind, seed in (("first of its gains", 1), ("same but for the seed", 2)):
                 values = {"algorithm.alpha": 0.5 + number / 50, "run.seed": seed}
                 begun = process_time()
-                point = study_point(plan.scenarios, values)
+                point = reader.at(values)
                 task = task_of(point, plan, store)
                 row = run_point(task)
                 assert isinstance(row, dict)
                 store.put(StudyRow.of(row))
                 all_of_it = process_time() - begun
-                experiment = parse_scenario(point.text, point.name, base.folder, "bare")
+                experiment = parse_scenario(task.text, task.name, base.folder, "bare")
                 begun = process_time()
                 run(experiment, Path(folder) / "bare.mcap")
                 bare = process_time() - begun
@@ -72,7 +73,7 @@ def efficiency() -> None:
     loop = (
         "import sys; from pathlib import Path; from time import perf_counter;"
         "from nrs_cosim.orchestrator.engine.run import run;"
-        "from nrs_cosim.orchestrator.scenario.file import read_scenario;"
+        "from nrs_cosim.orchestrator.scenario.file import parse_scenario, read_scenario;"
         "e = read_scenario(Path(sys.argv[1])); run(e.but(), Path(sys.argv[2]));"
         "t = perf_counter();"
         "[run(e.but(), Path(sys.argv[2])) for _ in range(40)]; print(perf_counter() - t)"
@@ -98,11 +99,12 @@ def memory() -> None:
     """How the memory of a process grows over many points of one tick."""
     base = read_scenario(PAPER)
     plan = StudyPlan({base.name: base}, [])
+    reader = PointReader(plan.scenarios)
     sizes: list[tuple[int, float]] = []
     with TemporaryDirectory() as folder, StudyStore(Path(folder)) as store:
         for number in range(MEMORY):
             values = {"run.duration": 0.1, "run.seed": number}
-            row = run_point(task_of(study_point(plan.scenarios, values), plan, store))
+            row = run_point(task_of(reader.at(values), plan, store))
             assert isinstance(row, dict)
             store.put(StudyRow.of(row))
             if number % 100 == 99:

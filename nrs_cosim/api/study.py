@@ -23,12 +23,14 @@ from nrs_cosim.orchestrator.study.axes import (
     DrawnRange,
     StudyAxis,
     axis_of,
+    keys_of,
     seeds_of,
     with_draw,
     zipped,
 )
 from nrs_cosim.orchestrator.study.boundary import changes_along
 from nrs_cosim.orchestrator.study.engines import lent_engine, local_engine
+from nrs_cosim.orchestrator.study.plan import Refinement, StudyPlan
 from nrs_cosim.orchestrator.study.points import SCENARIO_AXIS
 from nrs_cosim.orchestrator.study.rows import (
     COLUMNS,
@@ -39,14 +41,9 @@ from nrs_cosim.orchestrator.study.rows import (
 )
 from nrs_cosim.orchestrator.study.statistics import statistics_of
 from nrs_cosim.orchestrator.study.store import StudyStore
-from nrs_cosim.orchestrator.study.study import (
-    Refinement,
-    StudyPlan,
-    StudyProgress,
-    experiment_at,
-    sweep_into,
-)
+from nrs_cosim.orchestrator.study.study import StudyProgress, experiment_at, sweep_into
 from nrs_cosim.orchestrator.study.table import StudyTable
+from nrs_cosim.orchestrator.study.where import where_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -290,7 +287,7 @@ def sweep(
     seeds: int | Iterable[int] | None = None,
     out: str | PathLike[str] | None = None,
     draw: str | None = None,
-    where: Callable[[Mapping[str, Any]], bool] | None = None,
+    where: Callable[[Mapping[str, Any]], bool] | str | None = None,
     jobs: int | None = None,
     executor: Executor | None = None,
     keep: str = "failed",
@@ -313,13 +310,15 @@ def sweep(
         seeds: How many, from 1 on, or which; by default the scenario's.
         out: The study's folder; by default a temporary one, gone with the study.
         draw: `lhs:N` or `sobol:N`: how many points are drawn from the ranges `"a:b"`.
-        where: Says of a point's values whether it is in the study.
+        where: Says of a point's values by key whether it is in the study; or a text as `nrs sweep
+            --where` has it, such as `"algorithm.alpha <= algorithm.beta"`.
         jobs: How many processes run points; all processors by default, 0 is this one.
         executor: Any of `concurrent.futures` in their place, such as a Dask client's.
         keep: Which recordings: `none`, `failed`, `all`, or `every:N`, of N points one.
         timeout: s of wall time that a point may take.
         retry: Run points again that failed, crashed or took too long.
-        refine: The key of an axis on which values are run between two of which one converges.
+        refine: `boundary`, for all axes of numbers, or a key, for its own: values are run between
+            two of which one converges.
         width: How close these come; by default a hundredth of the axis.
         progress: Is called with how far the study is, when a point is done.
 
@@ -338,11 +337,13 @@ def sweep(
         >>> nrs.sweep(short, {"algorithm.alpha": "0.9:1.4:3"}, seeds=2, jobs=0)
         Study(6 runs: 4 converged, 2 diverged)
     """
+    bases, filled = _resolved(scenario, axes, seeds, draw)
     plan = StudyPlan(
-        *_resolved(scenario, axes, seeds, draw),
+        bases,
+        filled,
         keep=kept_recordings("keep", keep),
         limit=timeout,
-        where=where or (lambda _values: True),
+        where=where if callable(where) else where_of("where", where, keys_of(filled)),
         sent=type(executor).__module__.startswith("distributed"),
     )
     folder = Path(mkdtemp(prefix="nrs-study-") if out is None else out)

@@ -70,6 +70,14 @@ def sweep(
             help="Draw N points from all ranges LOW:HIGH; :SEED may follow.",
         ),
     ] = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CONDITION",
+            help="Run points alone at which it holds: keys of the axes compared, such as "
+            "'algorithm.alpha < 1 or run.sampling_period < 0.2'.",
+        ),
+    ] = None,
     changes: Set = None,
     jobs: Annotated[
         int | None,
@@ -101,7 +109,9 @@ def sweep(
     refine: Annotated[
         str | None,
         typer.Option(
-            metavar="KEY", help="Then run values of KEY between two of which one converges."
+            metavar="boundary | KEY",
+            help="Then run values between two of which one converges: on each axis of numbers, or "
+            "on that of KEY.",
         ),
     ] = None,
     width: Annotated[
@@ -137,6 +147,7 @@ def sweep(
             seeds,
             output,
             draw,
+            where,
             changes_of(changes),
             jobs,
             dask,

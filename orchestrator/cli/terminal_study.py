@@ -5,6 +5,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -25,27 +26,36 @@ from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.orchestrator.study.axes import Draw, StudyAxis, axis_of, seeds_of, with_draw
+from nrs_cosim.orchestrator.study.axes import (
+    Draw,
+    StudyAxis,
+    axis_of,
+    evenly,
+    keys_of,
+    seeds_of,
+    with_draw,
+)
 from nrs_cosim.orchestrator.study.boundary import changes_along
 from nrs_cosim.orchestrator.study.dispatch import StudyEngine
 from nrs_cosim.orchestrator.study.engines import dask_engine, local_engine
+from nrs_cosim.orchestrator.study.plan import Refinement, StudyPlan, task_of
 from nrs_cosim.orchestrator.study.point_run import run_point
-from nrs_cosim.orchestrator.study.points import FOLLOWED, PERIOD, SCENARIO_AXIS, StudyPoint
+from nrs_cosim.orchestrator.study.points import (
+    FOLLOWED,
+    PERIOD,
+    SCENARIO_AXIS,
+    PointReader,
+    StudyPoint,
+)
 from nrs_cosim.orchestrator.study.rows import FAILURES, RESULTS, StudyRow, kept_recordings
 from nrs_cosim.orchestrator.study.store import StudyStore, rerun_line
-from nrs_cosim.orchestrator.study.study import (
-    Refinement,
-    StudyPlan,
-    StudyProgress,
-    merge,
-    sweep_into,
-    task_of,
-)
+from nrs_cosim.orchestrator.study.study import StudyProgress, merge, sweep_into
 from nrs_cosim.orchestrator.study.table import StudyTable
+from nrs_cosim.orchestrator.study.where import where_of
 from nrs_cosim.orchestrator.terminal import err, out, say
 
-TIMED = 3
-"""Points that a dry run runs, to say how long the others take."""
+TIMED, READ = 3, 1000
+"""Points that a dry run runs, to say how long the others take, and that it reads at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +67,7 @@ class SweepOptions:
     seeds: str | None
     output: Path
     draw: str | None
+    where: str | None
     changes: Sequence[Change]
     jobs: int | None
     dask: str | None
@@ -83,11 +94,13 @@ class SweepOptions:
         if self.seeds is not None:
             axes.append(seeds_of("--seeds", self.seeds))
         drawn = Draw.of("--draw", self.draw) if self.draw else None
+        filled = with_draw(axes, drawn)
         return StudyPlan(
             bases,
-            with_draw(axes, drawn),
+            filled,
             kept_recordings("--keep", self.keep),
             self.timeout,
+            where_of("--where", self.where, keys_of(filled)),
             sent=self.dask is not None,
             shard=self.shard,
         )
@@ -214,18 +227,31 @@ def _tell_followed(plan: StudyPlan) -> None:
 
 
 def _show_dry_run(plan: StudyPlan, options: SweepOptions) -> None:
-    points = list(plan.points())
-    store = StudyStore(options.output)
+    """Say how much a study would be; of many points, by some of them."""
+    plan.expect_readable()
+    store, reader = StudyStore(options.output), PointReader(plan.scenarios)
+    count = sum(1 for _ in plan.chosen())
+    step = -(-count // READ)
+    read = {
+        point.key: point
+        for values in islice(plan.chosen(), 0, None, step)
+        if not isinstance(point := reader.read(values), StudyRow)
+    }
     there = store.statuses() if store.exists else {}
-    new = [point for point in points if point.key not in there]
+    new = [point for key, point in read.items() if key not in there]
+    every = count if step > 1 else len(read)
+    share = every / max(len(read), 1)
+    about = "about " if step > 1 else ""
     seconds, size = _estimate(new, plan, store)
+    found = len(read) - len(new)
+    ticks = sum(point.experiment.clock.ticks for point in new)
     grid(
         out,
         {
-            "points": f"{len(points)}, of which {len(points) - len(new)} have a row",
-            "ticks": str(sum(point.ticks for point in new)),
-            "time": f"about {seconds:.3g} s of one processor",
-            "size": f"about {size / 1e6:.3g} MB of recordings if all were kept",
+            "points": f"{every}, of which {about}{round(share * found)} have a row",
+            "ticks": f"{about}{round(share * ticks)}",
+            "time": f"about {share * seconds:.3g} s of one processor",
+            "size": f"about {share * size / 1e6:.3g} MB of recordings if all were kept",
         },
     )
 
@@ -234,14 +260,13 @@ def _estimate(
     points: Sequence[StudyPoint], plan: StudyPlan, store: StudyStore
 ) -> tuple[float, float]:
     """Return the time, s, and the size, bytes, of points, by a few of them that are run."""
-    tried = points[:: max(len(points) // TIMED, 1)][:TIMED]
     spent, ticks, messages = 0.0, 0, 0
-    for point in tried:
+    for point in evenly(points, TIMED):
         row = run_point(task_of(point, plan, store))
         if isinstance(row, dict):
-            spent, ticks = spent + row["cpu_seconds"], ticks + point.ticks
+            spent, ticks = spent + row["cpu_seconds"], ticks + point.experiment.clock.ticks
             messages += row["messages"] or 0
-    every = sum(point.ticks for point in points)
+    every = sum(point.experiment.clock.ticks for point in points)
     share = every / ticks if ticks else 0.0
     return spent * share, messages * share * BYTES
 

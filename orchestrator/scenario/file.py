@@ -69,13 +69,19 @@ def _changed(text: str, changes: "Sequence[Change]") -> str:
 
 
 def resolve_scenario(
-    text: str, name: str, folder: Path, origin: str, assets: Assets = NO_ASSETS
+    text: str,
+    name: str,
+    folder: Path,
+    origin: str,
+    assets: Assets = NO_ASSETS,
+    tables: Tables | None = None,
 ) -> Experiment:
     """Parse a scenario's text with what it names, relative to a folder; errors as of its origin.
 
-    What is not among the assets is read, and an FMU that is the target is run.
+    What is not among the assets is read, and an FMU that is the target is run. `tables` are those
+    of the text, where who wrote it has them.
     """
-    return _resolved(text, name, folder, origin, Resolution(folder, assets))
+    return _resolved(text, name, folder, origin, Resolution(folder, assets), tables=tables)
 
 
 def parse_scenario(
@@ -127,9 +133,10 @@ def _resolved(
     resolution: Resolution,
     *,
     recorded: bool = False,
+    tables: Tables | None = None,
 ) -> Experiment:
     """Return the experiment that a text is; `ScenarioError` names all that is wrong with it."""
-    scenario = resolution.tables(_parsed(text, origin, RECORDED if recorded else None))
+    scenario = resolution.tables(_parsed(text, origin, RECORDED if recorded else None, tables))
     _expect_none(resolution.faults, origin)
     experiment = Experiment(scenario, text, name, folder, resolution.assets)
     target = scenario.target
@@ -146,9 +153,9 @@ def _expect_none(faults: Sequence[str], origin: str) -> None:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
 
 
-def _parsed(text: str, origin: str, context: str | None) -> Scenario:
+def _parsed(text: str, origin: str, context: str | None, given: Tables | None) -> Scenario:
     try:
-        tables = tables_of(text)
+        tables = given or tables_of(text)
         if not tables:
             raise ScenarioError(f"{origin}: is empty; a scenario has {', '.join(_needed())}")
         return Scenario.model_validate(tables, context=context)

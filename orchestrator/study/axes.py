@@ -145,11 +145,16 @@ def with_draw(axes: Iterable[StudyAxis | DrawnRange], draw: Draw | None) -> tupl
             made.append(axis)
         elif draw and axis is ranges[0]:
             made.append(_drawn(ranges, draw))
-    keys = [key for axis in made for key in axis.keys]
+    keys = keys_of(made)
     for key in keys:
         if keys.count(key) > 1:
             raise InputError(f"{key}: is on two axes")
     return tuple(made)
+
+
+def keys_of(axes: Iterable[StudyAxis]) -> list[str]:
+    """Return the keys of axes."""
+    return [key for axis in axes for key in axis.keys]
 
 
 def grid_points(axes: Sequence[StudyAxis]) -> Iterable[Mapping[str, Any]]:
@@ -160,6 +165,12 @@ def grid_points(axes: Sequence[StudyAxis]) -> Iterable[Mapping[str, Any]]:
             for axis, values in zip(axes, chosen, strict=True)
             for key, value in zip(axis.keys, values, strict=True)
         }
+
+
+def evenly(values: Sequence[Any], most: int) -> list[Any]:
+    """Return so many of values at most, evenly, the ends among them."""
+    count = min(len(values), most)
+    return [values[at * (len(values) - 1) // max(count - 1, 1)] for at in range(count)]
 
 
 def rounded(key: str, value: float) -> float:

@@ -32,9 +32,17 @@ class StatusChange:
     """Whether it is the lower one that does."""
 
     @property
+    def is_of_whole_numbers(self) -> bool:
+        """Whether both are, so that there may be none between."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
+    @property
     def middle(self) -> float:
-        """The value between."""
-        return rounded(self.key, (self.low + self.high) / 2)
+        """The value between; a whole number between whole ones."""
+        low, high = self.low, self.high
+        if isinstance(low, int) and isinstance(high, int) and (low + high) % 2 == 0:
+            return (low + high) // 2
+        return rounded(self.key, (low + high) / 2)
 
 
 def changes_along(table: StudyTable, key: str) -> Iterator[StatusChange]:
@@ -61,6 +69,8 @@ def changes_along(table: StudyTable, key: str) -> Iterator[StatusChange]:
 def to_refine(table: StudyTable, key: str, width: float | None) -> list[StatusChange]:
     """Return the boundaries that are not known to a width, by default a part of the range."""
     values = table.axis(key)
+    if len(values) < 2:
+        return []
     found = list(changes_along(table, key))
     most = width if width is not None else WIDTH * (values[-1] - values[0])
     if not most > 0:

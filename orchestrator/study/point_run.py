@@ -34,6 +34,7 @@ from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.study.growth import growth_of
+from nrs_cosim.orchestrator.study.points import is_drawn
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, RESULTS, RowStatus, StudyRow
 from nrs_cosim.plant_fmu.cache import keep_fmu, stored_fmu
 from nrs_cosim.plant_fmu.folders import own_folder
@@ -208,7 +209,7 @@ def smallest_margin(checked: Check) -> float | None:
 
 def theory_of(experiment: Experiment) -> tuple[Check, UltimateBounds]:
     """Return conditions and bounds, computed once for points that differ by the seed."""
-    drawn = '"generator":{' in experiment.scenario.model_dump_json() or experiment.clock.jitter
+    drawn = is_drawn(experiment)
     run = experiment.scenario.run.model_copy(update={} if drawn else {"seed": 0})
     same = experiment.scenario.model_copy(update={"run": run})
     key = same.model_dump_json(exclude={"bus"} if drawn else {"bus", "initial"})

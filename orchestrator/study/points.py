@@ -13,25 +13,24 @@ longest part of h, in whole nanoseconds, that is no longer than the scenario's.
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import lru_cache
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from nrs_cosim.bus.clock import nanoseconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import shortened
 from nrs_cosim.estimator_agents.algorithm import class_of
 from nrs_cosim.orchestrator.errors import ScenarioError
-from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.changes import Change, tables_with, unchanged_assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import resolve_scenario, tables_of
+from nrs_cosim.orchestrator.scenario.toml_text import toml_text
 from nrs_cosim.orchestrator.study.axes import SEED
+from nrs_cosim.orchestrator.study.rows import StudyRow, written_point
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 
 SCHEMA = 1
@@ -55,44 +54,106 @@ class StudyPoint:
     key: str
     values: Mapping[str, Any]
     """By key of the axes, but for the seed."""
-    seed: int
-    text: str
-    name: str
-    folder: str
-    assets: Assets
+    experiment: Experiment
     fmus: Mapping[str, str]
     """SHA-256 of those that are not bundled, by what the scenario calls them."""
-    ticks: int
 
 
-def study_point(bases: Mapping[str, Experiment], values: Mapping[str, Any]) -> StudyPoint:
-    """Return the point of values by key; `InputError` says at which values what is wrong."""
-    base = bases[values.get(SCENARIO_AXIS) or next(iter(bases))]
-    given = {key: value for key, value in values.items() if key != SCENARIO_AXIS}
-    tables = tables_of(base.text)
-    changes = {
-        tuple(key.split(".")): value for key, value in (given | followed(tables, given)).items()
-    }
-    text = tomlkit.dumps(tables_with(tables, changes))
-    kept = unchanged_assets(base.assets, Change("point", "", None, changes))
-    where = ", ".join(f"{key} = {shortened(str(value))}" for key, value in given.items())
-    try:
-        experiment = resolve_scenario(text, base.name, base.folder, where or base.name, kept)
-    except ScenarioError:
-        raise
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-    fmus = third_party_fmus(experiment)
-    return StudyPoint(
-        row_key(experiment, fmus),
-        {key: value for key, value in values.items() if key != SEED},
-        experiment.seed,
-        text,
-        base.name,
-        str(base.folder.absolute()),
-        experiment.assets,
-        fmus,
-        experiment.clock.ticks,
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """A point that was read, for those that differ by the seed alone."""
+
+    cell: str | None
+    """What of the values is not the seed; None where the point as a whole depends on it."""
+    tables: Mapping[str, Any]
+    experiment: Experiment
+    fmus: Mapping[str, str]
+
+
+class PointReader:
+    """Reads points of scenarios: each scenario's text once, and what depends on no seed once."""
+
+    def __init__(self, bases: Mapping[str, Experiment]) -> None:
+        self._bases = bases
+        self._tables = {name: tables_of(base.text) for name, base in bases.items()}
+        self._last: _Read | None = None
+
+    def at(self, values: Mapping[str, Any]) -> StudyPoint:
+        """Return the point of values by key; `InputError` says at which values what is wrong."""
+        others = _but_seed(values)
+        cell, seed, last = written_point(others), values.get(SEED), self._last
+        if last and cell == last.cell and type(seed) is int and seed >= 0:
+            read = _with_seed(last, seed)
+        else:
+            read = self._read(cell, values)
+        self._last = read
+        return StudyPoint(row_key(read.experiment, read.fmus), others, read.experiment, read.fmus)
+
+    def read(self, values: Mapping[str, Any]) -> StudyPoint | StudyRow:
+        """Return the point of values by key, or the row of values that are no scenario."""
+        try:
+            return self.at(values)
+        except InputError as error:
+            base, point = self._bases[self._name(values)], written_point(_but_seed(values))
+            seed = values.get(SEED, base.seed)
+            decided = [SCHEMA, base.text, point, seed, _versions()]
+            return StudyRow(
+                key=_sha256_of(decided),
+                point=point,
+                scenario=base.name,
+                seed=seed,
+                status="failed",
+                cause_kind="input",
+                reason=str(error),
+            )
+
+    def _name(self, values: Mapping[str, Any]) -> str:
+        return values.get(SCENARIO_AXIS) or next(iter(self._bases))
+
+    def _read(self, cell: str, values: Mapping[str, Any]) -> _Read:
+        name = self._name(values)
+        base, tables = self._bases[name], self._tables[name]
+        given = {key: value for key, value in values.items() if key != SCENARIO_AXIS}
+        changes = {
+            tuple(key.split(".")): value for key, value in (given | followed(tables, given)).items()
+        }
+        kept = unchanged_assets(base.assets, Change("point", "", None, changes))
+        where = ", ".join(f"{key} = {shortened(str(value))}" for key, value in given.items())
+        try:
+            made = tables_with(tables, changes)
+            experiment = resolve_scenario(
+                toml_text(made), base.name, base.folder, where or base.name, kept, made
+            )
+        except ScenarioError:
+            raise
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        shared = None if is_drawn(experiment) else cell
+        return _Read(shared, made, experiment, third_party_fmus(experiment))
+
+
+def _but_seed(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if key != SEED}
+
+
+def _with_seed(read: _Read, seed: int) -> _Read:
+    """Return a point that was read, with another seed."""
+    tables = {**read.tables, "run": {**read.tables["run"], "seed": seed}}
+    scenario = read.experiment.scenario
+    run = scenario.run.model_copy(update={"seed": seed})
+    experiment = replace(
+        read.experiment,
+        scenario=scenario.model_copy(update={"run": run}),
+        text=toml_text(tables),
+    )
+    return _Read(read.cell, tables, experiment, read.fmus)
+
+
+def is_drawn(experiment: Experiment) -> bool:
+    """Return whether an experiment's network or sampling times are drawn from the seed."""
+    return (
+        '"generator":{' in experiment.scenario.model_dump_json()
+        or experiment.clock.jitter is not None
     )
 
 
@@ -151,6 +212,10 @@ def row_key(experiment: Experiment, fmus: Mapping[str, str]) -> str:
         _versions(),
         _plugin(class_of(experiment.algorithm).__module__.partition(".")[0]),
     ]
+    return _sha256_of(decided)
+
+
+def _sha256_of(decided: Sequence[Any]) -> str:
     return hashlib.sha256(json.dumps(decided, sort_keys=True).encode()).hexdigest()
 
 

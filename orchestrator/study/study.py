@@ -3,6 +3,10 @@
 Its folder says what it is of. The same command again runs what is missing; with more axes, values
 or seeds it runs what is new; another scenario is another study. Rows are known by what was run and
 not by where they stand on the axes, so none is ever run twice.
+
+A point is read when its turn comes, so that the first run waits for none but one point of each
+value: what is wrong with a value is told before anything is run. Values that are no scenario
+together, each of which is one with others, are a row that failed.
 """
 
 import json
@@ -14,74 +18,16 @@ from typing import Any
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import parse_scenario, resolve_scenario
-from nrs_cosim.orchestrator.study.axes import SEED, StudyAxis, grid_points
+from nrs_cosim.orchestrator.scenario.file import resolve_scenario
+from nrs_cosim.orchestrator.study.axes import SEED
 from nrs_cosim.orchestrator.study.boundary import StatusChange, to_refine
 from nrs_cosim.orchestrator.study.dispatch import StudyEngine, dispatch
+from nrs_cosim.orchestrator.study.plan import Refinement, StudyPlan, Values, task_of
 from nrs_cosim.orchestrator.study.point_run import PointTask
-from nrs_cosim.orchestrator.study.points import SCENARIO_AXIS, StudyPoint, study_point
+from nrs_cosim.orchestrator.study.points import SCENARIO_AXIS, PointReader
 from nrs_cosim.orchestrator.study.rows import RESULTS, StudyRow, written_point
 from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.orchestrator.study.table import StudyTable
-
-Where = Callable[[Mapping[str, Any]], bool]
-"""Says of a point's values whether it is in the study."""
-
-
-@dataclass(frozen=True, slots=True)
-class StudyPlan:
-    """What is to be run, and how each point is."""
-
-    scenarios: Mapping[str, Experiment]
-    """By name; the first is that of points that name none."""
-    axes: Sequence[StudyAxis]
-    keep: str = "failed"
-    """Which recordings: `none`, `failed`, `all`, or `every:N`, of N points one."""
-    limit: float | None = None
-    """s of wall time for a point."""
-    where: Where = lambda _values: True
-    sent: bool = False
-    """Whether points are run by who has neither the study's folder nor its FMUs."""
-    shard: tuple[int, int] = (1, 1)
-    """Of so many parts of the study the one that is run here, from 1."""
-
-    def points(self) -> Iterator[StudyPoint]:
-        """Yield the points, each once, in the order of the axes."""
-        seen = set()
-        for values in grid_points(self.axes):
-            if self.where(values):
-                point = study_point(self.scenarios, values)
-                if point.key not in seen:
-                    seen.add(point.key)
-                    yield point
-
-    def definition(self) -> dict[str, Any]:
-        """Return what the study's folder says of it."""
-        return {
-            "scenarios": [
-                {"name": name, "text": one.text, "folder": str(one.folder.absolute())}
-                for name, one in self.scenarios.items()
-            ],
-            "axes": [
-                {"keys": [*axis.keys], "values": [*map(list, axis.values)], "drawn": axis.drawn}
-                for axis in self.axes
-            ],
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Refinement:
-    """Along which key boundaries are narrowed, and to what width."""
-
-    key: str
-    width: float | None = None
-
-    def expect_axis(self, axes: Sequence[StudyAxis]) -> None:
-        """Raise `InputError` where the key is on no axis, or goes together with others."""
-        if not any(axis.keys == (self.key,) for axis in axes):
-            raise InputError(
-                f"refine: {quoted(self.key)}: expected a key with an axis of its own in the study"
-            )
 
 
 @dataclass(slots=True)
@@ -119,35 +65,68 @@ def define(store: StudyStore, plan: StudyPlan) -> None:
     store.define(wanted)
 
 
-def run_study(
-    store: StudyStore,
-    points: Sequence[StudyPoint],
-    plan: StudyPlan,
-    engine: StudyEngine,
-    follow: Follow = lambda _progress, _row: None,
-    stopped: Callable[[], bool] = lambda: False,
-    retry: Iterable[str] = (),
-) -> None:
-    """Run the points that have no row; with `retry`, also those whose row has such a status."""
-    part, parts = plan.shard
-    mine = [point for point in points if int(point.key[:8], 16) % parts == part - 1]
-    there, again = store.statuses(), {*retry}
-    new = [point for point in mine if there.get(point.key) in {None, *again}]
-    progress = StudyProgress(len(mine), len(mine) - len(new), len(mine) - len(new))
-    progress.ticks_left = sum(point.ticks for point in new)
-    ticks = {point.key: point.ticks for point in new}
-    follow(progress, None)
+class _StudyRun:
+    """Points on their way to rows, in one go or several; each is read when its turn comes."""
 
-    def put(row: StudyRow) -> None:
-        store.put(row)
-        progress.done += 1
-        progress.counts[row.status] = progress.counts.get(row.status, 0) + 1
-        progress.ticks += ticks[row.key]
-        progress.ticks_left -= ticks[row.key]
-        follow(progress, row)
+    def __init__(
+        self,
+        store: StudyStore,
+        plan: StudyPlan,
+        follow: Follow,
+        stopped: Callable[[], bool],
+        retry: Iterable[str],
+    ) -> None:
+        self._store, self._plan, self._follow, self._stopped = store, plan, follow, stopped
+        self._again, self._there, self._seen = {*retry}, store.statuses(), set[bytes]()
+        self.reader = PointReader(plan.scenarios)
+        self._ticks: dict[str, int] = {}
+        self._read_ticks = self._read = 0
 
-    dispatch((task_of(point, plan, store) for point in new), engine, put, stopped)
-    store.roll()
+    def run(self, chosen: Iterable[Values], count: int, engine: StudyEngine) -> None:
+        """Run those of the points that have no row."""
+        self._progress = StudyProgress(count)
+        self._tell(None)
+        dispatch(self._tasks(chosen), engine, self._put, self._stopped)
+        if self._shown != (self._progress.points, self._progress.done):
+            self._tell(None)
+        self._store.roll()
+
+    def _tell(self, row: StudyRow | None) -> None:
+        self._shown = self._progress.points, self._progress.done
+        self._follow(self._progress, row)
+
+    def _tasks(self, chosen: Iterable[Values]) -> Iterator[PointTask]:
+        part, parts = self._plan.shard
+        for values in chosen:
+            if self._stopped():
+                return
+            point = self.reader.read(values)
+            key, now = point.key, self._progress
+            mark = bytes.fromhex(key)
+            if mark in self._seen or int(key[:8], 16) % parts != part - 1:
+                now.points -= 1
+                continue
+            self._seen.add(mark)
+            if self._there.get(key) not in {None, *self._again}:
+                now.done += 1
+                now.found += 1
+            elif isinstance(point, StudyRow):
+                self._put(point)
+            else:
+                ticks = point.experiment.clock.ticks
+                self._ticks[key] = ticks
+                self._read_ticks, self._read = self._read_ticks + ticks, self._read + 1
+                yield task_of(point, self._plan, self._store)
+
+    def _put(self, row: StudyRow) -> None:
+        self._store.put(row)
+        now = self._progress
+        now.done += 1
+        now.counts[row.status] = now.counts.get(row.status, 0) + 1
+        now.ticks += self._ticks.pop(row.key, 0)
+        each = self._read_ticks / max(self._read, 1)
+        now.ticks_left = round(each * (now.points - now.done))
+        self._tell(row)
 
 
 def sweep_into(
@@ -161,61 +140,46 @@ def sweep_into(
 ) -> None:
     """Run a study whole, and then between values where runs stop converging, if that is asked.
 
-    Every point is read before the first is run: `InputError` says what is wrong with one.
+    `InputError` says what is wrong with a value, before any point is run.
     """
-    points = list(plan.points())
-    if refine:
-        refine.expect_axis(plan.axes)
+    plan.expect_readable()
+    keys = refine.keys_of(plan.axes) if refine else ()
+    count = sum(1 for _ in plan.chosen())
     define(store, plan)
-    run_study(store, points, plan, engine, follow, stopped, retry)
-    known = {point.key for point in points}
+    run = _StudyRun(store, plan, follow, stopped, retry)
+    run.run(plan.chosen(), count, engine)
+    known = set[str]()
     while refine and not stopped():
         table = StudyTable.of(store, "status")
-        more = [
-            point
-            for change in to_refine(table, refine.key, refine.width)
-            for point in _between(plan, refine.key, change)
-            if point.key not in known
-        ]
-        if not more:
+        more = {
+            written_point(values): values
+            for key in keys
+            for change in to_refine(table, key, refine.width)
+            if plan.has(change.others)
+            for values in _between(plan, key, change)
+            if not (change.is_of_whole_numbers and isinstance(run.reader.read(values), StudyRow))
+        }
+        new = [values for text, values in more.items() if text not in known]
+        if not new:
             return
-        known |= {point.key for point in more}
-        run_study(store, more, plan, engine, follow, stopped, retry)
+        known |= more.keys()
+        run.run(new, len(new), engine)
 
 
-def _between(plan: StudyPlan, key: str, change: StatusChange) -> Iterator[StudyPoint]:
+def _between(plan: StudyPlan, key: str, change: StatusChange) -> Iterator[Values]:
     """Yield the points in the middle of a boundary, one for each seed."""
     seeds = next((axis.values for axis in plan.axes if axis.keys == (SEED,)), ((None,),))
     others = {name: json.loads(v) if _is_json(v) else v for name, v in change.others}
     for (seed,) in seeds:
         values = {**others, key: change.middle} | ({} if seed is None else {SEED: seed})
-        yield study_point(plan.scenarios, {name: v for name, v in values.items() if v is not None})
+        values = {name: value for name, value in values.items() if value is not None}
+        if plan.where(values):
+            yield values
 
 
 def _is_json(value: Any) -> bool:
     """Return whether a cell has the text of a list or a table."""
     return isinstance(value, str) and value[:1] in {"[", "{"}
-
-
-def task_of(point: StudyPoint, plan: StudyPlan, store: StudyStore) -> PointTask:
-    """Return what a process needs to run a point."""
-    keep = plan.keep
-    if keep.startswith("every:"):
-        keep = "all" if int(point.key[:8], 16) % int(keep[6:]) == 0 else "none"
-    return PointTask(
-        point.key,
-        written_point(point.values),
-        point.seed,
-        point.text,
-        point.name,
-        point.folder,
-        point.assets,
-        point.fmus,
-        sent=plan.sent,
-        limit=plan.limit,
-        keep=keep,
-        recordings=str(store.recordings.absolute()),
-    )
 
 
 def bases_of(store: StudyStore) -> dict[str, Experiment]:
@@ -235,8 +199,8 @@ def experiment_at(store: StudyStore, key: str) -> Experiment:
     (place,) = places
     values = json.loads(table.columns["point"][place])
     seed, scenario = table.columns["seed"][place], table.columns["scenario"][place]
-    point = study_point(bases_of(store), {SCENARIO_AXIS: scenario, **values, SEED: seed})
-    return parse_scenario(point.text, point.name, Path(point.folder), point.name, point.assets)
+    reader = PointReader(bases_of(store))
+    return reader.at({SCENARIO_AXIS: scenario, **values, SEED: seed}).experiment
 
 
 def merge(store: StudyStore, others: Sequence[Path]) -> int:

@@ -1,7 +1,8 @@
 """A study's rows in columns, with a column for each key of the axes.
 
 A row that is older than an axis has the value there that the scenario has. Rows with the same
-values but for the seed are a cell.
+values but for the seed are a cell. Of rows with the same values and seed, which have other keys
+because a version or a file is another one, the last holds.
 """
 
 import json
@@ -44,13 +45,11 @@ class StudyTable:
         texts = {one["name"]: tables_of(one["text"]) for one in definition["scenarios"]}
         wanted = {*only, "key", "point", "scenario", "seed", "status"} if only else ()
         columns = store.columns(*wanted)
-        parsed = {text: json.loads(text) for text in {*columns["point"]}}
-        values: dict[str, list[Any]] = {key: [] for key in keys}
-        for text, scenario in zip(columns["point"], columns["scenario"], strict=True):
-            point = parsed[text]
-            for key in keys:
-                found = point[key] if key in point else _at(texts.get(scenario, {}), scenario, key)
-                values[key].append(found)
+        distinct = {*zip(columns["point"], columns["scenario"], strict=True)}
+        found = {one: _values_of(*one, keys, texts) for one in distinct}
+        columns = _latest(columns, found)
+        rows = [found[one] for one in zip(columns["point"], columns["scenario"], strict=True)]
+        values = {key: [row[at] for row in rows] for at, key in enumerate(keys)}
         leading = [key for axis in definition["axes"] for key in _leading(axis) if key != SEED]
         return cls(keys, tuple(dict.fromkeys(leading)), columns, values)
 
@@ -61,9 +60,9 @@ class StudyTable:
     def cells(self) -> dict[Cell, list[int]]:
         """The places of rows by cell, in the order of the axes' values, and by seed."""
         found: dict[Cell, list[int]] = {}
-        plain = [[_plain(value) for value in self.values[key]] for key in self.keys]
+        columns = [[cell_value(value) for value in self.values[key]] for key in self.keys]
         for place in range(len(self)):
-            found.setdefault(tuple(column[place] for column in plain), []).append(place)
+            found.setdefault(tuple(column[place] for column in columns), []).append(place)
         for places in found.values():
             places.sort(key=lambda place: self.columns["seed"][place])
         return dict(sorted(found.items(), key=lambda item: tuple(map(_order, item[0]))))
@@ -76,7 +75,7 @@ class StudyTable:
     def axis(self, key: str) -> list[Any]:
         """Return the values of a key, ascending; `InputError` where it is on no axis."""
         self.expect_key(key)
-        return sorted({_plain(value) for value in self.values[key]}, key=_order)
+        return sorted({cell_value(value) for value in self.values[key]}, key=_order)
 
     def expect_key(self, key: str) -> None:
         """Raise `InputError` for a key that is on no axis."""
@@ -89,6 +88,28 @@ class StudyTable:
         """Return how many rows of some converged, and how many have a result at all."""
         statuses = [self.columns["status"][place] for place in places]
         return statuses.count("converged"), sum(status in RESULTS for status in statuses)
+
+
+def _values_of(
+    point: str, scenario: str, keys: Sequence[str], texts: Mapping[str, Mapping[str, Any]]
+) -> Cell:
+    """Return the values of a row's point, and those of its scenario where it says none."""
+    given = json.loads(point)
+    there = texts.get(scenario, {})
+    return tuple(given[key] if key in given else _at(there, scenario, key) for key in keys)
+
+
+def _latest(
+    columns: dict[str, list[Any]], found: Mapping[tuple[str, str], Cell]
+) -> dict[str, list[Any]]:
+    """Return, of rows with the same values and seed, the last: others are of other versions."""
+    cells = {one: tuple(map(cell_value, values)) for one, values in found.items()}
+    rows = zip(columns["point"], columns["scenario"], columns["seed"], strict=True)
+    last = {(cells[text, scenario], seed): at for at, (text, scenario, seed) in enumerate(rows)}
+    if len(last) == len(columns["key"]):
+        return columns
+    kept = sorted(last.values())
+    return {name: [column[at] for at in kept] for name, column in columns.items()}
 
 
 def _leading(axis: Mapping[str, Any]) -> list[str]:
@@ -108,7 +129,7 @@ def _at(tables: Mapping[str, Any], scenario: str, key: str) -> Any:
     return found
 
 
-def _plain(value: Any) -> Any:
+def cell_value(value: Any) -> Any:
     """Return a value that can be a key: what is a list or a table, as its text."""
     return json.dumps(value) if isinstance(value, list | dict) else value
 

@@ -8,16 +8,14 @@ of seconds.
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import isfinite, sqrt
-from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.orchestrator.analysis.conditions import Check, check
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.study.axes import rounded
 from nrs_cosim.orchestrator.study.point_run import smallest_margin
-from nrs_cosim.orchestrator.study.points import study_point
+from nrs_cosim.orchestrator.study.points import PointReader
 
 MOST, HALVINGS = 32, 6
 Place = tuple[float, float]
@@ -36,13 +34,14 @@ def theory_boundary(
     Values are those of the cells, less than 0 on one side of the boundary. `known` is what theory
     said of places before, for both. Where a place between is no scenario, nothing is returned.
     """
-    found = []
+    found, reader = [], PointReader(bases)
     pairs = [*_pairs(values, 0), *_pairs(values, 1)]
     step = max(len(pairs) / MOST, 1)
 
     def value_at(place: Place) -> float:
         if place not in known:
-            known[place] = _checked(bases, {**others, **dict(zip(keys, place, strict=True))})
+            at = {**others, **dict(zip(keys, place, strict=True))}
+            known[place] = check(reader.at(at).experiment)
         if of == "radius":
             return 1.0 - known[place].rho.upper
         margin = smallest_margin(known[place])
@@ -86,9 +85,3 @@ def _bisected(
         else:
             high = place
     return (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
-
-
-def _checked(bases: Mapping[str, Experiment], values: Mapping[str, Any]) -> Check:
-    point = study_point(bases, values)
-    folder = Path(point.folder)
-    return check(parse_scenario(point.text, point.name, folder, point.name, point.assets))

@@ -15,8 +15,9 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.errors import EngineGoneError
 from nrs_cosim.orchestrator.study.axes import axis_of
 from nrs_cosim.orchestrator.study.engines import dask_engine, local_engine
+from nrs_cosim.orchestrator.study.plan import StudyPlan
 from nrs_cosim.orchestrator.study.store import StudyStore
-from nrs_cosim.orchestrator.study.study import StudyPlan, sweep_into
+from nrs_cosim.orchestrator.study.study import sweep_into
 from tests.command import nrs as nrs_command
 from tests.guard import GUARD
 from tests.network.authority import Authority

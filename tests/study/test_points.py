@@ -7,7 +7,7 @@ import pytest
 from nrs_cosim.bus.clock import nanoseconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.scenario.file import parse_scenario, tables_of
-from nrs_cosim.orchestrator.study.points import study_point
+from nrs_cosim.orchestrator.study.points import PointReader
 from tests.scenarios import paper, toml
 
 BASES = {"paper": paper()}
@@ -15,14 +15,20 @@ BASES = {"paper": paper()}
 
 def run_table(**values):
     """Return the table `run` of a point."""
-    point = study_point(BASES, {key.replace("__", "."): value for key, value in values.items()})
-    return tables_of(point.text)["run"]
+    point = PointReader(BASES).at({key.replace("__", "."): value for key, value in values.items()})
+    return tables_of(point.experiment.text)["run"]
 
 
 def test_a_point_is_the_scenario_with_other_values():
-    point = study_point(BASES, {"algorithm.alpha": 0.8, "run.seed": 4})
-    assert tables_of(point.text) == tables_of(toml({"algorithm.alpha": 0.8, "run.seed": 4}))
-    assert (point.values, point.seed, point.ticks) == ({"algorithm.alpha": 0.8}, 4, 300)
+    point = PointReader(BASES).at({"algorithm.alpha": 0.8, "run.seed": 4})
+    assert tables_of(point.experiment.text) == tables_of(
+        toml({"algorithm.alpha": 0.8, "run.seed": 4})
+    )
+    assert (point.values, point.experiment.seed, point.experiment.clock.ticks) == (
+        {"algorithm.alpha": 0.8},
+        4,
+        300,
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,8 +43,8 @@ def test_duration_and_output_step_follow_the_sampling_period(period):
     assert h % step == 0
     fits = [h // n for n in range(1, 65 + h // 20_000_000) if h % n == 0 and h // n <= 20_000_000]
     assert step == (max(fits) if fits else h)
-    point = study_point(BASES, {"run.sampling_period": period})
-    assert parse_scenario(point.text, "a", BASES["paper"].folder, "a").clock.period == h
+    point = PointReader(BASES).at({"run.sampling_period": period})
+    assert parse_scenario(point.experiment.text, "a", BASES["paper"].folder, "a").clock.period == h
 
 
 def test_what_is_given_does_not_follow():
@@ -47,13 +53,13 @@ def test_what_is_given_does_not_follow():
 
 
 def test_the_key_depends_on_what_is_run_and_not_on_the_axes():
-    there = study_point(BASES, {})
-    same = study_point(BASES, {"algorithm.alpha": 0.9, "run.seed": 1})
+    there = PointReader(BASES).at({})
+    same = PointReader(BASES).at({"algorithm.alpha": 0.9, "run.seed": 1})
     assert same.key == there.key
     reformatted = {"paper": paper({"run.duration": 30})}
-    assert study_point(reformatted, {}).key == there.key
+    assert PointReader(reformatted).at({}).key == there.key
     keys = [
-        study_point(BASES, {key: value}).key
+        PointReader(BASES).at({key: value}).key
         for key, value in [
             ("algorithm.alpha", 0.8), ("run.seed", 2), ("controller.kp", 100.0),
             ("algorithm.name", "dcea2"), ("run.divergence_limit", 10.0),
@@ -64,18 +70,18 @@ def test_the_key_depends_on_what_is_run_and_not_on_the_axes():
 
 def test_a_point_that_is_no_scenario_is_told_with_its_values():
     with pytest.raises(InputError, match=r"algorithm\.alpha = -1: algorithm\.alpha: expected"):
-        study_point(BASES, {"algorithm.alpha": -1})
+        PointReader(BASES).at({"algorithm.alpha": -1})
     with pytest.raises(InputError, match="unknown key; did you mean 'alpha'"):
-        study_point(BASES, {"algorithm.alpa": 1})
+        PointReader(BASES).at({"algorithm.alpa": 1})
 
 
 def test_an_fmu_of_others_is_in_the_key_by_content(tmp_path):
     fmu = tmp_path / "arm.fmu"
     fmu.write_bytes(b"one")
     bases = {"own": paper({"plant.fmu": "arm.fmu"}, folder=tmp_path)}
-    first = study_point(bases, {})
+    first = PointReader(bases).at({})
     fmu.write_bytes(b"another")
-    assert study_point(bases, {}).key != first.key
+    assert PointReader(bases).at({}).key != first.key
     fmu.unlink()
     with pytest.raises(InputError, match="no such FMU"):
-        study_point(bases, {})
+        PointReader(bases).at({})

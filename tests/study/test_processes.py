@@ -14,8 +14,9 @@ import pytest
 import nrs_cosim as nrs
 from nrs_cosim.orchestrator.study.axes import axis_of
 from nrs_cosim.orchestrator.study.engines import local_engine
+from nrs_cosim.orchestrator.study.plan import StudyPlan
 from nrs_cosim.orchestrator.study.store import StudyStore
-from nrs_cosim.orchestrator.study.study import StudyPlan, sweep_into
+from nrs_cosim.orchestrator.study.study import sweep_into
 from tests.guard import GUARD, VAIN
 from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
 from tests.scenarios import PAPER, PAPER_FILE, example, paper, write

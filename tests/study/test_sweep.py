@@ -10,13 +10,18 @@ import pytest
 
 import nrs_cosim as nrs
 from nrs_cosim.orchestrator.cli.output_paths import locked
+from nrs_cosim.orchestrator.study.axes import axis_of, seeds_of, with_draw
+from nrs_cosim.orchestrator.study.dispatch import AHEAD
+from nrs_cosim.orchestrator.study.engines import local_engine
+from nrs_cosim.orchestrator.study.plan import TRIED, StudyPlan, task_of
 from nrs_cosim.orchestrator.study.point_run import NeedsFmus, run_point
+from nrs_cosim.orchestrator.study.points import PointReader
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, STATUSES
 from nrs_cosim.orchestrator.study.store import StudyStore
-from nrs_cosim.orchestrator.study.study import StudyPlan, task_of
+from nrs_cosim.orchestrator.study.study import sweep_into
 from tests.command import nrs as command
 from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
-from tests.scenarios import PAPER_FILE, example, write
+from tests.scenarios import PAPER, PAPER_FILE, example, write
 
 SHORT = nrs.Scenario.load(PAPER_FILE).replace({"run.duration": 1.0})
 ALPHAS = {"algorithm.alpha": [0.9, 1.5]}
@@ -68,7 +73,7 @@ def test_the_same_again_runs_nothing_and_more_runs_what_is_new(tmp_path):
         SHORT, axes, seeds=2, out=tmp_path, jobs=0,
         progress=lambda now: seen.append((now.done, now.points)),
     )  # fmt: skip
-    assert seen == [(2, 6), (3, 6), (4, 6), (5, 6), (6, 6)]
+    assert seen == [(0, 6), (2, 6), (4, 6), (5, 6), (6, 6)]
     rows = {row.key: row for row in more.rows}
     assert {key: rows[key].started for key in started} == started
     assert more.keys == ("algorithm.alpha", "algorithm.beta")
@@ -94,6 +99,15 @@ def test_the_dataset_has_the_axes_and_seeds_as_dimensions(study):
         assert float(here.position_estimate) == row.position_estimate
         assert str(here.digest.values) == row.digest
     assert np.isnan(data.cause_tick.sel({"algorithm.alpha": 0.9})).all()
+
+
+def test_of_rows_of_two_versions_the_last_is_in_the_table(tmp_path):
+    study = nrs.sweep(SHORT, ALPHAS, out=tmp_path, jobs=0)
+    row = study.rows[0]
+    with StudyStore(tmp_path) as store:
+        store.put(replace(row, key="0" * 64, status="failed", point=" " + row.point))
+    assert [len(study.rows), len(study)] == [3, 2]
+    assert sorted(study.to_pandas()["status"]) == sorted(["failed", study.rows[1].status])
 
 
 def test_several_scenarios_are_an_axis(tmp_path):
@@ -133,12 +147,35 @@ def test_a_loss_of_links_is_an_axis_and_the_row_has_the_critical_one():
         assert row.convergence == theory["convergence"]
 
 
-def test_points_can_be_left_out_by_a_condition():
-    axes = {"algorithm.alpha": [0.8, 0.9], "algorithm.beta": [0.8, 0.9]}
-    study = nrs.sweep(
-        SHORT, axes, jobs=0, where=lambda point: point["algorithm.alpha"] <= point["algorithm.beta"]
-    )
-    assert len(study) == 3
+def test_values_that_are_no_scenario_together_are_a_row_that_failed_and_the_others_run(tmp_path):
+    axes = {"run.sampling_period": [0.1, 0.3], "run.duration": [0.9, 1.0]}
+    study = nrs.sweep(SHORT, axes, out=tmp_path, jobs=0)
+    found = {(*json.loads(row.point).values(),): row for row in study.rows}
+    assert [found[h, t].status for h in (0.1, 0.3) for t in (0.9, 1.0)] == [
+        "converged", "converged", "converged", "failed",
+    ]  # fmt: skip
+    assert found[0.3, 1.0].cause_kind == "input"
+    assert "run.duration" in found[0.3, 1.0].reason
+    started = {row.key: row.started for row in study.rows}
+    again = nrs.sweep(SHORT, axes, out=tmp_path, jobs=0)
+    assert {row.key: row.started for row in again.rows} == started
+
+
+def test_the_first_run_waits_for_no_point_but_one_of_each_value(tmp_path, monkeypatch):
+    read, read_at_first_row = [], []
+    at = PointReader.at
+    monkeypatch.setattr(PointReader, "at", lambda *args: read.append(args) or at(*args))
+    axes = [axis_of("", "algorithm.alpha=0.5:0.9:40"), seeds_of("", "1000")]
+    plan = StudyPlan({PAPER: example(PAPER, {"run.duration": 0.1})}, with_draw(axes, None))
+
+    def follow(progress, row):
+        assert progress.points == 40_000
+        if row:
+            read_at_first_row.append(len(read))
+
+    with StudyStore(tmp_path) as store:
+        sweep_into(store, plan, local_engine(0), follow, lambda: bool(read_at_first_row))
+    assert read_at_first_row[0] <= 40 + TRIED + AHEAD
 
 
 def test_a_plant_that_fails_is_a_row_with_its_cause_recording_and_line_to_run_it_again(tmp_path):
@@ -180,7 +217,7 @@ def test_a_command_runs_a_study_and_tells_it_in_lines_of_json(tmp_path):
         info = json.loads(command("info", tmp_path / "study" / row["recording"], "--json").stdout)
         assert (info["digest"], info["ticks"]) == (row["digest"], row["ticks"])
     again = command(*arguments)
-    assert [json.loads(line)["done"] for line in again.stdout.splitlines()] == [4]
+    assert [json.loads(line)["done"] for line in again.stdout.splitlines()] == [0, 4]
 
 
 def test_a_dry_run_says_how_much_it_would_be_and_writes_nothing(tmp_path):
@@ -204,7 +241,7 @@ def test_a_dry_run_says_how_much_it_would_be_and_writes_nothing(tmp_path):
         (("--shard", "3/2"), "--shard: expected i/N"),
         (("--dask", "tcp://lab.example:8786"), "only tls:// is taken"),
         (("--width", "0.1"), "--width requires --refine"),
-        (("--refine", "algorithm.alpha"), "expected a key with an axis of its own"),
+        (("--refine", "algorithm.alpha"), "expected boundary, or a key with an axis of its own"),
         (("--timeout", "0"), "--timeout: expected more than 0"),
         (("-o", "map.mcap"), "is the name of a recording, and a study is a folder"),
     ],
@@ -237,7 +274,7 @@ def test_an_fmu_that_is_sent_runs_only_where_that_is_allowed(tmp_path, monkeypat
     monkeypatch.setenv("NRS_CACHE", str(tmp_path / "cache"))
     base = example(three_robots(fmu=str(fmu)), folder=tmp_path, name="faulty")
     plan = StudyPlan({"faulty": base}, [], sent=True)
-    task = task_of(next(plan.points()), plan, StudyStore(tmp_path))
+    task = task_of(PointReader(plan.scenarios).at({}), plan, StudyStore(tmp_path))
     row = run_point(task)
     assert (row["status"], row["cause_kind"]) == ("failed", "input")
     assert (
