@@ -23,6 +23,7 @@ from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.orchestrator.cluster.launcher import local_workers
 from nrs_cosim.orchestrator.cluster.supervision import WorkerPolicy
+from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.pace import AtOnce
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -72,17 +73,23 @@ class Begun(AtOnce):
         return peak() + sum(self._peaks.values())
 
 
-def recorded(n: int, ticks: int, n_workers: int, path: Path) -> Found:
-    """Run arms into a recording, on one worker in this process or on some of their own."""
-    return recorded_file(lambda: scenario(n, ticks), ticks, n_workers, path)
+def recorded(n: int, ticks: int, n_workers: int, path: Path, threads: int = 1) -> Found:
+    """Run arms into a recording, on one worker in this process or on some of their own.
+
+    In this process so many threads step the FMUs.
+    """
+    return recorded_file(lambda: scenario(n, ticks), ticks, n_workers, path, threads)
 
 
-def recorded_file(read: Callable[[], Experiment], ticks: int, n_workers: int, path: Path) -> Found:
+def recorded_file(
+    read: Callable[[], Experiment], ticks: int, n_workers: int, path: Path, threads: int = 1
+) -> Found:
     """Run a scenario, which is yet to be read, likewise."""
     began, cpu_began, begun = time.perf_counter(), time.process_time(), Begun(n_workers)
     file = read()
     n = file.n
-    launch = local_workers(file, n_workers, POLICY) if n_workers > 1 else None
+    apart = n_workers > 1
+    launch = local_workers(file, n_workers, POLICY) if apart else in_process(file, threads)
     outcome = run(file, path, launch, pace=begun)
     ended, cpu = time.perf_counter(), time.process_time()
     assert outcome.status == "completed", outcome.reason
@@ -92,7 +99,7 @@ def recorded_file(read: Callable[[], Experiment], ticks: int, n_workers: int, pa
         digest = reader.digest
     return {
         "seconds": ended - begun.at,
-        **({} if launch else {"cpu": cpu - begun.cpu, "setup_cpu": begun.cpu - cpu_began}),
+        **({} if apart else {"cpu": cpu - begun.cpu, "setup_cpu": begun.cpu - cpu_began}),
         "setup": begun.at - began,
         "peak": begun.peak,
         "bytes": path.stat().st_size,

@@ -1,15 +1,17 @@
 """The one table: recorded robot-intervals per second, beside what does less, in one run.
 
 A robot-interval is one sample on the bus, one doStep of h, and one recorded state. Beside runs on
-one worker and on two stand bare loops over the same FMUs with the same references, which neither
-exchange nor record: one by FMPy's own methods, one by calls that are bound beforehand. They end in
-the very states that were recorded, or this fails. By themselves stand the bus, a put and its
-receipt for each sample, and the writer, a message at a time.
+one worker, whose FMUs one thread or two step, and on two workers stand bare loops over the same
+FMUs with the same references, which neither exchange nor record: one by FMPy's own methods, one by
+calls that are bound beforehand. They end in the very states that were recorded, or this fails. By
+themselves stand the bus, a put and its receipt for each sample, and the writer, a message at a
+time.
 
 All take turns, so that a noisy machine is noisy to all; each is measured in a process of its own.
 Rates are medians, ratios are medians of the rounds' own.
 """
 
+import os
 import statistics
 import sys
 from argparse import ArgumentParser
@@ -24,11 +26,16 @@ from benchmarks.bare import fmpys, prebound
 from benchmarks.measured import Found, apart, recorded, written, zenoh_put_and_received
 from benchmarks.table import compared, keep, machine, text
 from benchmarks.work import H, Motion, keep_motion, scenario
+from nrs_cosim.orchestrator.engine.in_process import threads_worth_it
 
 TICKS = {6: 500, 100: 500, 1_000: 200, 10_000: 30}
 """Robots, and the ticks of a timed run unless they are given."""
 OURS, OURS_2, FMPY, PREBOUND = "1 worker", "2 workers", "FMPy loop", "pre-bound loop"
+THREADS = "1, 2 threads"
+"""One worker whose FMUs two threads step."""
 ZENOH, WRITER = "Zenoh, put and received", "writer, messages"
+MOST_LOAD = 0.5
+"""Of the last minute, with which two processors are free."""
 PUTS, TICKS_WRITTEN = 200_000, 50
 
 
@@ -60,12 +67,18 @@ class Case:
         path, kept = folder / "run.mcap", folder / f"{self.n}.npz"
         found = {
             OURS: apart(recorded, self.n, self.ticks, 1, path),
+            **self._by_threads(path),
             OURS_2: apart(recorded, self.n, self.ticks, 2, path),
             FMPY: apart(bare, kept, True),
             PREBOUND: apart(bare, kept, False),
         }
-        assert found[OURS]["digest"] == found[OURS_2]["digest"]
+        assert len({row["digest"] for row in found.values() if "digest" in row}) == 1
         return found
+
+    def _by_threads(self, path: Path) -> dict[str, Found]:
+        if threads_worth_it(self.n) == 1:
+            return {}
+        return {THREADS: apart(recorded, self.n, self.ticks, 1, path, 2)}
 
 
 def row(what: str, case: Case, rounds: Sequence[Mapping[str, Found]]) -> dict[str, Any]:
@@ -173,6 +186,8 @@ def main() -> None:
     cases = [Case(n, given.ticks or TICKS.get(n, 100)) for n in given.robots]
     of = machine()
     print(text(of))
+    if (load := os.getloadavg()[0]) > MOST_LOAD:
+        print(f"load {load:.1f}: figures of two threads or workers are of a machine in use")
     print(f"medians of {given.rounds} interleaved rounds, least..most; h = {H} s, zstd\n")
     print(
         f"{'robots':>7} {'ticks':>6}  {'':15}{'per s':>9}{'least..most':>18}{'cpu us':>7}"

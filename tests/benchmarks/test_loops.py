@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bare import fmpys, prebound
+from benchmarks.command import measured
 from benchmarks.measured import recorded
 from benchmarks.peers.beside import judged, ours
 from benchmarks.peers.fmpy_loop import run as looped
@@ -45,3 +46,8 @@ def test_the_coupling_of_a_chain_is_described():
     for way, end in ends.items():
         assert judged(work, np.add(end, 5e-10), ends)[0] == way
     assert judged(work, np.add(ends["Jacobi"], 2e-9), ends)[0].startswith("none of the known ways")
+
+
+def test_the_script_beside_the_command_ends_in_the_recorded_states(tmp_path):
+    found = measured(tmp_path, 1)
+    assert all(row["cpu"] > 0 for rows in found.values() for row in rows)
