@@ -33,7 +33,6 @@ fuzz-fmu: .venv/.tested  ## random FMI calls, allowed and forbidden, on bundled 
 
 benchmark: .venv/.installed  ## robot-intervals per second, recorded and by bare loops, in one table
 	$(BIN)/python -m benchmarks.throughput $(ARGS)
-	$(BIN)/python -m benchmarks.command
 
 anatomy: .venv/.installed  ## where each microsecond of a robot-interval goes
 	$(BIN)/python -m benchmarks.anatomy $(ARGS)

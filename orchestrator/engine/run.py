@@ -117,7 +117,8 @@ def run(
     ) > MOST_CHANNELS:
         raise ScenarioError(
             f"network: {n} robots would need {count} channels of a recording, which has room "
-            f"for {MOST_CHANNELS}; give fewer robots, or none of them faults or checkpoints"
+            f"for {MOST_CHANNELS}: of some {MOST_CHANNELS * n // count} such robots"
+            f"{', of more without faults or checkpoints' if faulty or checkpoints else ''}"
         )
     expect_attachable(experiment.assets)
     # What is not finite is looked for and named, not warned of.
