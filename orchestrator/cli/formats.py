@@ -21,7 +21,7 @@ _KINDS = {
 }
 
 
-def format_of(output: Path, given: str | None, known: Sequence[str]) -> str:
+def format_of(output: Path, given: str | None, known: Sequence[str], option: str = "-o") -> str:
     """Return the format of a file: what its name ends in, or what was asked for beside it.
 
     Without either it is the first that is known. `InputError` where the two are at odds, or where
@@ -31,7 +31,8 @@ def format_of(output: Path, given: str | None, known: Sequence[str]) -> str:
     if given is None:
         if ending and ending not in known:
             endings = ", ".join(f".{form}" for form in known)
-            raise InputError(f"-o {output}: expected a name that ends in {endings}, or --format")
+            other = ", or --format" if option == "-o" else ""
+            raise InputError(f"{option} {output}: expected a name that ends in {endings}{other}")
         return ending or known[0]
     if ending != given and f".{ending}" in _KINDS:
         raise InputError(f"--format {given}: -o {output} ends in .{ending}; leave one of them out")

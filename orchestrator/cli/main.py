@@ -250,7 +250,14 @@ def scene(
 
 
 @app.command()
-@OptionRules({"--worst-target": ("--output",), "--output": ("--worst-target",)})
+@OptionRules(
+    {
+        "--worst-target": ("--output",),
+        "--output": ("--worst-target",),
+        "--figure": ("--over",),
+    },
+    [("--over", other) for other in ("--worst-target", "--strict", "--compile")],
+)
 def check(
     scenario: ScenarioPath,
     as_json: AsJson = False,
@@ -272,8 +279,24 @@ def check(
     ] = False,
     output: NewScenario = None,
     compiling: Compile = False,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUES",
+            help="An axis of a map of the spectral radius, as of nrs sweep; two are given, and no "
+            "plant is opened.",
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the map: .png, .pdf or .svg.")
+    ] = None,
 ) -> None:
     """Show what theory proves of a scenario, and whether its plants can be opened."""
+    if over:
+        from nrs_cosim.orchestrator.cli.map_text import show_map
+
+        show_map(scenario, changes_of(changes), over, figure, as_json)
+        return
     from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
     from nrs_cosim.orchestrator.analysis.conclusion import theory_json
     from nrs_cosim.orchestrator.analysis.conditions import check as theory_of

@@ -4,8 +4,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from nrs_cosim.bus.errors import MissingExtraError
+import numpy as np
+
+from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+from nrs_cosim.orchestrator.study.radius_map import RadiusMap
 from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.report.data import Story
@@ -34,6 +37,22 @@ def write_study(store: StudyStore, output: Path, kind: str) -> None:
         raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
     made = StudyReport(store)
     _write_whole(output, kind, partial(made.write, form=kind, origin=output))
+
+
+def write_radius_map(made: RadiusMap, output: Path, kind: str) -> None:
+    """Write a map of ρ in a format; `InputError` as above, or where an axis has no numbers."""
+    try:
+        from nrs_cosim.recordings.report import study_figures  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
+    keys = made.axes[0].keys[0], made.axes[1].keys[0]
+    x, y = made.values()
+    for key, values in zip(keys, (x, y), strict=True):
+        if not all(type(value) in {int, float} for value in values) or values != sorted(values):
+            raise InputError(f"--figure: {key}: a figure is of numbers that grow")
+    numbers = np.array(x, float), np.array(y, float)
+    write = partial(study_figures.write_radius_map, keys, numbers, made.upper, form=kind)
+    _write_whole(output, kind, write)
 
 
 def _write_whole(output: Path, kind: str, write: Callable[[Path], None]) -> None:

@@ -262,3 +262,29 @@ def _is_logarithmic(values: Array) -> bool:
     if len(found) < 4 or found[0] <= 0 or found[-1] < 10 * found[0]:
         return False
     return bool(np.median(np.diff(found)) < 0.3 * (found[-1] - found[0]) / (len(found) - 1))
+
+
+def write_radius_map(
+    names: tuple[str, str], values: tuple[Array, Array], radius: Array, path: Path, form: str
+) -> None:
+    """Write ρ, (y, x), over two axes of numbers, with the line where it is 1."""
+    x, y = values
+    with mpl.rc_context(STYLE):
+        sheet = Sheet(figsize=(5.4, 4.0), layout="constrained")
+        axes = sheet.subplots()
+        axes.set_facecolor(_NONE)
+        shown = np.clip(radius, 0.0, 2.0)
+        drawn = axes.pcolormesh(
+            _edges(x), _edges(y), shown, cmap="RdYlBu_r", vmin=0.0, vmax=2.0, rasterized=True
+        )
+        if min(len(x), len(y)) > 1 and np.nanmin(shown) < 1 < np.nanmax(shown):
+            axes.contour(x, y, shown, levels=[1.0], colors=[_RADIUS])
+        axes.set(xlabel=names[0], ylabel=names[1], title="theory: ρ of the estimates")
+        for line, scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
+            if _is_logarithmic(line):
+                scale("log")
+        axes.grid(visible=False)
+        sheet.colorbar(drawn, ax=axes, label="ρ, up to 2")
+        sheet.savefig(
+            path, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None
+        )
