@@ -1,6 +1,7 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
 from dataclasses import asdict, dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ from nrs_cosim.orchestrator.analysis.noise import (
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.analysis.stiffness import Stiffness, sampled_mobility, stiffness
 from nrs_cosim.orchestrator.analysis.tracking import Tracking, tracking_of
+from nrs_cosim.orchestrator.analysis.without_loops import sliding_velocity
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
 
@@ -80,6 +82,8 @@ class UltimateBounds:
     gaps: NDArray[np.float64] | None
     """(n,) how many sampling periods lie at least between two samples of each robot (E2)."""
     worst_case: EstimateBounds | None
+    velocity: float | None
+    """What velocities come to where nothing else is known: of `sliding` (W5)."""
     paper: PaperBound | None
     robots: list[Bounded]
     tracking: Tracking
@@ -92,6 +96,13 @@ class UltimateBounds:
         if self.motion is None:
             return None
         return self.motion.bound.plus(self.added) if self.added else self.motion.bound
+
+    @property
+    def worst_case_of_each(self) -> EstimateBounds | None:
+        """The worst case; infinite of a quantity of which nothing is known beside the other."""
+        if self.worst_case or self.velocity is None:
+            return self.worst_case
+        return EstimateBounds(inf, self.velocity)
 
     @property
     def sampled(self) -> bool:
@@ -108,7 +119,7 @@ class UltimateBounds:
             "norms": _norms(self.paper) if self.paper else [],
             "estimates": {
                 "steady_state": pair_json(self.steady_state),
-                "worst_case": pair_json(self.worst_case),
+                "worst_case": pair_json(self.worst_case_of_each),
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
             "noise": self.noise.as_json() if self.noise else None,
@@ -146,7 +157,7 @@ def bounds(ultimate: UltimateBounds) -> list[Bound]:
     )
     paper, of_tracking = ultimate.paper.bound if ultimate.paper else None, ultimate.tracking
     return [
-        *_rows(estimates, ultimate.steady_state, ultimate.worst_case, paper),
+        *_rows(estimates, ultimate.steady_state, ultimate.worst_case_of_each, paper),
         *_rows(
             tracking,
             None,
@@ -175,7 +186,7 @@ def _rows(
 
 
 def _of(pair: EstimateBounds | None, part: str) -> float | None:
-    return getattr(pair, part) if pair else None
+    return finite(getattr(pair, part)) if pair else None
 
 
 TRACKED = ("paper", "paper_of_worst_case", "worst_case")
@@ -244,6 +255,7 @@ def ultimate_bounds(
         noise_analysis(experiment, periods),
         gaps,
         known.worst,
+        sliding_velocity(experiment),
         known.paper,
         robots,
         tracking,

@@ -223,12 +223,14 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
         f"(gamma_1, gamma_2 of assumption A1{ultimate.source and ', '}{ultimate.source})"
     }
     if ultimate.why_not:
-        rows["bounds"] = f"none: {ultimate.why_not}"
-    elif ultimate.paper is None:
+        of_velocities = ultimate.velocity is not None
+        some = "of velocities alone (statement W5)" if of_velocities else "none"
+        rows["bounds"] = f"{some}: {ultimate.why_not}"
+    elif ultimate.paper is None and ultimate.recursions and not ultimate.added:
         several = "a switching topology" if ultimate.switching else "all periods at once"
         of = f"is of {several}" if ultimate.switching or ultimate.aperiodic else "is found"
         rows["norm"] = f"no small-value norm {of}"
-    else:
+    elif ultimate.paper:
         norm = ultimate.paper.norm
         rows["norm"] = (
             f"{norm.value:.6f} of the recursion's matrix, b c = {norm.b * norm.c:.4g}, "
