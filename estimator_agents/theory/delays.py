@@ -32,7 +32,13 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Spectrum
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.estimates import SteadyMotion
-from nrs_cosim.estimator_agents.theory.late_states import Delays, Past, block_radius, factors
+from nrs_cosim.estimator_agents.theory.late_states import (
+    Delays,
+    Past,
+    block_radius,
+    factors,
+    is_proven,
+)
 from nrs_cosim.estimator_agents.theory.linear_step import NEAR, LinearStep
 from nrs_cosim.estimator_agents.theory.solving import solve
 from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
@@ -88,6 +94,12 @@ class LateStep:
         if (self.delay == self.longest).all():
             return common_radius(self.step, spectrum, self.longest)
         return block_radius(self.matrix())
+
+    def is_proven(self, radius: float) -> bool:
+        """Return whether it is proven on which side of 1 ρ is."""
+        if (self.delay == self.longest).all():
+            return True
+        return is_proven(self.matrix(), radius)
 
     def advance(self, recent: Sequence[Array], parts: list[tuple[int, Matrix, Array]]) -> Array:
         """Return the errors one period after the last of some, each (s, n, m), without a target."""

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.matrices import FEW, Matrix, as_array, components
+from nrs_cosim.bus.matrices import FEW, Matrix, as_array, components, identity_like
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep
+from nrs_cosim.estimator_agents.theory.solving import solve
 
 Array = NDArray[np.float64]
 Delays = NDArray[np.int64]
@@ -19,6 +20,9 @@ Edges = NDArray[np.integer[Any]]
 
 DENSE = 600
 """The order of a block of a matrix up to which it is solved densely."""
+
+TRIED = 500
+"""Vectors that are tried for a proof about a larger block."""
 
 Entries = list[tuple[NDArray[np.integer], NDArray[np.integer], Array]]
 """Of a matrix: rows, columns and values, which add up where they meet."""
@@ -139,6 +143,19 @@ def block_radius(A: Matrix) -> float:
     return max(found, key=lambda radius: (np.isnan(radius), radius))
 
 
+def is_proven(A: Matrix, radius: float) -> bool:
+    """Return whether it is proven that ρ is on the side of 1 where the radius above is.
+
+    It is of blocks that are solved densely. What Arnoldi's method finds of larger ones may not be
+    the largest; of those without negative entries A x < x, or A x ≥ x, with some x > 0 proves it.
+    """
+    large = [part for part in components(A) if len(part) > DENSE]
+    found = [_side(A[part][:, part], radius) for part in large]
+    if radius < 1:
+        return all(found)
+    return not large or any(found)
+
+
 def _of_block(block: Matrix) -> float:
     if block.shape[0] <= DENSE:
         return float(np.abs(np.linalg.eigvals(as_array(block))).max())
@@ -149,3 +166,19 @@ def _of_block(block: Matrix) -> float:
     except ArpackError:
         return float("nan")
     return float(np.abs(found).max())
+
+
+def _side(block: Matrix, radius: float) -> bool:
+    """Return whether some positive vector shows that ρ of a block is below 1, or is not."""
+    if block.min() < 0:
+        return False
+    x = np.ones(block.shape[0])
+    if radius < 1:
+        x = solve(identity_like(block) - block, x)
+        return bool(x.min() > 0 and (block @ x < x).all())
+    for _ in range(TRIED):
+        after = block @ x
+        if (after >= x).all():
+            return True
+        x = (after + x) / after.max()  # of A + I, whose powers have no period
+    return False

@@ -41,6 +41,7 @@ LinkStatus = Literal[
     "converges", "converges in mean square", "converges almost surely", "diverges", "unknown"
 ]
 _ALWAYS, _SOMETIMES, _OFTEN = "statement D3", "statement L3", "statement L4"
+_ITERATED = "statement D1, by Arnoldi's method"
 _STATUS: dict[str, LinkStatus] = {"proven": "converges", "refuted": "diverges"}
 
 
@@ -100,7 +101,9 @@ class LinkAnalysis:
 
     @property
     def proven(self) -> bool:
-        """Whether the status does not rest on the simulation."""
+        """Whether the status rests on no simulation, nor on eigenvalues of a search."""
+        if self.source == _ITERATED:
+            return False
         return self.source != _OFTEN or bool(self.loss and self.loss.almost_sure.lower >= 1)
 
     def rate(self, h: float) -> float | None:
@@ -215,10 +218,12 @@ def _of_delays(
 ) -> LinkAnalysis:
     """Return what follows where links lose nothing, from delays that are fixed or drawn."""
     links = experiment.topologies.links
-    radius = LateStep(step, links, faults.most).radius(spectrum) if step and faults.fixed else nan
-    if not isnan(radius):
-        exact = RadiusBounds(radius, radius)
-        return replace(found, status=_STATUS[exact.status], source="statement D1", radius=exact)
+    late = LateStep(step, links, faults.most) if step and faults.fixed else None
+    radius = late.radius(spectrum) if late else nan
+    exact = RadiusBounds(radius, radius)
+    if late and not isnan(radius):
+        source = "statement D1" if late.is_proven(radius) else proof or _ITERATED
+        return replace(found, status=_STATUS[exact.status], source=source, radius=exact)
     if proof:
         status: LinkStatus = "converges" if proof == _ALWAYS else "converges in mean square"
         return replace(found, status=status, source=proof)

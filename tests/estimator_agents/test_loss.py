@@ -22,12 +22,13 @@ from nrs_cosim.estimator_agents.theory.loss import (
 from nrs_cosim.estimator_agents.theory.lossy_step import lossy_step
 from nrs_cosim.estimator_agents.theory.second_moments import second_moments
 from nrs_cosim.estimator_agents.theory.simulated_links import simulated_growth
+from tests.cases import cases as count_of
 from tests.estimator_agents.digraphs import drawn
 from tests.estimator_agents.paper import ADJACENCY, PINNING
 from tests.estimator_agents.powers import growth
 
 EXAMPLE = Topology.of(ADJACENCY, PINNING)
-CASES = 300
+CASES = count_of(900, 300)
 
 
 def matrices(flow, gain, topology, delay, lossy, missing, target=0):
@@ -204,7 +205,7 @@ def test_second_moments_are_those_of_many_simulated_runs():
     """All are simulated at once, from what agents keep and what the target sends."""
     rng, runs, ticks, size = np.random.default_rng(13), 16, 240, 10
     some = [case for case in cases() if mean_square_radius(stepped(case)).upper < 0.9]
-    assert len(some) > 100
+    assert len(some) > CASES // 3
     outcomes = max(len(case[-1]) for case in some)
     parts, ends = np.zeros((len(some), outcomes, size, size + 4)), np.ones((len(some), outcomes))
     robots = np.zeros(len(some), int)
