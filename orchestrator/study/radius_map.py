@@ -6,7 +6,6 @@ root of their mean square where samples are lost.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN, periods_of, rho_of, spectra_of
 from nrs_cosim.orchestrator.analysis.links import factor_over_links
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.study.axes import StudyAxis, axis_of, grid_points, with_draw
-from nrs_cosim.orchestrator.study.points import study_point
+from nrs_cosim.orchestrator.study.points import PointReader
 
 Array = NDArray[np.float64]
 _MARKS = {"proven": ".", "refuted": "#", "not decided": "~", "unknown": "?"}
@@ -87,18 +85,14 @@ def radius_map(experiment: Experiment, over: Sequence[str]) -> RadiusMap:
     axes = with_draw([axis_of("--over", text) for text in over], None)
     if len(axes) != 2:
         raise InputError(f"--over: a map is over two axes, got {len(axes)}")
-    found = [_radius(_at(experiment, values)) for values in grid_points(axes)]
+    points = PointReader({experiment.name: experiment})
+    found = [_radius(points.at(values).experiment) for values in grid_points(axes)]
     shape = tuple(len(axis.values) for axis in axes)
     lower, upper = (
         np.array([getattr(one, end) for one in found]).reshape(shape).T
         for end in ("lower", "upper")
     )
     return RadiusMap((axes[0], axes[1]), lower, upper)
-
-
-def _at(experiment: Experiment, values: Any) -> Experiment:
-    point = study_point({experiment.name: experiment}, values)
-    return parse_scenario(point.text, point.name, Path(point.folder), point.name, point.assets)
 
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: nothing is known
