@@ -77,6 +77,7 @@ def test_it_is_exported_compared_drawn_and_recovered(run, tmp_path):
         ("report", run, "-o", tmp_path / "run.html"),
         ("diff", run, run),
         ("scene", run, "-o", tmp_path / "scene.mcap"),
+        ("convert", run, "--to", "ros2", "-o", tmp_path / "bag"),
         ("recover", run, "-o", tmp_path / "again.mcap"),
     ):
         done = nrs(*command)

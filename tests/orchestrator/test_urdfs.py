@@ -40,14 +40,14 @@ EXPECTED = {
 }
 
 
-def own_fmu(path):
+def own_fmu(path, urdf=ELBOWED):
     """Write an FMU as it is made of a URDF: it names its joints, and says how it looks."""
     joints = [{"name": name, "unit": "rad"} for name in ("shoulder", "elbow")]
     with ZipFile(build("two_link_arm")) as source, ZipFile(path, "w") as own:
         for entry in source.infolist():
             own.writestr(entry, source.read(entry))
         own.writestr(JOINTS, json.dumps(joints))
-        own.writestr(URDF, ELBOWED)
+        own.writestr(URDF, urdf)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,24 @@ def folder(tmp_path_factory):
     done = nrs("run", folder / "run.toml", "-o", folder / "run.mcap")
     assert done.returncode == 0, done.stderr
     return folder
+
+
+def test_an_fmu_whose_urdf_is_no_text_is_refused_by_name(tmp_path):
+    own_fmu(tmp_path / "own.fmu", b"<robot name='\xff'/>")
+    done = nrs("fmu", "info", tmp_path / "own.fmu")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert f"own.fmu: its {URDF} cannot be used: it is no text: " in done.stderr
+
+
+def test_a_urdf_that_cannot_be_drawn_is_refused_by_the_attachments_name(tmp_path):
+    own_fmu(tmp_path / "own.fmu", "<robot name='of nothing'/>")
+    write(tmp_path / "run.toml", CHANGES)
+    assert nrs("run", tmp_path / "run.toml", "-o", tmp_path / "run.mcap").returncode == 0
+    done = nrs("convert", tmp_path / "run.mcap", "--to", "ros2", "-o", tmp_path / "bag")
+    assert done.returncode == 2
+    name = hashlib.sha256(b"<robot name='of nothing'/>").hexdigest()
+    assert f"{tmp_path / 'run.mcap'}: {name}.urdf: is no URDF that can be drawn" in done.stderr
+    assert not (tmp_path / "bag").exists()
 
 
 def urdfs(path):

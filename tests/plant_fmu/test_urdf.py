@@ -179,6 +179,7 @@ def test_an_fmu_names_its_joints_and_their_kinds(fmi: int) -> None:
     units = ["m" if kinds[name] == "prismatic" else "rad" for name in names]
     assert [(joint.name, joint.unit) for joint in named] == list(zip(names, units, strict=True))
     assert set(units) == {"rad", "m"}
+    assert archive.urdf == read_urdf(GANTRY).text.decode()
 
 
 def test_units_follow_the_joints() -> None:
