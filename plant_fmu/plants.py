@@ -56,6 +56,34 @@ class Disturbance:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Control:
+    """What the law has beside kp and kd, as the opening comment of controller.c writes it."""
+
+    ki: Array | None = None
+    """(m, m)"""
+    torque_limit: Array | None = None
+    """(m,) N m"""
+    limited_by_effort: bool = False
+    """Whether the limits are those in the FMU's URDF, which are not known here."""
+    gravity_compensation: bool = False
+    acceleration_feedforward: bool = False
+    inertia_scaling: bool = False
+    computed_torque: bool = False
+
+    def values(self) -> dict[str, Array]:
+        """Return what is on by the FMU's names: gains (m, m), limits (m,), and 1 of what is not."""
+        arrays = {"ki": self.ki, "torque_limit": self.torque_limit}
+        truths = ("gravity_compensation", "acceleration_feedforward", "inertia_scaling")
+        return {
+            **{name: value for name, value in arrays.items() if value is not None},
+            **{name: np.ones(1) for name in (*truths, "computed_torque") if getattr(self, name)},
+        }
+
+
+PD_ALONE = Control()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """One robot at t_0: what its plant is told before its run."""
 
@@ -75,6 +103,7 @@ class Body:
     """(m,) ε_i(t_0), rad"""
     velocity: Array
     """(m,) υ_i(t_0), rad/s"""
+    control: Control = PD_ALONE
 
 
 def called(robot: int) -> str:

@@ -7,7 +7,7 @@ sent, and one that sends only when it must would be judged by its worst moments,
 Robots that lie are left out: nobody expects them to follow the target.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,18 @@ def steady_state(reader: Reader, target_at: TargetAt, byzantine: Sequence[int] =
     (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
     (e, f, g, h) = times.tolist()
     return SteadyState(a, b, c, d, (e, f, g, h), size)
+
+
+def saturation(reader: Reader, limits: Mapping[int, Array]) -> dict[int, Array]:
+    """Return in which part of its states each robot's effort is at its limits (m,), by joint."""
+    found = {robot: np.zeros(len(limit)) for robot, limit in limits.items()}
+    count = dict.fromkeys(limits, 0)
+    for _, table in rows(reader, [STATES]):
+        for robot, limit in limits.items():
+            effort = table["effort"][table["robot"] == robot]
+            found[robot] += (np.abs(effort) >= limit).sum(axis=0)
+            count[robot] += len(effort)
+    return {robot: at / max(count[robot], 1) for robot, at in found.items()}
 
 
 def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:

@@ -262,6 +262,8 @@ def accurate(
     own = [robot.id for robot in experiment.scenario.robots if robot.controller is not None]
     if own:
         raise InputError(f"robots[{own[0]}].controller: gains are designed for all robots alike")
+    if experiment.scenario.controller.frequency is not None:
+        raise InputError("controller.frequency: kp and kd are designed, which go not beside it")
     changes: dict[str, Any] = {}
     gains = found.proven
     if gains is not None and gains.period is not None:

@@ -17,10 +17,10 @@ from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.tracking import Constants, Drive, constants
 from nrs_cosim.estimator_agents.waves import supremum
-from nrs_cosim.orchestrator.scenario.conversion import Array, gain, terms
+from nrs_cosim.orchestrator.scenario.conversion import Array, gains, terms
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Robot
+from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Robot
 from nrs_cosim.orchestrator.scenario.tables.targets import Axis
 from nrs_cosim.plant_fmu.bundled.bounds import Bounds, bounds_of
 
@@ -102,22 +102,36 @@ def _bounded(
     """Return what bounds some robots; `whole` are γ1 and γ2."""
     own, m = experiment.of_robot(robots[0]), experiment.m
     plant = own.plant
-    kp, kd = (gain(value, m) for value in (own.controller.kp, own.controller.kd))
+    kp, kd = gains(own.controller, m)
     disturbance = _largest(own.disturbance.axes, m)
     lambda_d = sqrt(sum(size * size for size in disturbance))
-    p3: Bounds | str | None = bounds_of(plant.fmu, _parameters(plant), m)
+    p3: Bounds | str | None = _beyond_the_law(own.controller) or bounds_of(
+        plant.fmu, _parameters(plant), m
+    )
     if p3 is None:
         unknown = f"the bounds of P3 are not known of {plant.fmu}; `nrs check` samples them"
         p3 = find(plant, robots[0]) if find else unknown
     if isinstance(p3, str):
         why, p3 = p3, None
     else:
+        if own.controller.gravity_compensation:
+            p3 = replace(p3, lambda_g=0.0)
         why = _inapplicable(kp, kd, lambda_d)
     found = None
     if p3 is not None and not why:
         found = constants(p3, m, lambda_d, *whole)
     drive = Drive.of(kp, kd)
     return Bounded(tuple(robots), plant.fmu, drive, kp, kd, disturbance, p3, found, why)
+
+
+def _beyond_the_law(controller: Controller) -> str:
+    """Return why nothing is proven of a controller; empty of one whose law is PD, and gravity."""
+    given = [
+        key
+        for key in ("frequency", "ki", "torque_limit", "acceleration_feedforward")
+        if getattr(controller, key)
+    ]
+    return f"what is proven is of PD alone, and not with {', '.join(given)}" if given else ""
 
 
 def _parameters(plant: Plant) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import numpy as np
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.honest_hull import HonestHull, honest_hull
-from nrs_cosim.orchestrator.scenario.conversion import gain
+from nrs_cosim.orchestrator.scenario.conversion import gains
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 POSITIVE = "positive definite"
@@ -44,8 +44,8 @@ def gain_conditions(experiment: Experiment) -> list[Condition]:
         *(experiment.of_robot(robot.id).controller for robot in scenario.robots),
     ]
     conditions = []
-    for name in ("kp", "kd"):
-        gains = [gain(getattr(controller, name), experiment.m) for controller in controllers]
-        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in gains)
+    both = zip(*(gains(controller, experiment.m) for controller in controllers), strict=True)
+    for name, given in zip(("kp", "kd"), both, strict=True):
+        smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in given)
         conditions.append(Condition(name, POSITIVE, 0.0, smallest, at_least=True))
     return conditions

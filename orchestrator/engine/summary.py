@@ -1,6 +1,7 @@
 """What a recording says of its run, in few words and as JSON."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,16 @@ from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import storable
 from nrs_cosim.orchestrator.scenario.assets import Asset
+from nrs_cosim.orchestrator.scenario.conversion import control
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion
+from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState, steady_state
+from nrs_cosim.recordings.measurement import SteadyState, saturation, steady_state
 from nrs_cosim.recordings.metadata import ASSETS, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
@@ -53,6 +56,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
             field: asset.model_dump(include={"name", "sha256", "source_sha256"})
             for field, asset in about.assets.items()
         },
+        "saturation": _saturation(reader, experiment),
         "versions": dict(about.versions),
         "damage": reader.damage,
         "parent": about.parent.model_dump() if about.parent else None,
@@ -68,6 +72,23 @@ def _target(experiment: Experiment) -> dict[str, str] | None:
     if not isinstance(target, FmuMotion):
         return None
     return {"fmu": target.fmu, "sha256": target.sha256}
+
+
+def _saturation(reader: Reader, experiment: Experiment) -> dict[str, list[float]] | None:
+    """Return in which part of its states each robot's torques are at their limits, by joint."""
+    limits, joints = {}, {r: p["joints"] for p in about_run(reader).plants for r in p["robots"]}
+    for robot in range(1, experiment.n + 1):
+        wanted = control(experiment.of_robot(robot).controller, experiment.m)
+        limit = wanted.torque_limit
+        if wanted.limited_by_effort:
+            urdf = about_run(reader).urdfs.get(robot, b"").decode(errors="replace")
+            with suppress(ValueError):  # of a recording that has lost its URDF nothing is known
+                limit = effort_limits(urdf, [joint["name"] for joint in joints.get(robot, ())])
+        if limit is not None:
+            limits[robot] = limit
+    if not limits:
+        return None
+    return {str(robot): at.tolist() for robot, at in saturation(reader, limits).items()}
 
 
 def _samples(reader: Reader, n: int, duration: float) -> dict[str, float] | None:
@@ -114,9 +135,26 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
             ("q - eps_0|2", measured.position_tracking),
             ("qd - ups_0|2", measured.velocity_tracking),
         ),
+        **_limited(summary["saturation"]),
         **of,
         "digest": summary["digest"] or _PARTIAL,
         "recording": summary["file"],
+    }
+
+
+def _limited(saturation: Mapping[str, Sequence[float]] | None) -> dict[str, str]:
+    """Say how often torques are at their limits, where there are any."""
+    if saturation is None:
+        return {}
+    robots = [int(robot) for robot, at in saturation.items() if any(at)]
+    if not robots:
+        return {"limits": "no torque is at its limit in any state"}
+    share, robot, joint = max(
+        (part, robot, joint) for robot, at in saturation.items() for joint, part in enumerate(at, 1)
+    )
+    return {
+        "limits": f"torques of {numbered('robot', robots, 8)} are at their limits, in up to "
+        f"{100 * share:.3g} % of the states: joint {joint} of robot {robot}"
     }
 
 

@@ -36,7 +36,13 @@ from nrs_cosim.orchestrator.scenario.byzantine import (
     lies_of,
     needed_algorithms,
 )
-from nrs_cosim.orchestrator.scenario.conversion import Array, gain, motion_of, terms
+from nrs_cosim.orchestrator.scenario.conversion import (
+    Array,
+    control,
+    gains,
+    motion_of,
+    terms,
+)
 from nrs_cosim.orchestrator.scenario.faults import link_faults, silences
 from nrs_cosim.orchestrator.scenario.initial import initial_rows
 from nrs_cosim.orchestrator.scenario.networks import topologies_of
@@ -271,12 +277,14 @@ class Experiment:
 
     def _body(self, robot: int, start: Mapping[str, Array]) -> Body:
         own = self.of_robot(robot)
+        kp, kd = gains(own.controller, self.m)
         return Body(
             robot=robot,
             parameters=own.plant.parameters,
-            kp=gain(own.controller.kp, self.m),
-            kd=gain(own.controller.kd, self.m),
+            kp=kp,
+            kd=kd,
             disturbance=Disturbance(*terms(own.disturbance.axes or (Axis(),) * self.m)),
+            control=control(own.controller, self.m),
             **start,
         )
 

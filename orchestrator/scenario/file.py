@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.resolution import Resolution
 from nrs_cosim.orchestrator.scenario.tables.algorithms import RECORDED, AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Run, Scenario
+from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
@@ -286,6 +286,8 @@ def _required(annotation: Any) -> list[str]:
     table = next(_tables(annotation), None)
     if table is Run:
         return ["duration", "sampling_period"]  # for either of which sampling_times may stand
+    if table is Controller:
+        return ["kp", "kd"]  # for which frequency may stand
     fields = table.model_fields.items() if table else ()
     return [field.alias or name for name, field in fields if field.is_required()]
 

@@ -11,7 +11,12 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from nrs_cosim.orchestrator.scenario.tables.fmus import OwnPlant, Plant
-from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Disturbance, Scenario
+from nrs_cosim.orchestrator.scenario.tables.scenario import (
+    Controller,
+    Disturbance,
+    OwnController,
+    Scenario,
+)
 
 Shared = TypeVar("Shared", bound=BaseModel)
 
@@ -33,7 +38,7 @@ def own_of(scenario: Scenario) -> dict[int, Own]:
         robot.id: Own(
             f"robots[{i}].plant" if robot.plant else "plant",
             _plant_over(scenario.plant, robot.plant),
-            _over(scenario.controller, robot.controller),
+            _controller_over(scenario.controller, robot.controller),
             _over(scenario.disturbance, robot.disturbance),
         )
         for i, robot in enumerate(scenario.robots)
@@ -51,6 +56,18 @@ def _plant_over(shared: Plant, own: OwnPlant | None) -> Plant:
         "variables": {**shared.variables, **own.variables},
     }
     return merged.model_copy(update=names)
+
+
+def _controller_over(shared: Controller, own: OwnController | None) -> Controller:
+    """Return a controller with a robot's own keys; gains of the other kind are none beside them."""
+    if own is None:
+        return shared
+    given = own.model_fields_set
+    if given & {"frequency", "damping"}:
+        shared = shared.model_copy(update={"kp": None, "kd": None})
+    if given & {"kp", "kd"}:
+        shared = shared.model_copy(update={"frequency": None, "damping": None})
+    return _over(shared, own)
 
 
 def _over(shared: Shared, own: BaseModel | None) -> Shared:

@@ -13,12 +13,18 @@ from nrs_cosim.orchestrator.scenario.byzantine import wrong_byzantine
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.faults import wrong_faults
 from nrs_cosim.orchestrator.scenario.networks import hetero_at
+from nrs_cosim.orchestrator.scenario.own import own_of
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, NotInstalled
 from nrs_cosim.orchestrator.scenario.tables.faults import Faults
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.networks import Network
-from nrs_cosim.orchestrator.scenario.tables.scenario import Disturbance, Scenario, TlsTable
+from nrs_cosim.orchestrator.scenario.tables.scenario import (
+    Controller,
+    Disturbance,
+    Scenario,
+    TlsTable,
+)
 from nrs_cosim.orchestrator.scenario.targets import unsampled_times
 from nrs_cosim.orchestrator.scenario.times import wrong_times
 from nrs_cosim.orchestrator.scenario.wrong_initial import AXES, length_fault, wrong_initial
@@ -29,6 +35,12 @@ SHORTEST = 1e-6
 ELSEWHERE = {
     "kp": "controller.kp",
     "kd": "controller.kd",
+    **{
+        name: f"controller.{name}"
+        for name in ("ki", "torque_limit", "gravity_compensation", "acceleration_feedforward")
+    },
+    "computed_torque": "controller.computed_torque",
+    "inertia_scaling": "controller.frequency",
     "q": "initial.q",
     "qd": "initial.qd",
     "position_ref": "initial.position",
@@ -58,6 +70,7 @@ def wrong_tables(experiment: Experiment) -> Iterator[str]:
     if not (time_faults or network_faults):
         yield from unused_phases(experiment)
     yield from _gain_faults("controller", scenario.controller, m)
+    yield from _law_faults("controller", scenario.controller)
     yield from _axes_faults("disturbance", scenario.disturbance, m)
     yield from wrong_initial(experiment, sized=not network_faults)
     if scenario.faults != Faults():
@@ -78,7 +91,7 @@ def _sent(experiment: Experiment) -> Collection[str]:
 
 
 def _robot_faults(scenario: Scenario) -> Iterator[str]:
-    n, m = scenario.n, scenario.m
+    n, m, own = scenario.n, scenario.m, own_of(scenario)
     seen: set[int] = set()
     for i, robot in enumerate(scenario.robots):
         here = f"robots[{i}]"
@@ -91,6 +104,7 @@ def _robot_faults(scenario: Scenario) -> Iterator[str]:
             yield from _plant_faults(f"{here}.plant", robot.plant)
         if robot.controller:
             yield from _gain_faults(f"{here}.controller", robot.controller, m)
+            yield from _law_faults(f"{here}.controller", own[robot.id].controller)
         if robot.disturbance:
             yield from _axes_faults(f"{here}.disturbance", robot.disturbance, m)
 
@@ -198,6 +212,23 @@ def _gain_faults(where: str, controller: Any, m: int) -> Iterator[str]:
             for i, row in enumerate(value):
                 if isinstance(row, tuple):
                     yield from length_fault(f"{where}.{name}[{i}]", row, m, AXES)
+
+
+def _law_faults(where: str, controller: Controller) -> Iterator[str]:
+    """Yield which keys of a controller want, or exclude, others."""
+    by_gains = [key for key in ("kp", "kd") if getattr(controller, key) is not None]
+    if controller.frequency is None:
+        for key in ("damping", "computed_torque"):
+            if getattr(controller, key):
+                yield f"{where}.{key}: has no use without {where}.frequency"
+        if len(by_gains) < 2:
+            yield f"{where}: expected kp and kd, or frequency"
+        return
+    if by_gains:
+        yield f"{where}.{by_gains[0]}: cannot be given beside {where}.frequency"
+    for key in ("gravity_compensation", "acceleration_feedforward"):
+        if controller.computed_torque and getattr(controller, key):
+            yield f"{where}.{key}: computed_torque has it already"
 
 
 def _axes_faults(where: str, disturbance: Disturbance, m: int) -> Iterator[str]:

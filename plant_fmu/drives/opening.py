@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from nrs_cosim.bus.plurals import numbered
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.presence import expect_apart
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
 from nrs_cosim.plant_fmu.drives import stability
-from nrs_cosim.plant_fmu.drives.choice import RTOL, STEP, Driving, Undriven, choose
+from nrs_cosim.plant_fmu.drives.choice import RTOL, STEP, Driving, Offer, Undriven, choose
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
 from nrs_cosim.plant_fmu.drives.probe import expect_stable, measured_error
@@ -18,6 +20,7 @@ from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.stepped import FreePlants
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
+from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
@@ -48,6 +51,7 @@ def open_plants(
     `FmuError` says what is wrong with the FMU or with what it was told.
     """
     sizes = sizes_of(assignments(archive, bodies[0].parameters))
+    bodies, representatives = (_within_efforts(archive, some) for some in (bodies, representatives))
     if isinstance(driving, Undriven):
         expect_apart(archive, names, sizes, MOTION)
         why = "it moves by itself"
@@ -64,6 +68,7 @@ def open_plants(
     why = f"{offer.reason}; " + (
         "the scenario asks for it" if asked else "the FMU offers nothing more accurate"
     )
+    _expect_control(archive, offer, bodies)
     library = _loaded(stack, archive, offer.kind, load)
     match offer.way:
         case "reference":
@@ -75,6 +80,37 @@ def open_plants(
         case "heun" | "hold":
             step, heun = driving.control_step or STEP, offer.way == "heun"
             return _by_held_torque(library, bodies, representatives, names, step, heun, why)
+
+
+def _within_efforts(archive: Archive, bodies: Sequence[Body]) -> Sequence[Body]:
+    """Return bodies whose torque limits are known, where they are those of the FMU's URDF."""
+    limited = []
+    for body in bodies:
+        own = body
+        if body.control.limited_by_effort:
+            names = [joint.name for joint in archive.joints]
+            try:
+                limits = effort_limits(archive.urdf, names)
+            except ValueError as error:
+                raise FmuError(
+                    f"{archive.label}: controller.torque_limit of robot {body.robot}: {error}"
+                ) from None
+            control = replace(body.control, torque_limit=limits, limited_by_effort=False)
+            own = replace(body, control=control)
+        limited.append(own)
+    return limited
+
+
+def _expect_control(archive: Archive, offer: Offer, bodies: Sequence[Body]) -> None:
+    """Refuse what the law outside an FMU has not."""
+    if offer.way == "reference":
+        return
+    for body in bodies:
+        if wanted := [name for name in body.control.values() if name != "torque_limit"]:
+            raise FmuError(
+                f"{archive.label}: {', '.join(wanted)}, as the controller of robot {body.robot} "
+                f"wants, is of FMUs that hold the law; this one is driven by {quoted(offer.way)}"
+            )
 
 
 def _loaded(stack: ExitStack, archive: Archive, kind: Kind, load: Load) -> Library:

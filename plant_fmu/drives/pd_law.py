@@ -1,4 +1,4 @@
-"""tau = kp (ε(t) − q) + kd (υ(t) − qd); tau_d(t) acts beside it.
+"""tau = kp (ε(t) − q) + kd (υ(t) − qd), within a limit; tau_d(t) acts beside it.
 
 With s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a; of a line, without the terms in a.
 """
@@ -33,6 +33,11 @@ class Law:
     def __init__(self, bodies: Sequence[Body]) -> None:
         self._kp, self._kd = (np.array([getattr(b, gain) for b in bodies]) for gain in ("kp", "kd"))
         self._feedback = np.concatenate([self._kp, self._kd], axis=2)
+        limits = [body.control.torque_limit for body in bodies]
+        self._limit: Array | None = None
+        if any(limit is not None for limit in limits):
+            m = len(bodies[0].q)
+            self._limit = np.array([np.full(m, np.inf) if x is None else x for x in limits])
         self._disturbance = Disturbance.stack([body.disturbance for body in bodies])
         d = self._disturbance
         self._waves = [
@@ -74,20 +79,29 @@ class Law:
         reference = terms.held + since * terms.drift
         if terms.curve is not None:
             reference += since * since * terms.curve
-        return reference - _times(self._feedback, state)
+        torque: Array = reference - _times(self._feedback, state)
+        return torque if self._limit is None else np.clip(torque, -self._limit, self._limit)
 
     def effort(self, seconds: float, state: Array) -> Array:
         """Return tau + tau_d, (rows, m), N m: all that acts on the robots; see `torque`.
 
         Waves are added one after the other, so that those of zero change no bit.
         """
+        effort = self._undulating(seconds, state)
+        for amplitude, frequency, phase in self._waves:
+            effort += amplitude * sine(frequency * seconds + phase)
+        return effort
+
+    def _undulating(self, seconds: float, state: Array) -> Array:
+        """Return `effort` without waves."""
+        if self._limit is not None:
+            d = self._disturbance
+            return self.torque(seconds, state) + (d.offset + seconds * d.rate)
         terms, since = self._terms or self._find_terms(), seconds - self.since
         effort = terms.held_disturbed + since * terms.drift_disturbed
         if terms.curve is not None:
             effort += since * since * terms.curve
         effort -= _times(self._feedback, state)
-        for amplitude, frequency, phase in self._waves:
-            effort += amplitude * sine(frequency * seconds + phase)
         return effort
 
     def _find_terms(self) -> _Terms:

@@ -117,6 +117,7 @@ def start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
     gains = {gain: getattr(body, gain) for gain in GAINS if has(archive, names, gain)}
     return {
         **gains,
+        **_control(body, archive, names),
         **(_disturbance(body, archive, names) if body.disturbance else {}),
         "q": body.q,
         "qd": body.qd,
@@ -125,6 +126,18 @@ def start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
         **({ACCELERATION: np.zeros(len(body.q))} if takes(archive, names, ACCELERATION) else {}),
         **({TIME: np.zeros(1)} if takes(archive, names, TIME) else {}),
     }
+
+
+def _control(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
+    """Return what the law has beside its gains, by our names."""
+    values = body.control.values()
+    lacking = [name for name in values if not has(archive, names, name)]
+    if lacking:
+        raise FmuError(
+            f"{archive.label}: holds a law of its own, which has no variable "
+            f"{', '.join(lacking)}, as the controller of robot {body.robot} wants"
+        )
+    return values
 
 
 def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:

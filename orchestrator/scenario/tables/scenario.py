@@ -19,10 +19,12 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
     InitialArray,
     InitialRow,
     InitialRows,
+    JointNumbers,
     Number,
     Positive,
     Table,
     Text,
+    TorqueLimit,
 )
 
 
@@ -67,18 +69,63 @@ class Run(Table):
         return self.duration or (self.sampling_times[-1] if self.sampling_times else None)
 
 
-class Controller(Table):
-    """tau = kp (position_i − q) + kd (velocity_i − qd)."""
+_MADE_UP_FOR = "; of bundled models and those of a URDF"
 
-    kp: Gain = Field(description="N m/rad: a number, m numbers, or m x m")
-    kd: Gain = Field(description="N m s/rad: a number, m numbers, or m x m")
+
+class Controller(Table):
+    """tau = u = kp (position_i − q) + kd (velocity_i − qd), and more where it is asked for.
+
+    Either kp and kd, or a frequency, are given.
+    """
+
+    kp: Gain | None = Field(None, description="N m/rad: a number, m numbers, or m x m")
+    kd: Gain | None = Field(None, description="N m s/rad: a number, m numbers, or m x m")
+    frequency: JointNumbers | None = Field(
+        None,
+        description="rad/s, a number or m numbers: u = M(q) (w² e + 2 damping w de/dt), so that "
+        f"each joint has this bandwidth in every posture, in place of kp and kd{_MADE_UP_FOR}",
+    )
+    damping: JointNumbers | None = Field(
+        None, description="with frequency, 1 by default: a number or m numbers"
+    )
+    ki: Gain | None = Field(
+        None,
+        description="N m/(rad s), as kp, or 1/s³ with frequency: ki times the integral of "
+        "position_i − q, which rests where torque_limit keeps it from counting",
+    )
+    torque_limit: TorqueLimit | None = Field(
+        None,
+        description='N m: the most of tau, either way: a number, m numbers, or "effort", which '
+        "is each joint's in the URDF that the FMU is of",
+    )
+    gravity_compensation: bool = Field(
+        False, strict=True, description=f"tau has G(q) too{_MADE_UP_FOR}"
+    )
+    acceleration_feedforward: bool = Field(
+        False,
+        strict=True,
+        description=f"tau has M(q) times the acceleration of the estimate too{_MADE_UP_FOR}",
+    )
+    computed_torque: bool = Field(
+        False,
+        strict=True,
+        description="with frequency: tau makes up for all that acts on a robot but tau_d, so that "
+        f"its acceleration is the estimate's and that of the error's oscillator{_MADE_UP_FOR}",
+    )
 
 
 class OwnController(Table):
-    """Gains of one robot; one that is not given stays as for all."""
+    """What one robot has otherwise; what is not given stays as for all."""
 
     kp: Gain | None = Field(None, description="N m/rad: as in [controller]")
     kd: Gain | None = Field(None, description="N m s/rad: as in [controller]")
+    frequency: JointNumbers | None = Field(None, description="rad/s: as in [controller]")
+    damping: JointNumbers | None = Field(None, description="as in [controller]")
+    ki: Gain | None = Field(None, description="as in [controller]")
+    torque_limit: TorqueLimit | None = Field(None, description="N m: as in [controller]")
+    gravity_compensation: bool = Field(False, strict=True, description="as in [controller]")
+    acceleration_feedforward: bool = Field(False, strict=True, description="as in [controller]")
+    computed_torque: bool = Field(False, strict=True, description="as in [controller]")
 
 
 class Disturbance(Table):

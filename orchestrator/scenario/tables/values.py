@@ -4,7 +4,7 @@ n is the number of robots and m the number of the target's axes.
 """
 
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
@@ -78,6 +78,23 @@ Gain = Annotated[
     | Annotated[Vector, Tag(VECTOR)]
     | Annotated[Matrix, Tag(MATRIX)],
     Discriminator(_form),
+]
+JointNumbers = Annotated[
+    Annotated[Positive, Tag(NUMBER)] | Annotated[tuple[Positive, ...], Tag(VECTOR)],
+    Discriminator(_form),
+]
+"""A number for all joints, or one for each."""
+
+
+def _limit_form(value: Any) -> str:
+    return TEXT if isinstance(value, str) else _form(value)
+
+
+TorqueLimit = Annotated[
+    Annotated[Positive, Tag(NUMBER)]
+    | Annotated[tuple[Positive, ...], Tag(VECTOR)]
+    | Annotated[Literal["effort"], Tag(TEXT)],
+    Discriminator(_limit_form),
 ]
 InitialRows = Annotated[
     Annotated[Number, Tag(NUMBER)]
