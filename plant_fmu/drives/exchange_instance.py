@@ -7,16 +7,18 @@ the indicators z(t, x), step events as the FMU wants after a step, and jumps of 
 """
 
 from collections.abc import Sequence
+from ctypes import c_double
 
 import numpy as np
 
-from nrs_cosim.plant_fmu.archives.quantities import View
+from nrs_cosim.plant_fmu.archives.quantities import NumberLayout, View
+from nrs_cosim.plant_fmu.drives.inverse_dynamics import model_torque, needs_model
 from nrs_cosim.plant_fmu.drives.pd_law import Law
-from nrs_cosim.plant_fmu.errors import StepError
+from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.fmi.calls import is_fine, unless_fine
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.model_calls import ModelCalls
-from nrs_cosim.plant_fmu.plants import Array
+from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Control
 
 ITERATIONS = 1000
 """After so many iterations of one event it is taken to have no end."""
@@ -38,10 +40,11 @@ class Exchanged:
         law: Law | None,
         m: int,
         outputs: Sequence[str],
+        control: Control = PD_ALONE,
     ) -> None:
         """Take the instance of a row, initialised; the law is that of this robot alone.
 
-        The outputs are of m numbers each.
+        The outputs are of m numbers each. `control` is what the law has beside PD.
         """
         library = instances.library
         description = library.archive.description
@@ -57,7 +60,19 @@ class Exchanged:
             # What of the input's variables is not ours is written back as it was at first.
             if not self._input.is_complete:
                 self._expect(library.calls.get(*self._write), "access to tau")
+        self._tau, self._control = np.zeros((1, m)), control
+        self._rate_places = np.zeros(0, int)
+        if law and needs_model(control):
+            velocity = instances.vector(outputs[1], m)
+            self._rate_places = np.array(instances.states_of(outputs[1], m), int)
+            self._rate_factor = NumberLayout.of([velocity]).factor
+            if not self._rate_places.size:
+                raise FmuError(
+                    f"{library.archive.label}: {velocity.name} is no state of the FMU's, by whose "
+                    "rate the controller could tell its inertia"
+                )
         self.states = np.zeros(description.numberOfContinuousStates)
+        self._rates = np.zeros(self.states.size)
         self.indicators = np.zeros(description.numberOfEventIndicators)
         self.states_at = self.states.ctypes.data
         self.indicators_at = self.indicators.ctypes.data
@@ -86,7 +101,9 @@ class Exchanged:
     def event(self) -> None:
         """Handle an event at this time: a planned one, one that was found, or a jump of tau."""
         self._expect(self._calls.enter_event_mode(self._handle), "entering event mode")
-        self._expect(self._apply_law(self.time), "an event")
+        # Equations are asked for more than their rates in continuous time alone.
+        if not self._rate_places.size:
+            self._expect(self._apply_law(self.time, self.states_at), "an event")
         self._iterate()
 
     def move(self, time: float, states: int) -> int:
@@ -95,7 +112,7 @@ class Exchanged:
         return (
             unless_fine(calls.set_time(handle, time))
             or unless_fine(calls.set_states(handle, states, self.states.size))
-            or self._apply_law(time)
+            or self._apply_law(time, states)
         )
 
     def derivatives(self, time: float, states: int, derivatives: int) -> int:
@@ -144,7 +161,8 @@ class Exchanged:
         """Return the law's torque now, (m,), N m, without the disturbance."""
         if not self._law:
             return np.zeros(self.state.size // 2)
-        torque: Array = self._law.torque(self.time, self.state)[0]
+        asks = self._rate_places.size > 0
+        torque: Array = self._tau[0] if asks else self._law.torque(self.time, self.state)[0]
         return torque
 
     def failure(self, cause: str) -> StepError:
@@ -170,11 +188,11 @@ class Exchanged:
         status = (
             unless_fine(calls.enter_continuous_time_mode(handle))
             or unless_fine(calls.get_states(handle, self.states_at, self.states.size))
-            or self._apply_law(self.time)
+            or self._apply_law(self.time, self.states_at)
         )
         self._expect(status, "an event")
 
-    def _apply_law(self, time: float) -> int:
+    def _apply_law(self, time: float, states: int) -> int:
         """Read the outputs, and give the FMU the torque that the law has for them."""
         calls = self._instances.library.calls
         read = unless_fine(calls.get(*self._read))
@@ -183,9 +201,41 @@ class Exchanged:
         self._outputs.take()
         if not self._law:
             return 0
-        self._effort[:] = self._law.effort(time, self.state)
+        if self._rate_places.size:
+            self._effort[:] = self._model_effort(self._law, time, states)
+        else:
+            self._effort[:] = self._law.effort(time, self.state)
         self._input.give()
         return calls.set(*self._write)
+
+    def _model_effort(self, law: Law, time: float, states: int) -> Array:
+        """Return the effort (1, m) of a law that asks the equations, at states by their address."""
+        here = np.ctypeslib.as_array((c_double * self.states.size).from_address(states)).copy()
+        still = here.copy()
+        still[self._rate_places] = 0.0
+
+        def accelerate(torque: Array, at_rest: bool) -> Array:
+            self._effort[0] = torque
+            self._input.give()
+            handle, calls, n = self._handle, self._calls, self.states.size
+            at = still if at_rest else here
+            status = (
+                unless_fine(self._instances.library.calls.set(*self._write))
+                or unless_fine(calls.set_states(handle, at.ctypes.data, n))
+                or calls.get_derivatives(handle, self._rates.ctypes.data, n)
+            )
+            self._expect(status, "evaluating the derivatives")
+            return self._rate_factor * self._rates[self._rate_places]
+
+        u, m = law.asked(time, self.state)[0], self._tau.size
+        asked = model_torque(self._control, u, law.reference[0, 2 * m :], accelerate)
+        if self._control.gravity_compensation:  # the last that was asked for was at rest
+            self._expect(
+                self._calls.set_states(self._handle, here.ctypes.data, self.states.size),
+                "evaluating the derivatives",
+            )
+        self._tau = law.within_limits(asked[None])
+        return law.disturbed(time, self._tau)
 
     def _expect(self, status: int, act: str) -> None:
         if not is_fine(status):

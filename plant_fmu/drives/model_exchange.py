@@ -137,8 +137,10 @@ class ModelExchangePlants:
         self._laws = [Law([body]) for body in bodies]
         outputs = MOTION if self._free else STATE
         self._robots = [
-            Exchanged(instances, row, self._calls, None if self._free else law, m, outputs)
-            for row, law in enumerate(self._laws)
+            Exchanged(
+                instances, row, self._calls, None if self._free else law, m, outputs, body.control
+            )
+            for row, (law, body) in enumerate(zip(self._laws, bodies, strict=True))
         ]
         where = [place for of in places for place in places[of] or [-1] * m]
         for robot, body in zip(self._robots, bodies, strict=True):

@@ -105,11 +105,14 @@ def _expect_control(archive: Archive, offer: Offer, bodies: Sequence[Body]) -> N
     """Refuse what the law outside an FMU has not."""
     if offer.way == "reference":
         return
+    solved = offer.kind == "ModelExchange"
     for body in bodies:
-        if wanted := [name for name in body.control.values() if name != "torque_limit"]:
+        wanted = body.control.values().keys() - {"torque_limit"}
+        if lacking := sorted(wanted & {"ki"} if solved else wanted):
             raise FmuError(
-                f"{archive.label}: {', '.join(wanted)}, as the controller of robot {body.robot} "
-                f"wants, is of FMUs that hold the law; this one is driven by {quoted(offer.way)}"
+                f"{archive.label}: {', '.join(lacking)}, as the controller of robot {body.robot} "
+                f"wants, is of FMUs that hold the law{'' if solved else ', or of Model Exchange'}; "
+                f"this one is driven by {quoted(offer.way)}"
             )
 
 

@@ -73,13 +73,20 @@ class Law:
         position, velocity, acceleration = np.split(reference, 3, axis=1)
         self.hold(since, position, velocity, acceleration if acceleration.any() else None)
 
-    def torque(self, seconds: float, state: Array) -> Array:
-        """Return tau (rows, m), N m, at a time in s and the states (rows, 2 m) of q and then qd."""
+    def asked(self, seconds: float, state: Array) -> Array:
+        """Return the PD torque (rows, m), N m, at a time in s and states (rows, 2 m), q and qd."""
         terms, since = self._terms or self._find_terms(), seconds - self.since
         reference = terms.held + since * terms.drift
         if terms.curve is not None:
             reference += since * since * terms.curve
-        torque: Array = reference - _times(self._feedback, state)
+        return reference - _times(self._feedback, state)
+
+    def torque(self, seconds: float, state: Array) -> Array:
+        """Return tau (rows, m), N m: what of `asked` is within the limits."""
+        return self.within_limits(self.asked(seconds, state))
+
+    def within_limits(self, torque: Array) -> Array:
+        """Return what of a torque (rows, m), N m, robots apply."""
         return torque if self._limit is None else np.clip(torque, -self._limit, self._limit)
 
     def effort(self, seconds: float, state: Array) -> Array:
@@ -87,21 +94,23 @@ class Law:
 
         Waves are added one after the other, so that those of zero change no bit.
         """
-        effort = self._undulating(seconds, state)
-        for amplitude, frequency, phase in self._waves:
-            effort += amplitude * sine(frequency * seconds + phase)
-        return effort
-
-    def _undulating(self, seconds: float, state: Array) -> Array:
-        """Return `effort` without waves."""
         if self._limit is not None:
-            d = self._disturbance
-            return self.torque(seconds, state) + (d.offset + seconds * d.rate)
+            return self.disturbed(seconds, self.torque(seconds, state))
         terms, since = self._terms or self._find_terms(), seconds - self.since
         effort = terms.held_disturbed + since * terms.drift_disturbed
         if terms.curve is not None:
             effort += since * since * terms.curve
         effort -= _times(self._feedback, state)
+        return self._with_waves(seconds, effort)
+
+    def disturbed(self, seconds: float, torque: Array) -> Array:
+        """Return a torque, (rows, m), with tau_d at a time in s."""
+        d = self._disturbance
+        return self._with_waves(seconds, torque + (d.offset + seconds * d.rate))
+
+    def _with_waves(self, seconds: float, effort: Array) -> Array:
+        for amplitude, frequency, phase in self._waves:
+            effort += amplitude * sine(frequency * seconds + phase)
         return effort
 
     def _find_terms(self) -> _Terms:

@@ -37,9 +37,12 @@ def expect_stable(
     """Raise `UnstableStepError` where a step is beyond the limit estimated for a robot."""
     for body in _distinct(bodies):
         held = _moving_span(probe, body, step)
+        scaled = body.control.inertia_scaling or body.control.computed_torque
         limit = min(
             step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
-            for inverse in _inverse_inertias(probe, body, step, held)
+            for inverse in (
+                [np.eye(len(body.q))] if scaled else _inverse_inertias(probe, body, step, held)
+            )
         )
         if held > limit:
             moves = f", since it moves only every {held:g} s" if held > step else ""

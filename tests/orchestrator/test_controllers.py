@@ -144,11 +144,11 @@ def body(control):
     return Body(1, {}, *gains, still, *start, control=control)
 
 
-def driven(archive, control, driving):
+def driven(archive, control, driving, *acceleration):
     with ExitStack() as stack:
         plants = open_plants(stack, archive, [body(control)], {}, driving)
-        plants.hold(np.array([[2.0, 1.0]]), np.array([[0.3, -0.5]]))
-        for k in range(10):
+        plants.hold(np.array([[2.0, 1.0]]), np.array([[0.3, -0.5]]), *acceleration)
+        for k in range(5):
             plants.advance(k * 0.1, 0.1)
         return np.hstack([plants.q, plants.qd, plants.tau])
 
@@ -168,6 +168,25 @@ def test_a_torque_limit_is_the_same_however_a_plant_is_driven(driving, tolerance
     wanted = driven(archive, control, Driving())
     assert np.abs(driven(archive, control, driving) - wanted).max() < tolerance
     assert np.abs(driven(archive, Control(), driving) - wanted).max() > 0.1
+
+
+@pytest.mark.parametrize("driving", [Driving(solver="cvode"), Driving(solver="rk4", step=2e-3)])
+@pytest.mark.parametrize(
+    "control",
+    [
+        Control(gravity_compensation=True),
+        Control(inertia_scaling=True),
+        Control(computed_torque=True, torque_limit=np.array([150.0, 90.0])),
+        Control(acceleration_feedforward=True, gravity_compensation=True, inertia_scaling=True),
+    ],
+)
+def test_in_model_exchange_the_law_is_that_of_the_model(driving, control):
+    """The same FMU, whose own law has been compared with one that is written out."""
+    archive, bend = open_archive(build("two_link_arm")), np.array([[2.0, -1.0]])
+    wanted = driven(archive, control, Driving(), bend)
+    found = driven(archive, control, driving, bend)
+    assert np.abs((found - wanted) / (1 + np.abs(wanted))).max() < 1e-5
+    assert np.abs(driven(archive, Control(), driving, bend) - wanted).max() > 0.01
 
 
 def test_what_a_held_torque_cannot_have_is_refused_with_the_way():

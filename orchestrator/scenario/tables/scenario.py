@@ -69,7 +69,7 @@ class Run(Table):
         return self.duration or (self.sampling_times[-1] if self.sampling_times else None)
 
 
-_MADE_UP_FOR = "; of bundled models and those of a URDF"
+_MADE_UP_FOR = "; of bundled models, those of a URDF, and Model Exchange"
 
 
 class Controller(Table):
