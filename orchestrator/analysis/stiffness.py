@@ -15,7 +15,7 @@ from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.bus.text import shortened
 from nrs_cosim.orchestrator.analysis.convergence import periods_of
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, alike
-from nrs_cosim.orchestrator.scenario.conversion import gain, names_of
+from nrs_cosim.orchestrator.scenario.conversion import gains, names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
@@ -49,7 +49,7 @@ class Stiffness:
 
     def sentence(self) -> str:
         """Say what is stiff, and what would not be."""
-        kp, kd = (", ".join(f"{value:g}" for value in gains) for gains in (self.kp, self.kd))
+        kp, kd = (", ".join(f"{value:g}" for value in gain) for gain in (self.kp, self.kd))
         return (
             f"{numbered('robot', self.robots, 8)}: {self.joint} is stiff: kd over its inertia is "
             f"{self.rate:.2g} per s, {self.per_period:.2g} times in a sampling period; "
@@ -62,11 +62,13 @@ def stiffness(experiment: Experiment, mobility: Mobility) -> list[Stiffness]:
     period, found = periods_of(experiment).longest, []
     for robots in alike(experiment):
         own, m = experiment.of_robot(robots[0]), experiment.m
+        if own.controller.frequency is not None:  # it is the rate that was asked for
+            continue
         p3 = bounds_of(own.plant.fmu, own.plant.parameters, m)
         sizes = np.array(p3.mobility if p3 else mobility(own.plant, robots[0]))
         if len(sizes) != m:
             continue
-        kp, kd = (gain(value, m).diagonal() for value in (own.controller.kp, own.controller.kd))
+        kp, kd = (value.diagonal() for value in gains(own.controller, m))
         rates = sizes * kd
         worst = int(np.argmax(rates))
         if rates[worst] * period <= STIFF:

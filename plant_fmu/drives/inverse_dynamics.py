@@ -26,12 +26,27 @@ def model_torque(control: Control, u: Array, acceleration: Array, accelerate: Ac
     moving = accelerate(none, False)
     inverse = np.column_stack([accelerate(push, False) - moving for push in np.eye(m)])
     scaled = control.inertia_scaling or control.computed_torque
-    wanted: Array = u if scaled else none
+    wanted = np.zeros(m)
+    if scaled:
+        wanted += u
     if control.acceleration_feedforward or control.computed_torque:
-        wanted = wanted + acceleration
+        wanted += acceleration
     if control.computed_torque:
-        wanted = wanted - moving
+        wanted -= moving
     elif control.gravity_compensation:
-        wanted = wanted - accelerate(none, True)
-    torque: Array = np.linalg.solve(inverse, wanted)
+        wanted -= accelerate(none, True)
+    torque = _solved(inverse, wanted)
     return torque if scaled else u + torque
+
+
+def _solved(A: Array, b: Array) -> Array:
+    """Return x (m,) of A x = b with A (m, m), by Gauss, the greatest of a column first."""
+    # No library of linear algebra: each adds in an order of its own, some multiply and add in one.
+    rows = np.column_stack([A, b])
+    for k in range(len(b)):
+        best = k + int(np.argmax(np.abs(rows[k:, k])))
+        rows[[k, best]] = rows[[best, k]]
+        rows[k] /= rows[k, k]
+        others = np.arange(len(b)) != k
+        rows[others] -= rows[others, k, None] * rows[k]
+    return rows[:, -1]
