@@ -129,6 +129,28 @@ def fmu_build(
     out.print(str(output), markup=False)
 
 
+@fmu.command("compile")
+def fmu_compile(
+    name: Annotated[str, typer.Argument(metavar="FMU", help="An .fmu file with C sources.")],
+    output: FmuOutput,
+) -> None:
+    """Write a copy of an FMU with a library for this machine, compiled from its C sources."""
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable
+    from nrs_cosim.orchestrator.cli.progress import stages
+    from nrs_cosim.plant_fmu.archives.archive import read_archive
+    from nrs_cosim.plant_fmu.archives.compilation import compiled
+    from nrs_cosim.plant_fmu.bundled.builder import copy_out
+
+    expect_replaceable(output, "FMU", b"PK")
+    with stages(err) as begin:
+        begin("compiling")
+        built = compiled(read_archive(Path(name)))
+        if output.exists() and output.samefile(built.path):
+            raise InputError(f"{output}: is the FMU itself, which can run here as it is")
+        copy_out(built.path, output)
+    out.print(str(output), markup=False)
+
+
 @fmu.command("agent")
 def fmu_agent(
     scenario: ScenarioPath,

@@ -240,7 +240,7 @@ def obstacle(description: ModelDescription, names: Sequence[str]) -> str:
         return f"{lacking}; it has {', '.join(others)}, none named as its modelIdentifier"
     there = ", ".join(sorted({p.parts[1] for p in libraries}))
     has = f"libraries for {there}" if there else "no library at all"
-    advice = ", but sources: --compile makes one of them, code of others" * has_c(names)
+    advice = ", but C sources: --compile, or `nrs fmu compile`, makes one of them" * has_c(names)
     return f"{lacking}; it has {has}{advice}"
 
 

@@ -12,7 +12,7 @@ import pytest
 from nrs_cosim.orchestrator.cli.main import command as command_line
 from tests.command import nrs
 from tests.guard import GUARD
-from tests.plant_fmu.rewritten_fmus import rewritten
+from tests.plant_fmu.rewritten_fmus import rewritten, sources_alone
 from tests.recordings import made_up_runs
 from tests.scenarios import PAPER, SHORT, tables, toml, write
 
@@ -73,6 +73,7 @@ STATUSES = {
         "fmu check planar_robot",
         "fmu build two_link_arm -o new.fmu",
         "fmu agent good.toml --robot 1 -o new.fmu",
+        "fmu compile sources.fmu -o new.fmu",
         "export whole.mcap --to ssp -o new.ssp",
         "fmu from-urdf slider.urdf -o new.fmu --gravity 0,0,0",
     ],
@@ -148,6 +149,7 @@ STATUSES = {
         'fmu check planar_robot --variables qq="q"',
         "fmu build none -o new.fmu",
         "fmu agent good.toml --robot 4 -o new.fmu",
+        "fmu compile none.fmu -o new.fmu",
         "fmu agent lossy.toml --robot 1 -o new.fmu",
         "export whole.mcap --to ssp -o new.csv",
         "fmu build two_link_arm -o new.fmu --fmi 4",
@@ -180,6 +182,7 @@ def folder(tmp_path_factory):
     ):
         write(folder / f"{name}.toml", change, base=base)
     (folder / "slider.urdf").write_text(SLIDER, "utf-8")
+    sources_alone(folder / "sources.fmu", 2)
     rewritten(folder / "renamed.fmu", 3, lambda text: text.replace('"q"', '"theta"'))
     for name, status in (("other", 0), ("wild", 1), ("long", 0)):
         done = nrs("run", f"{name}.toml", "-o", f"{name}.mcap", cwd=folder)

@@ -71,3 +71,19 @@ def renamed(text: str, name: Callable[[str, list[int]], str]) -> str:
         return f'name="{name(stem, indices)}"'
 
     return re.sub(r'name="(\w+)\[([\d,]+)\]"', rename, text)
+
+
+def moved(path: Path, fmi: int, to: str, *others: str, sources: bool = False) -> Path:
+    """Write the two-link arm's archive with its library elsewhere, and with empty entries more."""
+    with ZipFile(build("two_link_arm", fmi)) as source, ZipFile(path, "w") as target:
+        for name in source.namelist():
+            if sources or not name.startswith("sources/"):
+                target.writestr(to if name.startswith("binaries/") else name, source.read(name))
+        for name in others:
+            target.writestr(name, b"")
+    return path
+
+
+def sources_alone(path: Path, fmi: int) -> Path:
+    """Write the two-link arm's archive with its sources and without its library."""
+    return moved(path, fmi, "binaries/readme", sources=True)

@@ -1,19 +1,16 @@
 """The library in an archive: for this platform, of its model's name, and one that loads."""
 
 import re
-from pathlib import Path
-from zipfile import ZipFile
 
 import fmpy
 import pytest
 
 from nrs_cosim.plant_fmu.archives.archive import open_archive, unpacked
-from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.subprocess_check import check
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.library import Library
-from tests.plant_fmu.rewritten_fmus import rewritten
+from tests.plant_fmu.rewritten_fmus import moved, rewritten
 from tests.plant_fmu.test_archive import refused
 
 EACH_PLATFORM = pytest.mark.parametrize(
@@ -22,17 +19,6 @@ EACH_PLATFORM = pytest.mark.parametrize(
 
 
 LIBRARY = f"two_link_arm{fmpy.sharedLibraryExtension}"
-
-
-def moved(path: Path, fmi: int, to: str, *others: str, sources: bool = False) -> Path:
-    """Write the two-link arm's archive with its library elsewhere, and with empty entries more."""
-    with ZipFile(build("two_link_arm", fmi)) as source, ZipFile(path, "w") as target:
-        for name in source.namelist():
-            if sources or not name.startswith("sources/"):
-                target.writestr(to if name.startswith("binaries/") else name, source.read(name))
-        for name in others:
-            target.writestr(name, b"")
-    return path
 
 
 @EACH_PLATFORM
@@ -57,7 +43,8 @@ def test_sources_without_a_binary_suggest_to_compile_them(tmp_path, fmi, here):
     path = moved(tmp_path / "arm.fmu", fmi, "binaries/readme", sources=True)
     lacking = f"has no library binaries/{here}/{LIBRARY} for this platform; it has"
     assert refused(path) == (
-        f"{lacking} no library at all, but sources: --compile makes one of them, code of others"
+        f"{lacking} no library at all, but C sources: --compile, or `nrs fmu compile`, makes one "
+        f"of them"
     )
 
 

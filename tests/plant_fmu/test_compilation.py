@@ -18,7 +18,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.command import nrs
 from tests.plant_fmu import talker
-from tests.plant_fmu.test_archive_libraries import moved
+from tests.plant_fmu.rewritten_fmus import moved, sources_alone
 from tests.scenarios import write as write_scenario
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -35,10 +35,6 @@ ZIG_OR_SKIP = pytest.mark.skipif(not has_zig(), reason="needs ziglang (the extra
 
 
 Edit = tuple[str, str]
-
-
-def sources_alone(path: Path, fmi: int) -> Path:
-    return moved(path, fmi, "binaries/readme", sources=True)
 
 
 def talking_sources(path: Path, fmi: int, *, listed: bool, edit: Edit = ("", "")) -> Path:
