@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers verify-elsewhere benchmark-studies soak figures reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers verify-elsewhere benchmark-studies soak figures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -65,6 +65,9 @@ figures: .venv/.installed  ## draw the documents' figures
 docs: .venv/.tested  ## build the documentation site, docs/site/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/site/.doctrees docs docs/site
 	@echo docs/site/index.html
+
+gallery: .venv/.tested  ## run every scenario and draw it into docs/gallery
+	$(BIN)/python -m docs.gallery docs
 
 tutorials: .venv/.tested  ## run the tutorials and write what they show, with their pictures
 	$(BIN)/python -m docs.pages README.md docs/results.md docs/studies.md docs/tutorials/*.md

@@ -10,6 +10,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from docs import gallery
 from docs.pages import pictures, tried
 from tests.printed import masked
 
@@ -58,3 +59,9 @@ def test_the_messages_that_are_explained_are_those_of_the_code():
     joined = re.sub(r'"\s*f?"', "", code)
     assert len(explained) >= 12
     assert [words for words in explained if words not in joined] == []
+
+
+def test_the_gallery_has_every_scenario_with_its_picture():
+    assert (ROOT / "docs/gallery.md").read_text("utf-8") == gallery.page(), "see make gallery"
+    shown = {path.stem for path in (ROOT / "docs/gallery").glob("*.png")}
+    assert shown == {path.stem for path in gallery.SCENARIOS.glob("*.toml")}
