@@ -16,11 +16,13 @@ from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measu
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.copy import recover
+from nrs_cosim.recordings.ros2.conversion import convert
 path = Path(sys.argv[1])
 with Reader(path, verify=True) as reader:
     describe(reader, experiment_of(reader)), measure(reader, experiment_of(reader))
     export(reader, path.with_suffix(""), sys.argv[2])
     recover(reader, path.with_suffix(".new"))
+    convert(reader, path.with_suffix(".bag.mcap"))
 status = Path("/proc/self/status").read_text()
 print(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
 """
@@ -36,7 +38,8 @@ def peak_of_reading(path: Path, form: str) -> float:
         capture_output=True,
         text=True,
     )
-    path.with_suffix(".new").unlink()
+    for made in (".new", ".bag.mcap"):
+        path.with_suffix(made).unlink()
     return int(done.stdout) / 1000
 
 
