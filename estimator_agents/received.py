@@ -71,11 +71,11 @@ class Received:
 
     def own(self, x: Array) -> Array:
         """Return a robot's own value, (rows, …), at each of its edges, (E, …)."""
-        return x[self.row]
+        return x.take(self.row, axis=0)
 
     def difference(self, field: str, own: Array) -> Array:
         """Return x_j − x_i at each edge, (E, …): of in-neighbours' samples and own values."""
-        return self.samples[field] - own[self.row]
+        return self.samples[field] - self.own(own)
 
     def disagreement(self, field: str, own: Array) -> Array:
         """Return Σ_j w_ij/ϖ_i (x_j − x_i), (rows, …), over the digraph of the field.

@@ -38,6 +38,8 @@ class Values(dict[str, Array]):
 
     def at(self, rows: Any) -> "Values":
         """Return some rows, by index or mask; of one row a field that is a number has no axis."""
+        if isinstance(rows, np.ndarray) and rows.dtype != bool:  # `take` is ten times as fast
+            return Values({name: value.take(rows, axis=0) for name, value in self.items()})
         return Values({name: np.asarray(value[rows]) for name, value in self.items()})
 
     def guarded(self) -> "Values":
