@@ -12,6 +12,7 @@ that it may be, and an array takes the first rows and columns of its room.
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -154,7 +155,12 @@ def bundled_models() -> tuple[str, ...]:
 
 
 def declaration(name: str, fmi: int = 3) -> Declaration:
-    """The declaration of the bundled model `name` for FMI 2 or 3."""
+    """The declaration of the bundled model `name` for FMI 2 or 3; a run asks for it many times."""
+    return _declared(name, fmi, MODELS)
+
+
+@lru_cache(maxsize=64)
+def _declared(name: str, fmi: int, _models: Path) -> Declaration:
     return declare(name, own_tables(name), fmi)
 
 
