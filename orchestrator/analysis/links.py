@@ -62,6 +62,11 @@ class LinkFaults:
     or that is late from before t_1."""
 
     @property
+    def some_arrive(self) -> bool:
+        """Whether no link loses every sample."""
+        return not (self.loss == 1).any()
+
+    @property
     def fixed(self) -> bool:
         """Whether each link is late by the same time at all ticks."""
         return bool((self.least == self.most).all())
@@ -185,7 +190,7 @@ def link_analysis(
     found = LinkAnalysis("unknown", delays=delays, margin=margin)
     if why := _why_unknown(experiment, faults):
         return replace(found, why=why)
-    proof = _proven(experiment, spectrum, periods)
+    proof = _proven(experiment, spectrum, periods) if faults.some_arrive else ""
     if not faults.loss.any():
         found = _of_delays(experiment, faults, step, found, proof, spectrum)
         if found.source:
@@ -330,7 +335,9 @@ def _why_unknown(experiment: Experiment, faults: LinkFaults) -> str:
         "robots lie": bool(experiment.byzantine),
         "of several digraphs it is not computed": len(experiment.topologies.digraphs) > 1,
         "robots decide when they send": experiment.algorithm.TRIGGERED,
-        "a link loses every sample": bool((faults.loss == 1).any()),
+        "a link loses every sample, and agents hold what they never received": (
+            experiment.missing == "hold" and not faults.some_arrive
+        ),
         "an outage lasts to the end of the run": faults.since > experiment.clock.ticks,
     }
     return next((why for why, so in reasons.items() if so), "")

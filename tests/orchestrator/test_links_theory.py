@@ -13,6 +13,7 @@ from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.estimator_agents.paper import ADJACENCY
 from tests.orchestrator.networks import phases
 from tests.scenarios import SECOND_ORDER, paper
 
@@ -72,9 +73,26 @@ def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, s
 
 
 @pytest.mark.parametrize(
+    ("law", "source", "sink"), [(SECOND_ORDER, 3, 4), ({}, 3, 6), (SECOND_ORDER, 2, 1)]
+)
+def test_a_link_that_loses_every_sample_is_none_to_agents_that_drop(law, source, sink):
+    gone = {"faults.links": [{"from": source, "to": sink, "loss": 1.0}]}
+    adjacency = ADJACENCY.copy()
+    adjacency[sink - 1, source - 1] = 0
+    found, exact = check(paper(law, SLOW, gone, DROP)).links, 1.0
+    if adjacency[sink - 1].any():  # else it receives nothing, and stays as far off as it was
+        exact = check(paper(law, SLOW, {"network.adjacency": adjacency.tolist()})).rho.upper
+    assert found.loss.mean_square.upper == pytest.approx(exact, rel=1e-4)  # a double root
+    assert (found.source == "statement L1") == (exact < 1)
+
+
+@pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ([{"faults.links": [{"loss": 1.0, "to": 6}]}], "a link loses every sample"),
+        (
+            [{"faults.links": [{"loss": 1.0, "to": 6}]}],
+            "a link loses every sample, and agents hold",
+        ),
         ([{"faults.robots": [{"id": 2, "outages": [[3, 500]]}]}], "lasts to the end of the run"),
         ([HALF, TRIGGERED], "robots decide when they send"),
         (
