@@ -78,6 +78,8 @@ class PlantGroup(_Record):
     kind: str
     drive: str
     why: str
+    any_machine: bool | None = None
+    """Whether all machines come to the same bits, as by no other tool's FMU nor by CVODE."""
     sha256: Sha256
     robots: Annotated[tuple[int, ...], Field(min_length=1)]
     joints: tuple[JointRecord, ...]

@@ -130,6 +130,7 @@ class PlantDescription(Note):
     kind: str
     drive: str
     why: str
+    any_machine: bool
     sha256: str
     robots: tuple[int, ...]
     joints: tuple[dict[str, str], ...]

@@ -25,6 +25,7 @@ from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.archives.archive import Archive
+from nrs_cosim.plant_fmu.drives.opening import CVODE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +66,7 @@ class Robots:
                 "kind": plants.kind,
                 "drive": plants.drive,
                 "why": plants.why,
+                "any_machine": group.archive.ours and not plants.drive.startswith(CVODE),
                 "sha256": group.archive.sha256,
                 "robots": [numbers[row] for row in group.rows],
                 "joints": [

@@ -28,6 +28,7 @@ from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
 
 UNDRIVEN_RTOL = 1e-12
 """Of a target, which is run once."""
+CVODE = "Model Exchange, CVODE"
 _ANY = Driving()
 
 Load = Callable[[Archive, Path, Kind], Library]
@@ -137,7 +138,7 @@ def _by_cvode(
         library.ending.callback(solver.close)
         return solver
 
-    drive = f"Model Exchange, CVODE rtol {rtol:g}"
+    drive = f"{CVODE} rtol {rtol:g}"
     plants = ModelExchangePlants(library, bodies, names, solve, drive=drive, why=why, free=free)
     if states := plants.without_nominal:
         plants.drive += (

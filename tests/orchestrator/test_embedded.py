@@ -18,6 +18,7 @@ from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled import builder
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import ASSETS
+from nrs_cosim.recordings.schemas import about
 from tests.cluster.remote_workers import digest_of
 from tests.cluster.test_content import foreign_copy
 from tests.command import nrs
@@ -168,6 +169,16 @@ def test_an_fmu_that_is_not_the_recorded_one_is_run_in_no_case(ran, tmp_path):
     done = nrs("replay", path, "--verify", "--allow-fmus")
     assert done.returncode == 2
     assert "own.fmu is not the FMU that the recording was made with" in done.stderr
+
+
+def test_a_recording_says_which_plants_come_to_the_same_bits_on_any_machine(ran, tmp_path):
+    by_library = {"plant.solver": "cvode"}
+    for path, wanted in (
+        (ran.path, {"own.fmu": False, "two_link_arm": True}),
+        (run(paper(SHORT, by_library), tmp_path / "cvode.mcap").path, {"two_link_arm": False}),
+    ):
+        with Reader(path) as reader:
+            assert {plant.fmu: plant.any_machine for plant in about(reader).run.plants} == wanted
 
 
 def test_a_bundled_model_of_an_earlier_version_is_found_by_its_hash(tmp_path, monkeypatch):

@@ -7,8 +7,11 @@ import pytest
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.stiffness import mobility_at_start
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf
+from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.newton_euler import Oracle
 from tests.plant_fmu.test_urdf import IIWA
@@ -55,6 +58,23 @@ def test_check_and_run_warn_of_stiff_joints(tmp_path):
         assert (
             "warning: robots 1-6: joint 2 is stiff: kd over its inertia is 3.7e+04" in done.stderr
         )
+
+
+def test_a_stiff_run_is_resumed_to_the_same_bits(tmp_path):
+    """The checkpoint after tick 2 is one of plants that have gone over to the implicit method."""
+    gains = {"controller.kp": 200.0, "controller.kd": 60.0, "run.checkpoint_every": 2}
+    experiment = paper(LIGHT, gains, {"run.duration": 0.5})
+    whole = run(experiment, tmp_path / "whole.mcap")
+
+    def watch(time_ns):
+        if time_ns >= experiment.clock.t(3):
+            raise Interrupted
+
+    assert run(experiment, tmp_path / "begun.mcap", watch=watch).status == "interrupted"
+    done = nrs("resume", tmp_path / "begun.mcap", "-o", tmp_path / "rest.mcap")
+    assert done.returncode == 0, done.stderr
+    with Reader(whole.path) as one, Reader(tmp_path / "rest.mcap") as other:
+        assert one.digest == other.digest
 
 
 def test_a_published_arms_inertia_is_found_where_it_starts(tmp_path):
