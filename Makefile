@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-peers verify-elsewhere benchmark-studies soak urdfs figures reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-peers verify-elsewhere benchmark-studies soak urdfs figures rerun-picture reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -42,6 +42,9 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 	$(BIN)/python -m benchmarks.isolation
 	$(BIN)/python -m benchmarks.recordings
 
+benchmark-commands: .venv/.installed  ## time and memory that commands take of a recording of four million messages
+	$(BIN)/python -m benchmarks.commands $(ARGS)
+
 benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
 	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)
 
@@ -75,6 +78,13 @@ gallery: .venv/.tested  ## run every scenario and draw it into docs/gallery
 
 tutorials: .venv/.tested  ## run the tutorials and write what they show, with their pictures
 	$(BIN)/python -m docs.pages README.md docs/results.md docs/studies.md docs/tutorials/*.md
+
+rerun-picture: .venv/.tested  ## what Rerun shows of the paper's example, through Chromium
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[viewers]'
+	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap --force
+	rm -f $(DATA)/bag.mcap
+	$(BIN)/nrs convert $(DATA)/figures.mcap --to ros2 -o $(DATA)/bag.mcap
+	$(BIN)/python -m docs.rerun_picture $(DATA)/bag.mcap docs/rerun.png
 
 reference: .venv/.installed  ## write docs/scenario.md and docs/cli.md from the code
 	$(BIN)/python -m docs.reference docs
