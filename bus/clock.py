@@ -116,6 +116,8 @@ class Clock:
         """Return the output times in (t_{k−1}, t_k]; for k = 0 only t_0."""
         if not k:
             return [0]
+        if self.parts == 1:
+            return [self.t(k)]
         start = self.t(k - 1)
         span = self.t(k) - start
         return [start + part * span // self.parts for part in range(1, self.parts + 1)]

@@ -73,10 +73,11 @@ class Blocks:
         received: list[bytes] = []
         began, last = perf_counter(), first - 1
         due = began + MOST_SECONDS
+        end = min(until, first + self._most - 1)
+        if every := self._worker.checkpoints_every:
+            end = min(end, (first // every + 1) * every - 1)
         try:
-            while last < min(until, first + self._most - 1) and perf_counter() < due:
-                if last >= first and self._worker.is_checkpoint(last + 1):
-                    break
+            while last < end and perf_counter() < due:
                 received += self._do(last + 1, last + 1 - first, watch)
                 last += 1
         except Exception as error:

@@ -300,9 +300,14 @@ class Worker:
             found[kind] = records
         return found
 
+    @property
+    def checkpoints_every(self) -> int:
+        """Return at every how many ticks robots can be restored; 0 for none."""
+        return self._every if self.plants.checkpointable else 0
+
     def is_checkpoint(self, k: int) -> bool:
         """Return whether robots can be restored from t_k."""
-        return bool(self._every and k % self._every == 0 and self.plants.checkpointable)
+        return bool(self.checkpoints_every and k % self.checkpoints_every == 0)
 
     def take_in(self, k: int, items: Sequence[Item], listening: Listening) -> None:
         """Keep the samples in what came that are of t_k or later."""

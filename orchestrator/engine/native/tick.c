@@ -157,7 +157,7 @@ typedef struct {
     double *position, *velocity, *left_position, *left_velocity;
     double *sent_position, *sent_velocity, *apart, *veer;
     const int64_t *robots;
-    unsigned char *samples; /* of `size` bytes each, as above */
+    unsigned char *samples; /* of `size` bytes each, as above; k stands before them */
     size_t size, at_k, at_time, at_position, at_velocity;
     double time; /* s, that the plants have reached */
     double alpha, beta;
@@ -237,6 +237,8 @@ EXPORTED int advance(Tick *tick, bool holds, double start, double length, double
     if (!state_into(of->records + slot * of->rows * of->size, of, tick->left_position,
                     tick->left_velocity, k, t))
         return UNBOUNDED;
+    if (sent)
+        memcpy(tick->samples - sizeof k, &k, sizeof k);
     for (size_t row = 0; sent && row < of->rows; ++row) {
         unsigned char *record = tick->samples + row * tick->size;
         memcpy(record + tick->at_k, &k, sizeof k);

@@ -89,7 +89,6 @@ class WholeTick:
         """(most · robots,), an output after the other."""
         self.samples: NDArray[np.uint8] = np.zeros(4 + rows * wire.samples.size, np.uint8)
         """A batch of samples: k, and (robots,) records."""
-        self._k = self.samples[:4].view("<u4")
         records = self.samples[4:]
         records[:] = wire.samples.blank(agents.robots).view(np.uint8)
         robots = agents.robots.astype(np.int64)
@@ -164,8 +163,6 @@ class WholeTick:
             if holds:
                 self._plants.hold(*self._own.values())
             self._plants.advance(start, step)
-        if sends:
-            self._k[0] = k
         how = self._advance(self._given, holds, start, step, since, k, t, slot, sends)
         if how > _UNBOUNDED:
             of = self._steps[self._tick.at_group]
