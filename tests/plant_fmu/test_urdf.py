@@ -27,7 +27,7 @@ from nrs_cosim.plant_fmu.bundled.urdf_fmu import GRAVITY, build_urdf
 from nrs_cosim.plant_fmu.checking import subprocess_check
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.drives.opening import open_plants
-from nrs_cosim.plant_fmu.plants import Body, Disturbance
+from nrs_cosim.plant_fmu.plants import Body, Control, Disturbance
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.plant_fmu.equations import Equations
@@ -121,6 +121,24 @@ def test_mass_gravity_and_bias_of_a_published_arm_agree(equations: Open) -> None
         np.testing.assert_allclose(-M @ free, oracle.force(q, zero, zero), atol=1e-9)
         bias = oracle.force(q, qd, zero) + 0.5 * qd
         np.testing.assert_allclose(-M @ fmu.acceleration(q, qd, zero), bias, atol=1e-9)
+
+
+def test_a_published_arm_holds_its_weight_within_the_efforts_of_its_joints() -> None:
+    """Gravity by Newton and Euler; the URDF lets joints apply 300 N m."""
+    archive = open_archive(build_urdf(read_urdf(IIWA)))
+    for q, qd, _ in states(7, 2):
+        weightless = Control(gravity_compensation=True, limited_by_effort=True)
+        weight = Oracle(IIWA).force(q, 0 * qd, 0 * qd)
+        with ExitStack() as stack:
+            still = replace(passive(q, 0 * qd), control=weightless)
+            plants = open_plants(stack, archive, [still], {})
+            np.testing.assert_allclose(plants.tau[0], weight, atol=1e-9)
+            plants.advance(0.0, 0.5)
+            np.testing.assert_allclose(plants.q[0], q, atol=1e-8)
+        with ExitStack() as stack:
+            pulled = replace(still, kp=1e4 * np.eye(7), position=q + np.sign(qd))
+            plants = open_plants(stack, archive, [pulled], {})
+            assert plants.tau[0].tolist() == (300 * np.sign(qd)).tolist()
 
 
 def test_gravity_has_the_given_direction(equations: Open) -> None:

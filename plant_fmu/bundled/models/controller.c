@@ -18,8 +18,6 @@
 
 #include "controller.h"
 
-#include <stdbool.h>
-
 #include "cholesky.h"
 #include "robot.h"
 
@@ -64,37 +62,63 @@ static void add_inverse_dynamics(const Values *v, const double q[M], const doubl
         tau[i] += force[i];
 }
 
+/* Adds to tau what the law has beside tau + kp e + kd ed; with inertia scaling tau is without these. */
+static void add_the_rest(const Values *v, const double q[M], const double qd[M],
+                         const double integral[M], double u[M], double tau[M])
+{
+    const int m = m_of(v);
+    const double none[M] = {0.0};
+    const bool computed = v->computed_torque != 0.0;
+    const bool scaled = computed || v->inertia_scaling != 0.0;
+    const double share = computed ? 1.0 : v->acceleration_feedforward;
+    double wanted[M] = {0.0};
+    for (int i = 0; i < m; ++i) {
+        if (v->integrates != 0.0)
+            for (int j = 0; j < m; ++j)
+                u[i] += v->ki[i][j] * integral[j];
+        tau[i] = scaled ? v->tau[i] : u[i];
+        wanted[i] = (scaled ? u[i] - v->tau[i] : 0.0) + share * v->acceleration_ref[i];
+    }
+    if (computed)
+        add_inverse_dynamics(v, q, qd, wanted, 1.0, tau);
+    else if (scaled || v->gravity_compensation != 0.0 || v->acceleration_feedforward != 0.0)
+        add_inverse_dynamics(v, q, none, wanted, v->gravity_compensation, tau);
+}
+
+bool is_more_than_pd(const Values *v)
+{
+    return v->integrates != 0.0 || v->computed_torque != 0.0 || v->inertia_scaling != 0.0 ||
+           v->gravity_compensation != 0.0 || v->acceleration_feedforward != 0.0;
+}
+
 void control(const Values *v, double t, const double q[M], const double qd[M],
              const double integral[M], Control *found)
 {
     const int m = m_of(v);
-    const double s = since_given(v, t), *none = (const double[M]){0.0};
-    const bool computed = v->computed_torque != 0.0;
-    const bool scaled = computed || v->inertia_scaling != 0.0;
-    double e[M], ed[M], asked[M], wanted[M] = {0.0};
+    const double s = since_given(v, t);
+    double *e = found->error, *asked = found->asked, ed[M], u[M];
     for (int i = 0; i < m; ++i) {
         e[i] = reference(v, s, i) - q[i];
         ed[i] = reference_rate(v, s, i) - qd[i];
     }
     for (int i = 0; i < m; ++i) {
-        double u = scaled ? 0.0 : v->tau[i];
+        u[i] = v->tau[i];
         for (int j = 0; j < m; ++j)
-            u += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
-        if (v->integrates != 0.0)
-            for (int j = 0; j < m; ++j)
-                u += v->ki[i][j] * integral[j];
-        asked[i] = scaled ? v->tau[i] : u;
-        const double share = computed ? 1.0 : v->acceleration_feedforward;
-        wanted[i] = (scaled ? u : 0.0) + share * v->acceleration_ref[i];
+            u[i] += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
+        asked[i] = u[i];
     }
-    if (computed)
-        add_inverse_dynamics(v, q, qd, wanted, 1.0, asked);
-    else if (scaled || v->gravity_compensation != 0.0 || v->acceleration_feedforward != 0.0)
-        add_inverse_dynamics(v, q, none, wanted, v->gravity_compensation, asked);
+    if (v->more_than_pd != 0.0)
+        add_the_rest(v, q, qd, integral, u, asked);
     for (int i = 0; i < m; ++i) {
         const double limit = v->torque_limit[i];
         found->applied[i] = asked[i] > limit ? limit : asked[i] < -limit ? -limit : asked[i];
-        found->missing[i] = asked[i] - found->applied[i];
-        found->integral_rate[i] = found->missing[i] * e[i] > 0.0 ? 0.0 : e[i];
+    }
+}
+
+void integral_rate(const Values *v, const Control *now, double rate[M])
+{
+    for (int i = 0; i < m_of(v); ++i) {
+        const double e = now->error[i];
+        rate[i] = (now->asked[i] - now->applied[i]) * e > 0.0 ? 0.0 : e;
     }
 }

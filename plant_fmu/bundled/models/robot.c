@@ -24,15 +24,14 @@ void model_derivatives(const Values *values, double t, const double x[STATES],
     const int m = m_of(values);
     const double *q = x, *qd = x + m, *integral = x + 2 * m;
     Control control_now;
-    double *force = control_now.applied;
+    double force[M];
     control(values, t, q, qd, integral, &control_now);
     for (int i = 0; i < m; ++i) {
-        force[i] += disturbance(values, t, i);
+        force[i] = control_now.applied[i] + disturbance(values, t, i);
         dx[i] = qd[i];
     }
     if (values->integrates != 0.0)
-        for (int i = 0; i < m; ++i)
-            dx[2 * m + i] = control_now.integral_rate[i];
+        integral_rate(values, &control_now, dx + 2 * m);
     robot_acceleration(values, q, qd, force, dx + m);
 }
 
@@ -42,7 +41,7 @@ void model_outputs(Values *values)
     control(values, values->time, values->q, values->qd, values->integral, &now);
     for (int i = 0; i < m_of(values); ++i) {
         values->tau_applied[i] = now.applied[i];
-        values->tau_missing[i] = now.missing[i];
+        values->tau_missing[i] = now.asked[i] - now.applied[i];
     }
 }
 
@@ -58,4 +57,5 @@ void model_locals(Values *values)
             --n;
         values->disturbance_terms[i] = n;
     }
+    values->more_than_pd = is_more_than_pd(values);
 }
