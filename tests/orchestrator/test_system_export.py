@@ -68,7 +68,7 @@ def test_an_engine_comes_to_the_very_numbers_of_the_recording(systems, engine, b
 
 
 def test_robots_of_a_urdf_that_receive_from_many_come_to_the_same_numbers_too(tmp_path):
-    pytest.importorskip("adam", reason="adam-robotics is not installed (the extra `urdf`)")
+    pytest.importorskip("casadi", reason="casadi is not installed (the extra `urdf`)")
     (tmp_path / "slider.urdf").write_text(SLIDER, "utf-8")
     copy_out(build_urdf(read_urdf(tmp_path / "slider.urdf")), tmp_path / "slider.fmu")
     everyone = [[int(i != j) for j in range(10)] for i in range(10)]
