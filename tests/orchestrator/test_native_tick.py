@@ -9,6 +9,7 @@ import pytest
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
+from nrs_cosim.bus.keys import RECORDS, SAMPLES, TARGET, wire_key
 from nrs_cosim.bus.topologies import InteractionGraphs, TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.agents import Agents
@@ -17,6 +18,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.engine import robots as engine_robots
+from nrs_cosim.orchestrator.engine.in_process import NAME, in_process
 from nrs_cosim.orchestrator.engine.native.tick import (
     NativeDisagreements,
     NativeStates,
@@ -124,6 +126,10 @@ CASES = {
     "checkpoints": ({"run.checkpoint_every": 4}, ""),
     "jitter": ({"run.sampling_jitter": 0.2}, ""),
     "what diverges": ({"run.divergence_limit": 40.0, "algorithm.alpha": 9.0}, ""),
+    "a step that fails": (
+        {"run.divergence_limit": 1e308, "algorithm.alpha": 1e200, "algorithm.beta": 1e200},
+        "",
+    ),
     "what diverges at once": ({"run.divergence_limit": 20.0}, ""),
     "impairments": (
         {"faults": {"links": [{"loss": 0.2}]}},
@@ -156,3 +162,29 @@ def test_a_run_is_the_same_by_native_code_and_by_numpy(tmp_path, monkeypatch, ca
     assert how(found) == how(resumed) == how(oracle)
     assert found.profile.numpy_why == why
     assert oracle.profile.numpy_why == "nothing can be compiled"
+
+
+def test_what_else_comes_while_a_block_is_done_is_judged_as_ever(tmp_path):
+    experiment, of_target = paper(LONG), wire_key(SAMPLES, TARGET)
+    put = {}
+
+    def launch(stack, watch):
+        bus, workers = in_process(experiment)(stack, watch)
+        for name in (TARGET, NAME):
+            put[name] = bus.publisher(wire_key(SAMPLES, name))
+        put["records"] = bus.publisher(wire_key(RECORDS, NAME))
+        put["ear"] = bus.listen(of_target)
+        return bus, workers
+
+    def strange(time_ns):
+        if time_ns == 500_000_000:
+            known = [item.payload for item in put["ear"].take()]
+            put[TARGET](known[0])
+            put[TARGET](known[-1][:-1])
+            put[NAME](b"nothing")
+            put["records"](known[0])
+
+    plain = run(experiment, tmp_path / "plain.mcap")
+    found = run(experiment, tmp_path / "found.mcap", launch, watch=strange)
+    assert how(found) == how(plain)
+    assert (sum(found.rejected.values()), found.repeated) == (3, 1)
