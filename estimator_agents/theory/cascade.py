@@ -26,8 +26,8 @@ from nrs_cosim.estimator_agents.theory.worst_case import NEAR, Response, bound_o
 
 Array = NDArray[np.float64]
 
-WORK = 1e8
-"""Numbers that responses may have."""
+ROBOTS, WORK = 24, 1e8
+"""Robots of the same gains, and numbers of their responses, that are looked at, at most."""
 BENT = 0.003
 """The part of a bound that may be added for what is curved."""
 LEVELS = np.append(0.0, np.geomspace(0.02, 1.0, 11))
@@ -48,7 +48,8 @@ def cascade_ball(loop: Loop, steps: Steps, robots: NDArray[np.intp]) -> Estimate
     """
     p3, kp, kd = loop.p3, loop.kp, loop.kd
     definite = min(np.linalg.eigvalsh(kp)[0], np.linalg.eigvalsh(kd)[0]) > 0
-    if p3.lambda_c or p3.lambda_g or not 0 < p3.lambda_m == p3.lambda_M or not definite:
+    linear = not (p3.lambda_c or p3.lambda_g) and 0 < p3.lambda_m == p3.lambda_M
+    if not linear or not definite or len(robots) > ROBOTS:
         return None
     found, lambda_d = [], np.array(loop.lambda_d)
     alike = all(np.array_equal(K, K[0, 0] * np.eye(loop.m)) for K in (kp, kd))

@@ -20,8 +20,8 @@ from nrs_cosim.estimator_agents.theory.worst_case import LEFT
 
 Array = NDArray[np.float64]
 
-PERIODS, WORK = 50_000, 3e7
-"""Sampling periods of the past that are looked at; and numbers that responses may have."""
+ROBOTS, PERIODS, WORK = 200, 50_000, 3e7
+"""Robots, and sampling periods of the past, that are looked at; and numbers of their responses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Steps:
 def steps_of(recursion: Recursion) -> Steps | None:
     """Return the responses of a recursion's estimates; None where the past lasts too long."""
     n, h = recursion.n, recursion.h
-    if recursion.copies > 1 or recursion.drag[:, 0].any():
+    if recursion.copies > 1 or n > ROBOTS or recursion.drag[:, 0].any():
         return None
     A, jump, unit = as_array(recursion.matrix), recursion.jump, np.kron(np.eye(2), np.ones((n, 1)))
     drag, held = recursion.drag[:, 1], np.repeat((recursion.keep - np.eye(2))[:, 1], n)
@@ -73,7 +73,8 @@ def steps_of_late(late: LateStep, radius: float) -> Steps | None:
     """Return the responses of estimates that move on straight; None where they are not known."""
     h, s = late.step.h, len(late.step.fields)
     moves = np.eye(2, s) + h * np.eye(2, s, 1) * [[1], [0]]
-    found = impulse_errors(late, radius) if np.array_equal(late.step.flow[:2], moves) else None
+    known = np.array_equal(late.step.flow[:2], moves) and late.topology.n <= ROBOTS
+    found = impulse_errors(late, radius) if known else None
     if found is None:
         return None
     limit, errors = found
