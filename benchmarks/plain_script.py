@@ -34,7 +34,7 @@ def main(scenario: str, fmu: str, start: str, end: str) -> None:
     for axis, terms in enumerate(given["disturbance"]["axes"]):
         waves[:, axis, 0] = wave(terms)
     gains = [(given["controller"][name] * np.eye(2)).ravel() for name in ("kp", "kd")]
-    told = dict(zip(START, [*gains, *waves.reshape(3, -1)], strict=True))
+    starts = dict(zip(START, [*gains, *waves.reshape(3, -1)], strict=True))
     arms = []
     for robot in range(len(q)):
         arm = FMU3Slave(
@@ -44,7 +44,7 @@ def main(scenario: str, fmu: str, start: str, end: str) -> None:
             instanceName=f"arm {robot}",
         )
         arm.instantiate()
-        for name, values in {**told, "q": q[robot], "qd": qd[robot]}.items():
+        for name, values in {**starts, "q": q[robot], "qd": qd[robot]}.items():
             arm.setFloat64([reference[name]], list(values))
         arm.enterInitializationMode()
         arm.exitInitializationMode()
