@@ -35,6 +35,7 @@ from nrs_cosim.plant_fmu.bundled.sampled import (
 )
 from nrs_cosim.plant_fmu.drives.choice import choose
 from nrs_cosim.plant_fmu.drives.reference_driven import start_values
+from nrs_cosim.plant_fmu.drives.within_efforts import within_efforts
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Body
@@ -159,7 +160,8 @@ def _robot(
         unit = units.pop() if len(units) == 1 else ""
         equations = built_equations(archive.name, archive.path, len(body.q), unit)
     built = build_robot(equations, received, structural)
-    given = start_values(body, archive, group.names)
+    (limited,) = within_efforts(archive, [body])
+    given = start_values(limited, archive, group.names)
     inputs = {v.name for v in built.declaration.of_kind("input")}
     starts = {STARTS.get(name, name): value for name, value in given.items() if name not in inputs}
     own = {name: value for name, value in body.parameters.items() if name not in structural}

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from nrs_cosim.bus.plurals import numbered
@@ -20,7 +19,7 @@ from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.stepped import FreePlants
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
-from nrs_cosim.plant_fmu.effort_limits import effort_limits
+from nrs_cosim.plant_fmu.drives.within_efforts import within_efforts
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
@@ -52,7 +51,7 @@ def open_plants(
     `FmuError` says what is wrong with the FMU or with what it was told.
     """
     sizes = sizes_of(assignments(archive, bodies[0].parameters))
-    bodies, representatives = (_within_efforts(archive, some) for some in (bodies, representatives))
+    bodies, representatives = (within_efforts(archive, some) for some in (bodies, representatives))
     if isinstance(driving, Undriven):
         expect_apart(archive, names, sizes, MOTION)
         why = "it moves by itself"
@@ -81,25 +80,6 @@ def open_plants(
         case "heun" | "hold":
             step, heun = driving.control_step or STEP, offer.way == "heun"
             return _by_held_torque(library, bodies, representatives, names, step, heun, why)
-
-
-def _within_efforts(archive: Archive, bodies: Sequence[Body]) -> Sequence[Body]:
-    """Return bodies whose torque limits are known, where they are those of the FMU's URDF."""
-    limited = []
-    for body in bodies:
-        own = body
-        if body.control.limited_by_effort:
-            names = [joint.name for joint in archive.joints]
-            try:
-                limits = effort_limits(archive.urdf, names)
-            except ValueError as error:
-                raise FmuError(
-                    f"{archive.label}: controller.torque_limit of robot {body.robot}: {error}"
-                ) from None
-            control = replace(body.control, torque_limit=limits, limited_by_effort=False)
-            own = replace(body, control=control)
-        limited.append(own)
-    return limited
 
 
 def _expect_control(archive: Archive, offer: Offer, bodies: Sequence[Body]) -> None:

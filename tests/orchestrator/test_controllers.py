@@ -18,6 +18,7 @@ from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Control, Disturbance
 from tests.command import nrs
+from tests.elsewhere.engines import compared
 from tests.scenarios import paper, write
 
 SHORT = {"run.duration": 2.0, "run.output_step": 0.1}
@@ -56,6 +57,20 @@ def test_torques_at_their_limits_are_counted_from_what_is_recorded(tmp_path):
     found = np.array([described["saturation"][str(robot)] for robot in range(1, 7)])
     assert found.max() == pytest.approx(share)
     assert "is proven is of PD alone, and not with torque_limit" in text
+
+
+def test_another_engine_comes_to_the_same_bits_with_a_controller_of_all_kinds(tmp_path):
+    controller = {
+        "controller.torque_limit": [3000.0, 2000.0],
+        "controller.gravity_compensation": True,
+        "controller.ki": 3.0,
+    }
+    recording, _ = states(tmp_path, {"run.duration": 1.0}, controller)
+    recording.close()
+    done = nrs("export", "run.mcap", "--to", "ssp", "-o", "run.ssp", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    size, same, _ = compared("fmpy", tmp_path / "run.ssp")
+    assert size == same > 0
 
 
 def test_without_weight_the_proof_holds_without_it():
