@@ -50,7 +50,7 @@ def test_duplicates_are_verified_exported_and_reported(tmp_path):
     file = paper(LONGER, DUPLICATES)
     with Reader(run(file, tmp_path / "run.mcap").path) as reader:
         assert verify(reader, file, plants=False).status == "identical"
-        *_, table = export(reader, tmp_path)
+        *_, table, _ = export(reader, tmp_path)
         header, *rows = table.read_text().splitlines()
         assert header.split(",")[4:9] == ["source", "lost", "outage", "delay", "duplicates"]
         doubled = sum(row.split(",")[8] == "1" for row in rows)
