@@ -14,8 +14,9 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -127,31 +128,62 @@ def sweep_command(folder: Path) -> list[str]:
     ]  # fmt: skip
 
 
+@contextmanager
+def dask(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Yield the address and the process of a scheduler with two workers, which end with it."""
+    program, run = NRS.with_name("dask"), {"cwd": folder, "start_new_session": True}
+    scheduler = subprocess.Popen(
+        [program, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+        stderr=subprocess.PIPE, text=True, **run,
+    )  # fmt: skip
+    assert scheduler.stderr
+    address = next(line.split()[-1] for line in scheduler.stderr if "Scheduler at:" in line)
+    worker = subprocess.Popen(
+        [program, "worker", address, "--nworkers", "2", "--nthreads", "1", "--no-dashboard",
+         "--death-timeout", "3"], stderr=subprocess.DEVNULL, **run,
+    )  # fmt: skip
+    try:
+        yield address, scheduler
+    finally:
+        for process in (worker, scheduler):
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
 def kills() -> None:
-    """SIGKILL of a worker and of the parent, at seeded times: rows kept, table, orphans."""
+    """SIGKILL of a worker, the parent and a scheduler, at seeded times: rows, table, orphans."""
     chance = random.Random(1)
     with TemporaryDirectory() as place:
         whole = Path(place) / "whole"
         subprocess.run(sweep_command(whole), capture_output=True, check=True)
         expected = nrs.Study(whole).digest
-        for who in ("worker", "parent"):
+        for who in ("worker", "parent", "scheduler"):
             same = orphans = lost = 0
             for number in range(KILLS):
                 folder = Path(place) / f"{who}{number}"
                 after = chance.randrange(1, 20)
+                stack = ExitStack()
+                command, scheduler = sweep_command(folder), None
+                if who == "scheduler":
+                    address, scheduler = stack.enter_context(dask(Path(place)))
+                    command = [*command[: command.index("--jobs")], "--dask", address, "--json"]
                 process = subprocess.Popen(
-                    sweep_command(folder), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                    text=True,
-                )  # fmt: skip
+                    command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+                )
                 assert process.stdout
                 rows = []
                 for line in process.stdout:
                     rows += [found["row"]] if "row" in (found := json.loads(line)) else []
                     if len(rows) == after:
                         break
-                os.kill(rows[-1]["pid"] if who == "worker" else process.pid, signal.SIGKILL)
+                if scheduler:
+                    os.killpg(scheduler.pid, signal.SIGKILL)
+                else:
+                    os.kill(rows[-1]["pid"] if who == "worker" else process.pid, signal.SIGKILL)
                 process.communicate()
                 orphans += sum(not _ends(row["pid"], 5.0) for row in rows)
+                stack.close()
                 kept = {row.key for row in nrs.Study(folder).rows}
                 lost += sum(row["key"] not in kept for row in rows)
                 subprocess.run(sweep_command(folder), capture_output=True, check=False)

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from itertools import product
-from math import log10
+from math import log10, prod
 from typing import Any
 
 import numpy as np
@@ -149,6 +149,8 @@ def with_draw(axes: Iterable[StudyAxis | DrawnRange], draw: Draw | None) -> tupl
     for key in keys:
         if keys.count(key) > 1:
             raise InputError(f"{key}: is on two axes")
+    if (count := prod(len(axis.values) for axis in made)) > MOST:
+        raise InputError(f"axes: expected at most {MOST:,} points in all, got {count:,}")
     return tuple(made)
 
 

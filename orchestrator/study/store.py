@@ -17,12 +17,19 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import InputError, MissingExtraError, RunError
 from nrs_cosim.orchestrator.study.rows import COLUMNS, StudyRow
 
 ROLLED = 5_000
 """Rows of the journal that become a part."""
 FORMAT = 1
+PARTS: Mapping[str, Mapping[str, type]] = {
+    "scenarios": {"name": str, "text": str, "folder": str},
+    "axes": {"keys": list, "values": list},
+}
+"""What study.json has, and of what each is."""
+ROW: Mapping[str, type] = {"key": str, "point": str, "scenario": str, "seed": int, "status": str}
+"""What no row is without."""
 
 
 class StudyStore:
@@ -53,6 +60,11 @@ class StudyStore:
             raise InputError(f"{self.folder}/study.json: cannot be read: {error}") from None
         if not isinstance(found, dict) or found.get("format") != FORMAT:
             raise InputError(f"{self.folder}/study.json: is of no format that this version knows")
+        if not all(
+            isinstance(found.get(part), list) and all(_has(one, kinds) for one in found[part])
+            for part, kinds in PARTS.items()
+        ):
+            raise InputError(f"{self.folder}/study.json: is damaged: it lacks what a study is of")
         return found
 
     @property
@@ -73,7 +85,7 @@ class StudyStore:
         """Begin to write: what a crash has torn is cut off."""
         data = self._journal.read_bytes() if self._journal.exists() else b""
         whole = data.rfind(b"\n") + 1
-        self._file = self._journal.open("ab")
+        self._file = self._journal.open("ab", buffering=0)
         if whole < len(data):
             os.truncate(self._journal, whole)
         return self
@@ -86,9 +98,15 @@ class StudyStore:
 
     def put(self, row: StudyRow) -> None:
         """Add a row; it is on the disk when this returns."""
-        self._file.write(json.dumps(row.as_json()).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        left = memoryview(json.dumps(row.as_json()).encode() + b"\n")
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise RunError(
+                f"{self._journal}: cannot be written: {error.strerror}; the rows before are kept"
+            ) from None
 
     def roll(self, least: int = ROLLED) -> None:
         """Make a part of the journal, if it is that long and pyarrow is installed."""
@@ -107,16 +125,25 @@ class StudyStore:
     @property
     def parts(self) -> list[Path]:
         """The Parquet files, the oldest first."""
-        return sorted(self.folder.glob("rows-*.parquet"))
+        return sorted(self.folder.glob("rows-[0-9][0-9][0-9][0-9][0-9].parquet"))
 
     def columns(self, *only: str) -> dict[str, list[Any]]:
         """Return columns, all or some, of one row a key; rows as they came."""
         names = [name for name in COLUMNS if not only or name in {*only, "key"}]
         found: dict[str, list[Any]] = {name: [] for name in names}
         if self.parts:
-            from nrs_cosim.recordings.export.row_parts import read_parts  # noqa: PLC0415 (an extra)
+            try:
+                from nrs_cosim.recordings.export.row_parts import (  # noqa: PLC0415 (an extra)
+                    read_parts,
+                )
 
-            found = read_parts(self.parts, COLUMNS, names)
+                found = read_parts(self.parts, COLUMNS, names)
+            except ImportError:
+                raise MissingExtraError(
+                    f"{self.folder}: its rows need pyarrow", "analysis"
+                ) from None
+            except (ValueError, KeyError, OSError) as error:  # Arrow's are such too
+                raise InputError(f"{self.folder}/rows-*.parquet: cannot be read: {error}") from None
         for row in self._journalled():
             for name in names:
                 found[name].append(row.get(name))
@@ -144,9 +171,17 @@ class StudyStore:
         *lines, _torn = self._journal.read_bytes().split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
-                yield json.loads(line)
+                row = json.loads(line)
             except ValueError:
-                raise InputError(f"{self._journal}: line {number} is no row") from None
+                row = None
+            if not _has(row, ROW):
+                raise InputError(f"{self._journal}: line {number} is no row")
+            yield row
+
+
+def _has(found: Any, kinds: Mapping[str, type]) -> bool:
+    """Return whether it is a table with keys of such types."""
+    return isinstance(found, dict) and all(type(found.get(key)) is of for key, of in kinds.items())
 
 
 def rerun_line(store: StudyStore, key: str) -> str:

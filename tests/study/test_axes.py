@@ -103,6 +103,12 @@ def test_ranges_and_draws_need_one_another():
         with_draw([axis_of("--over", "algorithm.alpha=1,2")] * 2, None)
 
 
+def test_more_points_than_can_be_run_are_told_before_any_is_counted():
+    axes = [axis_of("", f"algorithm.{key}=0:1:10000") for key in ("alpha", "beta")]
+    with pytest.raises(InputError, match="at most 10,000,000 points in all, got 100,000,000"):
+        with_draw(axes, None)
+
+
 @pytest.mark.parametrize("text", ["0", "-1", "a", "1,b", ""])
 def test_seeds_are_a_number_or_a_list(text):
     with pytest.raises(InputError, match="--seeds: expected a number of seeds"):

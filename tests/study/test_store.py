@@ -1,10 +1,11 @@
 """A study's folder is whole whatever was torn, and rows in parts are the rows of the journal."""
 
 import json
+import resource
 
 import pytest
 
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import InputError, RunError
 from nrs_cosim.orchestrator.study.rows import StudyRow, table_digest
 from nrs_cosim.orchestrator.study.store import StudyStore
 
@@ -77,6 +78,52 @@ def test_a_folder_without_a_study_is_refused(tmp_path):
     (tmp_path / "study.json").write_text(json.dumps({"format": 99}), "utf-8")
     with pytest.raises(InputError, match="of no format that this version knows"):
         StudyStore(tmp_path).definition()
+
+
+@pytest.mark.parametrize("line", ["[1]", "null", '{"key": 5}', "{", '{"key": "a", "seed": 1}'])
+def test_a_line_that_is_no_row_is_told_with_its_number(tmp_path, line):
+    with StudyStore(tmp_path) as store:
+        store.put(made(1))
+    store.journal.write_bytes(store.journal.read_bytes() + f"{line}\n".encode())
+    with pytest.raises(InputError, match=r"journal\.jsonl: line 2 is no row"):
+        store.statuses()
+
+
+@pytest.mark.parametrize("damage", [{}, {"scenarios": [{}]}, {"axes": [1]}, {"axes": {}}])
+def test_a_definition_that_is_damaged_is_told(tmp_path, damage):
+    store = StudyStore(tmp_path)
+    whole = {"scenarios": [{"name": "a", "text": "", "folder": ""}], "axes": []}
+    store.define(whole)
+    assert store.definition() == {"format": 1, **whole}
+    store.define({**whole, **damage} if damage else {})
+    with pytest.raises(InputError, match="is damaged"):
+        store.definition()
+
+
+def test_a_part_that_is_damaged_is_told_and_other_files_are_none(tmp_path):
+    store = StudyStore(tmp_path)
+    (tmp_path / "rows-mine.parquet").touch()
+    assert list(store.rows()) == []
+    (tmp_path / "rows-00001.parquet").write_bytes(b"junk")
+    with pytest.raises(InputError, match="cannot be read"):
+        store.statuses()
+
+
+def test_a_full_disk_is_told_and_the_rows_before_are_kept(tmp_path):
+    row, soft = made(1), resource.getrlimit(resource.RLIMIT_FSIZE)
+    store = StudyStore(tmp_path)
+    with store:
+        store.put(row)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (store.journal.stat().st_size * 3 // 2, soft[1]))
+        try:
+            with pytest.raises(RunError, match=r"journal\.jsonl: cannot be written: File too"):
+                store.put(made(2))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, soft)
+    assert list(store.rows()) == [row]
+    with store:
+        store.put(made(3))
+    assert list(store.rows()) == [row, made(3)]
 
 
 def test_the_digest_of_a_table_leaves_out_the_machine_and_the_order():
