@@ -77,7 +77,7 @@ def test_each_robot_receives_exactly_its_neighbours_samples(monkeypatch):
         stack.callback(bus.close)
         ear = bus.listen("**")
         loop = Loop(stack, file, bus, kept)
-        received = {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
+        neighbours = {1: [2, 3], 2: [1], 3: [0], 4: [1, 3], 5: [2, 3, 4], 6: [3]}
         said = []
         for k in loop.ticks():
             said += [item.key for item in ear.take()]
@@ -96,7 +96,7 @@ def test_each_robot_receives_exactly_its_neighbours_samples(monkeypatch):
                     spoken[robot] = (record["position"].tolist(), record["velocity"].tolist())
             assert spoken.keys() == {*range(7)}
             received = received_at.pop()
-            for robot, nodes in received.items():
+            for robot, nodes in neighbours.items():
                 mine = received.row == robot - 1
                 assert received.source[mine].tolist() == nodes
                 assert received.samples.position[mine].tolist() == [spoken[j][0] for j in nodes]
