@@ -21,6 +21,8 @@
 #include "cholesky.h"
 #include "robot.h"
 
+static const double NO_LIMIT = 1e30; /* so that a torque without end remains one, and is seen */
+
 static double since_given(const Values *v, double t)
 {
     return t > v->reference_time ? t - v->reference_time : 0.0;
@@ -110,7 +112,7 @@ void control(const Values *v, double t, const double q[M], const double qd[M],
     if (v->more_than_pd != 0.0)
         add_the_rest(v, q, qd, integral, u, asked);
     for (int i = 0; i < m; ++i) {
-        const double limit = v->torque_limit[i];
+        const double limit = v->torque_limit[i] < NO_LIMIT ? v->torque_limit[i] : INFINITY;
         found->applied[i] = asked[i] > limit ? limit : asked[i] < -limit ? -limit : asked[i];
     }
 }
