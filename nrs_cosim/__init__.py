@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from nrs_cosim.api.replay import compare
     from nrs_cosim.api.run import resume, run
     from nrs_cosim.api.scenario import Scenario
-    from nrs_cosim.api.study import Study, sweep
+    from nrs_cosim.api.study import Study
+    from nrs_cosim.api.sweep import sweep
     from nrs_cosim.api.theory import Theory, check
     from nrs_cosim.bus.fields import Field
     from nrs_cosim.estimator_agents.algorithm import Algorithm
@@ -46,7 +47,7 @@ _HOMES = {
     "replay": "nrs_cosim.api",
     "resume": "nrs_cosim.api.run",
     "run": "nrs_cosim.api.run",
-    "sweep": "nrs_cosim.api.study",
+    "sweep": "nrs_cosim.api.sweep",
 }
 
 __all__ = [

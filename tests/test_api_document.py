@@ -103,6 +103,7 @@ def test_every_call_has_its_arguments_errors_and_an_example_in_its_docstring(cal
         "api.replay",
         "api.recording",
         "api.study",
+        "api.sweep",
         "recordings.recording",
     ],
 )
