@@ -140,7 +140,7 @@ def dask(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     address = next(line.split()[-1] for line in scheduler.stderr if "Scheduler at:" in line)
     worker = subprocess.Popen(
         [program, "worker", address, "--nworkers", "2", "--nthreads", "1", "--no-dashboard",
-         "--death-timeout", "3"], stderr=subprocess.DEVNULL, **run,
+         "--death-timeout", "20"], stderr=subprocess.DEVNULL, **run,
     )  # fmt: skip
     try:
         yield address, scheduler
@@ -182,8 +182,8 @@ def kills() -> None:
                 else:
                     os.kill(rows[-1]["pid"] if who == "worker" else process.pid, signal.SIGKILL)
                 process.communicate()
+                stack.close()  # Dask's workers are not the command's
                 orphans += sum(not _ends(row["pid"], 5.0) for row in rows)
-                stack.close()
                 kept = {row.key for row in nrs.Study(folder).rows}
                 lost += sum(row["key"] not in kept for row in rows)
                 subprocess.run(sweep_command(folder), capture_output=True, check=False)
