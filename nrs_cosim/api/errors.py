@@ -6,6 +6,7 @@ CosimError
 │   ├── FmuError            an FMU that cannot be built, found, read or used
 │   ├── MissingExtraError   a package that not everybody needs is not installed
 │   ├── ScenarioError       a scenario's field or shape
+│   ├── StartError          a plant that cannot start where it was told; an FmuError too
 │   ├── UncreatableError    no file can be made there
 │   └── UnreadableError     the file is no recording
 └── RunError              a run that had started could not go on; `cause` says it in fields
@@ -25,7 +26,7 @@ from nrs_cosim.orchestrator.errors import (
     ScenarioError,
     WorkerError,
 )
-from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.errors import FmuError, StartError, StepError
 from nrs_cosim.recordings.errors import UncreatableError, UnreadableError, UnwritableError
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "MissingExtraError",
     "RunError",
     "ScenarioError",
+    "StartError",
     "StepError",
     "UncreatableError",
     "UnreadableError",

@@ -73,7 +73,7 @@ def test_profile_shows_where_the_time_went(toml, tmp_path, workers):
     assert title.split()[4:] == ["plants", "bus", "recording", "waiting", "other"]
     names = ["here"] if workers == 1 else ["local-1", "local-2", "local-3", "orchestrator"]
     *rows, path = rows if workers == 1 else (*rows, "")
-    assert path.startswith("what agents disagree by is found by" if workers == 1 else "")
+    assert path.startswith("ticks are done by" if workers == 1 else "")
     assert [row.split()[0] for row in rows] == names
     for row in rows:
         assert sum(map(float, row.split()[1:])) == pytest.approx(wall, abs=0.02)

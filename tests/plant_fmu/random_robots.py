@@ -32,7 +32,7 @@ class DrawnJoint:
 class RandomRobot:
     """A URDF, and what was drawn of its joints in the file's order."""
 
-    text: str
+    urdf: str
     joints: tuple[DrawnJoint, ...]
 
     @property

@@ -42,12 +42,12 @@ def robots() -> list[RandomRobot]:
 def reference_of(pinocchio, robot: RandomRobot, gravity) -> Reference:
     names = [joint.name for joint in robot.moving]
     damping = np.array([joint.damping for joint in robot.moving])
-    return Reference(pinocchio.buildModelFromXML(robot.text), names, gravity, damping)
+    return Reference(pinocchio.buildModelFromXML(robot.urdf), names, gravity, damping)
 
 
 def read(robot: RandomRobot, folder: Path) -> UrdfRobot:
     path = folder / "drawn.urdf"
-    path.write_text(robot.text, "utf-8")
+    path.write_text(robot.urdf, "utf-8")
     return read_urdf(path)
 
 

@@ -71,7 +71,7 @@ def test_mimics_in_random_trees_agree_with_another_library(pinocchio, read):
     for seed in range(TREES):
         drawn, random = random_robot(seed), np.random.default_rng((20, seed))
         m = len(drawn.moving)
-        text, matrix, offset = drawn.text, np.eye(m), np.zeros(m)
+        text, matrix, offset = drawn.urdf, np.eye(m), np.zeros(m)
         for k in random.permutation(m)[: m // 2]:
             leader = int(random.integers(m))
             if matrix[leader, k]:  # it would follow itself
@@ -88,7 +88,7 @@ def test_mimics_in_random_trees_agree_with_another_library(pinocchio, read):
             matrix[:, k] = 0
         leading = matrix[:, matrix.any(axis=0)]
         damping = np.array([j.damping for j in drawn.moving])
-        model, names = pinocchio.buildModelFromXML(drawn.text), [j.name for j in drawn.moving]
+        model, names = pinocchio.buildModelFromXML(drawn.urdf), [j.name for j in drawn.moving]
         reference, moving = Reference(model, names, GRAVITY, damping), dynamics(read(text))
         for q, qd, force in states(leading.shape[1], seed):
             wanted = reference.coupled(leading, offset, q, qd, force)
@@ -128,10 +128,10 @@ def test_locked_joints_of_random_trees_agree_with_another_library(pinocchio, rea
         names = [j.name for j in drawn.moving]
         locked = {str(n): float(random.uniform(-2, 2)) for n in names[: len(names) // 2]}
         left = [j for j in drawn.moving if j.name not in locked]
-        model, damping = pinocchio.buildModelFromXML(drawn.text), [j.damping for j in left]
+        model, damping = pinocchio.buildModelFromXML(drawn.urdf), [j.damping for j in left]
         free = [j.name for j in left]
         reference = Reference(model, free, GRAVITY, np.array(damping), locked)
-        found = read(drawn.text, lock=locked)
+        found = read(drawn.urdf, lock=locked)
         assert [j.name for j in found.axes] == free
         for q, qd, force in states(len(free), seed):
             wanted = reference.acceleration(q, qd, force)
