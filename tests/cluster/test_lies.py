@@ -5,6 +5,7 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.cluster.local_workers import CHECKPOINTS, LocalRun, digest, story
 from tests.scenarios import example, paper
 
@@ -31,7 +32,10 @@ TRIGGERED = {
 }
 
 
-@pytest.mark.parametrize("made", ["links with faults", "sound links", "triggered"])
+MADE = ("links with faults", "triggered", "sound links")
+
+
+@pytest.mark.parametrize("made", cases(MADE, MADE[:2]))
 def test_one_digest_over_workers_and_deaths_which_a_replay_comes_to(tmp_path, made):
     experiment = {
         "links with faults": lambda: example("paper_lossy_links", *OF_ALL),

@@ -34,9 +34,9 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
         assert digest(outcome.path) == digest(tmp_path / "1.mcap")
 
 
-@pytest.mark.parametrize("name", PAPER)
+@pytest.mark.parametrize("name", cases(PAPER, PAPER[::2]))
 def test_the_papers_scenarios_give_one_digest_on_any_number_of_workers(tmp_path, name):
-    workers = cases((2, 6), (2 + 4 * (PAPER.index(name) % 2),))  # one after the other
+    workers = cases((2, 6), (2 + 4 * (PAPER.index(name) // 2 % 2),))  # one after the other
     assert_same(tmp_path, example(name, {"run.duration": 4.5}), workers)
 
 
@@ -70,7 +70,7 @@ def plants(path):
         return json.loads(reader.metadata[RUN]["plants"])
 
 
-@pytest.mark.parametrize("workers", [2, 6])
+@pytest.mark.parametrize("workers", cases([2, 6], [2]))
 def test_all_kinds_of_plants_give_one_digest_on_any_number_of_workers(tmp_path, driven, workers):
     path = tmp_path / "n.mcap"
     assert LocalRun(mixed(), workers).run(path).status == "completed"

@@ -14,6 +14,7 @@ import pytest
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.cluster.local_workers import (
     LocalRun,
     digest,
@@ -74,7 +75,10 @@ def toml(tmp_path):
     return path
 
 
-@pytest.mark.parametrize(("before", "k", "after"), [(3, 47, 2), (2, 130, 1), (1, 203, 3)])
+@pytest.mark.parametrize(
+    ("before", "k", "after"),
+    cases([(3, 47, 2), (2, 130, 1), (1, 203, 3)], [(3, 47, 2), (1, 203, 3)]),
+)
 def test_a_killed_run_is_resumed_with_another_number_of_workers(
     tmp_path, toml, whole, before, k, after
 ):

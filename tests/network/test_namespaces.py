@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
+from tests.cases import cases
 from tests.guard import GUARD
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
@@ -107,8 +108,10 @@ def settings_of(tls=None, **endpoints):
 WHOLE, POOR = {}, {"delay_ms": 5, "loss_percent": 2}
 
 
-@pytest.mark.parametrize("quality", [WHOLE, POOR], ids=["whole", "poor"])
-@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+WIRES = [("tcp", WHOLE), ("tls", POOR), ("tcp", POOR), ("tls", WHOLE)]
+
+
+@pytest.mark.parametrize(("protocol", "quality"), cases(WIRES, WIRES[:2]))
 def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path):
     with two_machines(**quality) as wire:
         authority, address = Authority(tmp_path), wire.left.address

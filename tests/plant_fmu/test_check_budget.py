@@ -103,6 +103,7 @@ def test_stages_are_reported_as_they_begin(tmp_path):
         "validating its model description",
         "loading it",
         "looking for its variables",
+        "starting it elsewhere",
         "checking whether it moves as mechanics does",
         "resetting it",
         "running it alone",

@@ -121,7 +121,7 @@ def test_a_velocity_may_be_the_derivative_of_the_position(tmp_path):
 
 BAD = {
     "nothing is found": ({}, "has no variable 'position'"),
-    "no velocity": ({"position": "reference_position"}, "has no variable 'velocity'"),
+    "no such velocity": ({"position": "q", "velocity": "speed"}, "has no variable 'speed'"),
     "what to write": ({}, "Write in the scenario's [target]: variables.position = "),
     "an input": (
         {"position": "position_ref"},

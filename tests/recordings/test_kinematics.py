@@ -24,7 +24,7 @@ def urdfs(folder):
     texts.append(model_urdf("planar_robot", {}, ["x", "y"]))
     for seed in range(6):
         path = folder / f"{seed}.urdf"
-        path.write_text(random_robot(seed).text, "utf-8")
+        path.write_text(random_robot(seed).urdf, "utf-8")
         texts.append(read_urdf(path).text.decode())
     return texts
 

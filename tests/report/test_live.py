@@ -237,6 +237,8 @@ def test_simulated_time_does_not_pass_faster_than_asked():
 class Counting:
     """A pace that notes what it is asked."""
 
+    asked = 1.0
+
     def __init__(self):
         self.started, self.times = [], []
 

@@ -1,0 +1,157 @@
+"""What is done with a recording: `info`, `export`, `recover`, `scene`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from nrs_cosim.bus.errors import InputError, MissingExtraError
+from nrs_cosim.orchestrator.cli.options import NewRecording, RecordingPath
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
+
+
+def info(recording: RecordingPath, as_json: AsJson = False) -> None:
+    """Summarise a recording, also one that was cut or never closed."""
+    from nrs_cosim.orchestrator.analysis.results import Result
+    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        result = Result.of(reader, experiment_of(reader))
+    if as_json:
+        print_json(result.as_json())
+        return
+    grid(out, result.lines())
+    summary_text.theory_comparison(out, result.theory)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
+
+
+def export(
+    recording: RecordingPath,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR|FILE.ssp", help="Where the tables, or the system, go."
+        ),
+    ],
+    form: Annotated[
+        Literal["csv", "parquet", "mat", "ssp"],
+        typer.Option(
+            "--format",
+            "--to",
+            help="mat is MATLAB's; parquet needs the extra `analysis`; ssp is a system of FMUs.",
+        ),
+    ] = "csv",
+) -> None:
+    """Write a recording's samples, states and link events as tables, or its run as a system.
+
+    A system (SSP 1.0) has an FMU for each robot and one for the target, for other engines to run,
+    and what they must come to.
+    """
+    if form == "ssp":
+        _export_system(recording, output)
+    else:
+        _export_tables(recording, output, form)
+
+
+def _export_tables(recording: Path, output: Path, form: Literal["csv", "parquet", "mat"]) -> None:
+    from nrs_cosim.orchestrator.cli.formats import expect_folder_name
+    from nrs_cosim.orchestrator.cli.output_paths import expect_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.recordings.export.formats import export as tables
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    expect_folder_name("-o", output)
+    expect_folder(output)
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        written = tables(reader, output, form)
+    for path in written:
+        out.print(str(path), markup=False)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
+
+
+def _export_system(recording: Path, output: Path) -> None:
+    from nrs_cosim.orchestrator.cli.formats import expect_ending
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading, stages
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.orchestrator.export.answers import answers
+    from nrs_cosim.orchestrator.export.package import ssp_bytes
+    from nrs_cosim.orchestrator.export.system import system_of
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    expect_ending("-o", output, ".ssp")
+    expect_replaceable(output, "SSP", b"PK")
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        reader.expect_ticks("export")
+        experiment = experiment_of(reader)
+        table, ticks = answers(reader, experiment), reader.ticks
+    with stages(err) as begin:
+        begin("building FMUs")
+        packed = ssp_bytes(system_of(experiment, ticks), table)
+    make_folder(output)
+    try:
+        output.write_bytes(packed)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written: {error.strerror}") from None
+    out.print(str(output), markup=False)
+
+
+def recover(
+    recording: RecordingPath,
+    output: NewRecording,
+) -> None:
+    """Write a valid recording of all that a damaged one still holds, and report what is missing."""
+    from nrs_cosim.orchestrator.cli.output_paths import make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
+    from nrs_cosim.recordings.mcap.copy import recover as whole
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=True, watch=follow(recording)) as reader,
+    ):
+        experiment = experiment_of(reader)  # or nothing could be done with what is recovered
+        make_folder(output)
+        whole(reader, output)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    with reading(err) as follow, Reader(output, watch=follow(output)) as reader:
+        rows = lines(describe(reader, experiment), measure(reader, experiment))
+    grid(out, rows)
+
+
+def scene(
+    recording: RecordingPath,
+    output: NewRecording,
+) -> None:
+    """Add the robots whose URDF is known to a copy of a recording, in 3D, for Foxglove."""
+    from nrs_cosim.orchestrator.cli.output_paths import make_folder
+    from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.recordings.mcap.reader import Reader
+    from nrs_cosim.recordings.robots.placed import placed_robots
+    from nrs_cosim.recordings.schemas import expect_joints, recorded_types
+
+    try:
+        from nrs_cosim.recordings.export.scene import write_scene
+    except ImportError:
+        raise MissingExtraError("a scene needs foxglove-schemas-protobuf", "scene") from None
+    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+        reader.expect_ticks("show")
+        expect_joints(reader, recorded_types(reader))
+        placed = placed_robots(reader)
+        if not placed:
+            raise InputError(f"{recording}: has a URDF of no robot, so their looks are unknown")
+        make_folder(output)
+        write_scene(reader, output, placed)
+        for damage in reader.damage:
+            say("yellow", "damage", damage)
+    out.print(str(output), markup=False)
+    say("blue", "scene", "open it in Foxglove: a 3D panel shows /scene and /tf in the frame world")
