@@ -77,29 +77,6 @@ def test_a_users_modules_with_the_names_of_our_folders_do_not_clash(site, tmp_pa
 SCRIPT = (ROOT / "tests/user_script.py").read_text("utf-8")
 
 
-def checked(folder: Path, site: Path, program: str) -> str:
-    """Return what mypy says of a user's program, strictly."""
-    (folder / "script.py").write_text(program, "utf-8")
-    return subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py"],
-        cwd=folder, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
-        capture_output=True, text=True, check=False,
-    ).stdout  # fmt: skip
-
-
-def test_a_users_script_with_every_public_name_is_typed_and_runs(site, tmp_path):
-    assert {name for name in nrs_cosim.__all__ if f"nrs.{name}" not in SCRIPT} == set()
-    assert checked(tmp_path, site, SCRIPT) == "Success: no issues found in 1 source file\n"
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    done = subprocess.run(
-        [sys.executable, "script.py"],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines()[-1] == "run.mcap"
-
-
 WRONG = [
     ("nrs.Scenario.load(3)", "arg-type"),
     ("nrs.check('paper.toml')", "arg-type"),
@@ -117,13 +94,36 @@ WRONG = [
 ]
 
 
-def test_a_users_type_checker_finds_what_is_wrong(site, tmp_path):
-    lines = [
-        "import nrs_cosim as nrs",
-        "paper = nrs.Scenario.load('paper.toml')",
-        *(line for line, _ in WRONG),
-    ]
-    printed = checked(tmp_path, site, "\n".join(lines) + "\n")
-    errors = re.findall(r"^script\.py:(\d+): error: .*\[([a-z-]+)\]$", printed, re.MULTILINE)
+@pytest.fixture(scope="module")
+def printed(site, tmp_path_factory):
+    """What mypy says, strictly, of a user's programs: script.py is right, wrong.py is not."""
+    folder = tmp_path_factory.mktemp("typed")
+    lines = ["import nrs_cosim as nrs", "paper = nrs.Scenario.load('paper.toml')"]
+    (folder / "script.py").write_text(SCRIPT, "utf-8")
+    (folder / "wrong.py").write_text("\n".join([*lines, *(line for line, _ in WRONG), ""]), "utf-8")
+    return subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py", "wrong.py"],
+        cwd=folder, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
+        capture_output=True, text=True, check=False,
+    ).stdout  # fmt: skip
+
+
+def test_a_users_script_with_every_public_name_is_typed_and_runs(site, tmp_path, printed):
+    assert {name for name in nrs_cosim.__all__ if f"nrs.{name}" not in SCRIPT} == set()
+    assert "script.py:" not in printed
+    assert printed.endswith("in 1 file (checked 2 source files)\n")
+    (tmp_path / "script.py").write_text(SCRIPT, "utf-8")
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "run.mcap"
+
+
+def test_a_users_type_checker_finds_what_is_wrong(printed):
+    errors = re.findall(r"^wrong\.py:(\d+): error: .*\[([a-z-]+)\]$", printed, re.MULTILINE)
     found = {int(number): code for number, code in errors}
     assert found == {number: code for number, (_, code) in enumerate(WRONG, 3)}

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from nrs_cosim.orchestrator.scenario.file import read_scenario
+from tests.cases import cases
 from tests.cluster.remote_workers import NRS, PROCESS, alone, digest_of, paper_file
 from tests.network.authority import Authority
 from tests.network.namespaces import two_machines
@@ -13,7 +14,7 @@ TICKS, PAUSE = 200, 100
 PORT = 7447
 
 
-@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+@pytest.mark.parametrize("protocol", cases(["tcp", "tls"], ["tls"]))
 def test_workers_on_another_machine_give_the_same_digest_even_after_a_cut(protocol, nrs, tmp_path):
     path = paper_file(tmp_path, TICKS)
     digest = alone(read_scenario(path), tmp_path)

@@ -22,6 +22,7 @@ from nrs_cosim.estimator_agents.installed import (
     policies_of,
 )
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.estimator_agents.agents_without_bus import agents_at, meet
 from tests.scenarios import PAPER, write
@@ -53,7 +54,7 @@ def installed(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("name", POINTS)
+@pytest.mark.parametrize("name", cases([*POINTS], ["leaky", "quiet", "ahead", "looking"]))
 def test_each_algorithm_of_the_guide_is_one_run_wherever_its_robots_are(
     installed, monkeypatch, name
 ):

@@ -10,6 +10,7 @@ import pytest
 
 from nrs_cosim.bus.errors import Cause
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.scenarios import write
 
 NRS = Path(sys.executable).with_name("nrs")
@@ -103,7 +104,10 @@ def run(site, tmp_path):
     return call
 
 
-@pytest.mark.parametrize("layout", [(), ("--workers", "2"), ("--workers", "6")], ids=str)
+LAYOUTS = [(), ("--workers", "2"), ("--workers", "6")]
+
+
+@pytest.mark.parametrize("layout", cases(LAYOUTS, LAYOUTS[:2]), ids=str)
 def test_one_that_returns_no_numbers_is_named_with_robot_and_tick(run, site, tmp_path, layout):
     done = run("run", "rooted", "-o", "s.mcap", *layout)
     line = "algorithm rooted: jump returned a position of nan for robot 1 at tick 1"
