@@ -13,7 +13,7 @@ demo: .venv/.installed  ## run the paper's example and say how to open the recor
 	@echo
 	@$(BIN)/python -m docs.demo $(DATA)/demo.mcap
 
-test: .venv/.tested  ## install what the tests need and pass them, two processes more than processors, up to eight
+test: .venv/.tested  ## install what the tests need and pass them, one process more than processors, up to eight
 	$(BIN)/pytest --numprocesses auto --maxprocesses 8 --dist worksteal $(ARGS)
 
 test-all: .venv/.tested  ## the same with all random cases, of which make test tries a part

@@ -10,6 +10,7 @@ from types import FrameType
 from typing import Any, get_args
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 
 from nrs_cosim.recordings.errors import UnreadableError, UnwritableError
@@ -17,6 +18,7 @@ from nrs_cosim.recordings.mcap import chunk, digest
 from nrs_cosim.recordings.mcap import writer as writer_module
 from nrs_cosim.recordings.mcap.container import Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.recordings.test_container import (
     ATTACHMENTS,
     EACH_TICK,
@@ -117,20 +119,23 @@ def test_a_full_disk_is_named_and_leaves_a_readable_part(
     """Beyond a limit on the file's size the system refuses, after having taken a part."""
     resource = pytest.importorskip("resource")
     made, path = ticks(60), tmp_path / "a.mcap"
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 
-    def run() -> None:
+    def write(path: Path) -> None:
         with create(path, compression="none", chunk_bytes=8000) as writer:
             for tick in made:
                 writer.write(tick)
-                if tick is made[40]:
-                    size = path.stat().st_size
-                    resource.setrlimit(resource.RLIMIT_FSIZE, (size + room, hard))
             writer.finish("completed")
 
+    write(tmp_path / "whole.mcap")
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary
+    begins = summary.chunk_indexes[len(summary.chunk_indexes) // 2].chunk_start_offset
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (begins + room, hard))
     try:
         with pytest.raises(UnwritableError, match=r"a\.mcap: cannot be written: File too large"):
-            run()
+            write(path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     with Reader(path) as reader:
@@ -166,8 +171,10 @@ def test_every_prefix_of_a_file_gives_a_prefix_of_the_messages(tmp_path: Path) -
     assert set(seen) == {3, 2, 1, 0, -1}
 
 
-@pytest.mark.parametrize("ending", [written, killed])
-@pytest.mark.parametrize("compression", get_args(Compression))
+ENDED = [(c, e) for c in get_args(Compression) for e in (written, killed)]
+
+
+@pytest.mark.parametrize(("compression", "ending"), cases(ENDED, [ENDED[0], ENDED[-1]]))
 def test_no_flipped_bit_makes_a_wrong_message_or_goes_unnoticed(
     tmp_path: Path, ending: Any, compression: Compression
 ) -> None:
