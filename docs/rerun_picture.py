@@ -4,7 +4,9 @@ It needs rerun-sdk, selenium and Chromium. The viewer is served on this machine 
 without a screen shows it, drawn by the processor: it is there when two pictures in a row are alike.
 """
 
+import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -38,12 +40,14 @@ def take(bag: Path, picture: Path) -> None:
     ports = [_free_port(), _free_port()]
     rerun = [str(Path(sys.executable).with_name("rerun")), "--serve-web", "--bind", "127.0.0.1"]
     rerun += ["--web-viewer-port", str(ports[0]), "--port", str(ports[1]), str(bag)]
-    with subprocess.Popen(rerun, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as viewer:
+    with subprocess.Popen(
+        rerun, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as viewer:
         try:
             source = quote(f"rerun+http://127.0.0.1:{ports[1]}/proxy", safe="")
             picture.write_bytes(_settled(f"http://127.0.0.1:{ports[0]}/?url={source}"))
         finally:
-            viewer.terminate()
+            os.killpg(viewer.pid, signal.SIGTERM)  # the command starts a process that serves
 
 
 def _settled(address: str) -> bytes:
@@ -57,7 +61,7 @@ def _settled(address: str) -> bytes:
         browser.get(address)
         before, began = b"", time.monotonic()
         while time.monotonic() - began < PATIENCE:
-            time.sleep(_BETWEEN)
+            time.sleep(_BETWEEN)  # a page says nothing of when it is drawn
             shown = browser.get_screenshot_as_png()
             if shown == before and _colours(shown) > _FEW:
                 break

@@ -17,6 +17,7 @@ from tests.cases import cases
 from tests.command import nrs
 from tests.orchestrator.test_assets import again
 from tests.orchestrator.test_urdfs import CHANGES, own_fmu
+from tests.recordings.transforms import matrix
 from tests.scenarios import write
 
 highlevel = pytest.importorskip("rosbags.highlevel", reason="needs rosbags, of the extra `test`")
@@ -105,18 +106,6 @@ def test_a_folder_and_a_file_are_read_by_other_libraries_with_equal_numbers(reco
             if channel.topic.endswith(("joint_states", "reference"))
         }
     assert read == expected
-
-
-def matrix(transform):
-    x, y, z, w = (getattr(transform.rotation, axis) for axis in "xyzw")
-    made = np.eye(4)
-    made[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    made[:3, 3] = [getattr(transform.translation, axis) for axis in "xyz"]
-    return made
 
 
 LENGTHS = {0: 1.0, 1: 1.0, 2: 1.5, 3: 1.0, 4: 0.7}

@@ -23,6 +23,7 @@ from nrs_cosim.recordings.metadata import URDFS
 from nrs_cosim.recordings.robots.placed import placed_robots
 from tests.orchestrator.test_assets import again
 from tests.recordings.made_up_runs import recorded
+from tests.recordings.transforms import matrix
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -73,20 +74,6 @@ def test_rerun_loads_every_message(example: Path) -> None:
             reader(example).info().message_count == describe(ours, experiment_of(ours))["messages"]
         )
     assert {path: rows[path] for path in expected} == dict(expected)
-
-
-def matrix(transform: Any) -> np.ndarray:
-    """The 4 x 4 matrix of a FrameTransform."""
-    x, y, z, w = (getattr(transform.rotation, axis) for axis in "xyzw")
-    assert x * x + y * y + z * z + w * w == pytest.approx(1)
-    made = np.eye(4)
-    made[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    made[:3, 3] = [getattr(transform.translation, axis) for axis in "xyz"]
-    return made
 
 
 def test_a_scene_shows_the_arms_at_their_positions(example: Path, tmp_path: Path) -> None:
