@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-peers verify-elsewhere benchmark-studies soak urdfs figures rerun-picture reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -59,6 +59,9 @@ soak: .venv/.tested  ## ten million messages over workers that are killed; a tho
 	$(BIN)/python -m benchmarks.repeated
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m tests.designs
+
+release: .venv/.tested  ## build wheel and sdist into dist, and use them in a clean environment of each Python here
+	$(BIN)/python -m tests.release $(ARGS)
 
 urdfs: .venv/.tested  ## build the robots of packages of URDFs, beside Pinocchio: docs/robots.md, in ten minutes
 	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --dest $(DATA)/urdfs example-robot-data==6.0.0 icub-models==3.2.0 airo-models==0.0.12

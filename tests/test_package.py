@@ -4,15 +4,13 @@ import os
 import re
 import subprocess
 import sys
-import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
-from hatchling.builders.sdist import SdistBuilder
-from hatchling.builders.wheel import WheelBuilder
 
 import nrs_cosim
+from tests.release import built
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings")
@@ -23,11 +21,7 @@ THEIRS = "raise ImportError('this module is the user\\'s own')\n"
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder that a wheel of the sdist is unpacked into, as an installer does."""
     folder = tmp_path_factory.mktemp("package")
-    (sdist,) = SdistBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
-    with tarfile.open(sdist) as archive:
-        archive.extractall(folder, filter="data")
-    tree = next(path.parent for path in folder.glob("*/pyproject.toml"))
-    (wheel,) = WheelBuilder(str(tree)).build(directory=str(folder), versions=["standard"])
+    _, wheel = built(folder)
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder / "site")
     return folder / "site"
