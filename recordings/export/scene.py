@@ -7,7 +7,7 @@ Robots are drawn by their URDFs, see `robots.placed`; the target, a pale one, mo
 times. Neither channel is counted, so the digest stays.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from os import PathLike
 
 import numpy as np
@@ -28,6 +28,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.export.tables import SAMPLES, STATES, robots, rows_of
+from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Channel, Message, Schema
 from nrs_cosim.recordings.mcap.copy import copy_of, ending
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -41,47 +42,60 @@ SCENE, TF = "/scene", "/tf"
 _NS_PER_S = 10**9
 
 
+KINDS = {SCENE: SceneUpdate.DESCRIPTOR, TF: FrameTransforms.DESCRIPTOR}
+
+
+class Scene:
+    """What is shown of a recording's robots beside its own messages; the target is the first."""
+
+    channels = tuple(Channel(topic, kind.full_name, counted=False) for topic, kind in KINDS.items())
+
+    def __init__(self, reader: Reader, placed: Sequence[PlacedRobot]) -> None:
+        self._reader, self._placed, self._types = reader, placed, recorded_types(reader)
+        shape = self._types.codecs[SAMPLES.kind].shapes.get("position")
+        shows = shape == (about(reader).run.joints,)
+        self._frames = {STATES: MovingFrames(placed[1:], range(1, robots(reader) + 1))}
+        self._frames |= {SAMPLES: MovingFrames(placed[:1], [0])} if shows else {}
+        self.schemas = [Schema(kind.full_name, _described(kind.file)) for kind in KINDS.values()]
+
+    def once(self, time_ns: int, k: int) -> list[Message]:
+        """Return what never changes, as of a time and tick."""
+        still = [
+            transform for robot in self._placed for transform in zip(*robot.still, strict=True)
+        ]
+        scene = SceneUpdate(entities=_entities(self._placed, time_ns))
+        return [
+            (time_ns, SCENE, k, scene.SerializeToString()),
+            (time_ns, TF, k, _transforms(time_ns, still).SerializeToString()),
+        ]
+
+    def moved(self, columns: Columns) -> Iterator[Message]:
+        """Yield where the frames are by messages of whole ticks."""
+        for table, frames in self._frames.items():
+            found = rows_of(self._reader, self._types, table, columns)
+            if found is None or not frames.names:
+                continue
+            mine = found if table is STATES else found[found["robot"] == 0]
+            for row, at in zip(mine[:: frames.robots], frames.at(mine["position"]), strict=True):
+                time_ns, moved = int(row["time_ns"]), zip(frames.names, at, strict=True)
+                yield time_ns, TF, int(row["k"]), _transforms(time_ns, moved).SerializeToString()
+
+
 def write_scene(reader: Reader, path: str | PathLike[str], placed: Sequence[PlacedRobot]) -> None:
     """Write a new recording that also shows robots, the target first.
 
     Raises `UncreatableError` when there is a file already, or none can be made.
     """
-    types, of_target = recorded_types(reader), MovingFrames(placed[:1], [0])
-    of_robots = MovingFrames(placed[1:], range(1, robots(reader) + 1))
-    shows = types.codecs[SAMPLES.kind].shapes.get("position") == (about(reader).run.joints,)
-    kinds = {SCENE: SceneUpdate.DESCRIPTOR, TF: FrameTransforms.DESCRIPTOR}
-    channels = [Channel(topic, kind.full_name, counted=False) for topic, kind in kinds.items()]
-    schemas = [Schema(kind.full_name, _described(kind.file)) for kind in kinds.values()]
-    with copy_of(reader, path, {}, channels, schemas) as writer:
+    scene = Scene(reader, placed)
+    with copy_of(reader, path, {}, scene.channels, scene.schemas) as writer:
         for number, columns in enumerate(reader.columns()):
-            added: list[Message] = []
-            if not number:
-                time_ns, k = int(columns.time[0]), int(columns.sequence[0])
-                still = [transform for robot in placed for transform in _still(robot)]
-                scene = SceneUpdate(entities=_entities(placed, time_ns))
-                added.append((time_ns, SCENE, k, scene.SerializeToString()))
-                added.append((time_ns, TF, k, _transforms(time_ns, still).SerializeToString()))
-            for table, frames in ((STATES, of_robots), (SAMPLES, of_target)):
-                found = rows_of(reader, types, table, columns)
-                if found is None or not frames.names or not (table is STATES or shows):
-                    continue
-                mine = found if table is STATES else found[found["robot"] == 0]
-                for row, at in zip(
-                    mine[:: frames.robots], frames.at(mine["position"]), strict=True
-                ):
-                    moved = zip(frames.names, at, strict=True)
-                    message = _transforms(int(row["time_ns"]), moved).SerializeToString()
-                    added.append((int(row["time_ns"]), TF, int(row["k"]), message))
-            writer.write([*columns.messages(reader.topics), *added])
+            once = [] if number else scene.once(int(columns.time[0]), int(columns.sequence[0]))
+            writer.write([*columns.messages(reader.topics), *once, *scene.moved(columns)])
         writer.finish(*ending(reader))
 
 
 Transform = tuple[tuple[str, str], NDArray[np.float64]]
 """The parent and the child frame, and seven numbers."""
-
-
-def _still(robot: PlacedRobot) -> Iterable[Transform]:
-    return zip(*robot.still, strict=True)
 
 
 def _described(file: FileDescriptor) -> bytes:
