@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import nrs_cosim
+from docs.licences import rows
 from tests.release import built
 
 ROOT = Path(__file__).parents[1]
@@ -121,3 +122,11 @@ def test_a_users_type_checker_finds_what_is_wrong(printed):
     errors = re.findall(r"^wrong\.py:(\d+): error: .*\[([a-z-]+)\]$", printed, re.MULTILINE)
     found = {int(number): code for number, code in errors}
     assert found == {number: code for number, (_, code) in enumerate(WRONG, 3)}
+
+
+def test_every_dependency_has_a_licence_that_a_person_has_looked_at_and_stands_on_the_page():
+    page = (ROOT / "docs/licences.md").read_text("utf-8")
+    installed = [(name, text, core) for name, text, core in rows() if text is not None]
+    assert {"casadi", "eclipse-zenoh", "fmpy", "numpy"} <= {name for name, *_ in installed}
+    for name, text, core in installed:
+        assert f"| {name} | {text} | {'yes' if core else ''} |\n" in page
