@@ -60,6 +60,24 @@ def test_csv_has_a_table_of_the_joints_beside_it(run, tmp_path):
     ]
 
 
+def test_csv_has_a_table_of_the_columns_beside_it(run, tmp_path):
+    """Each unit and joint as Parquet has it in the metadata of the same column."""
+    path, _ = run
+    with Reader(path) as reader:
+        export(reader, tmp_path)
+        export(reader, tmp_path, "parquet")
+    with (tmp_path / "columns.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for table in ("samples", "states"):
+        of = [row for row in rows if row["table"] == table]
+        schema = parquet.read_schema(tmp_path / f"{table}.parquet")
+        assert [row["column"] for row in of] == schema.names
+        for row in of:
+            notes = schema.field(row["column"]).metadata or {}
+            for key in ("unit", "joint"):
+                assert row[key] == notes.get(key.encode(), b"").decode()
+
+
 def test_parquet_has_joints_and_units_in_its_metadata(run, tmp_path):
     path, joints = run
     with Reader(path) as reader:

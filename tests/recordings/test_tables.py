@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -184,9 +185,13 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
             LINK_EVENTS: recording.link_events(),
         }
         names = [f"{table.name}.csv" for table in arrays]
-        assert [path.name for path in export(reader, tmp_path)] == [*names, "joints.csv"]
+        assert [path.name for path in export(reader, tmp_path)] == [
+            *names,
+            "columns.csv",
+            "joints.csv",
+        ]
         export(reader, tmp_path, "parquet")
-    assert len(list(tmp_path.iterdir())) == 7
+    assert len(list(tmp_path.iterdir())) == 8
     for table, array in arrays.items():
         header, *rows = rows_of(tmp_path / f"{table.name}.csv")
         parquet = pyarrow.parquet.read_table(tmp_path / f"{table.name}.parquet")
@@ -198,8 +203,8 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
             vector, _, joint = name.rpartition("_")
             column = array[vector][:, int(joint) - 1] if vector in kind.fields else array[name]
             floats = column.dtype == float
-            assert [row[i] for row in rows] == [
-                repr(float(x)) if floats else str(int(x)) for x in column
+            assert [Decimal(row[i]) for row in rows] == [
+                Decimal(repr(float(x)) if floats else int(x)) for x in column
             ]
             assert parquet[name].to_numpy().tobytes() == np.ascontiguousarray(column).tobytes()
 
@@ -208,7 +213,7 @@ def test_a_run_without_faults_has_no_link_event_table(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", ticks=2)
     with Reader(tmp_path / "a.mcap") as reader:
         names = [path.name for path in export(reader, tmp_path)]
-    assert names == ["samples.csv", "states.csv", "joints.csv"]
+    assert names == ["samples.csv", "states.csv", "columns.csv", "joints.csv"]
 
 
 def test_a_recording_has_a_repr_and_selects_robots_by_number(tmp_path: Path) -> None:
