@@ -36,12 +36,6 @@ class Fleet:
             plants.advance(start, step)
         self._gather()
 
-    def use_threads(self, count: int) -> None:
-        """Step FMUs of ours with so many threads; others may have what all instances share."""
-        for plants in self.plants:
-            if isinstance(plants, Stepped) and plants.instances.library.archive.ours:
-                plants.instances.rounds.use_threads(count)
-
     def native(self) -> list[tuple[NDArray[np.intp], NativeSteps]] | str:
         """Return the rows of each group, and by what native code steps them; or why it cannot.
 

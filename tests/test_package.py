@@ -63,7 +63,7 @@ def test_a_users_modules_with_the_names_of_our_folders_do_not_clash(site, tmp_pa
         return done.stdout
 
     scenario = str(ROOT / "scenarios/paper_first_order.toml")
-    said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--workers", "2")
+    said("-m", "nrs_cosim", "run", scenario, "-o", "run.mcap", "--workers", "2", "--threads", "2")
     file, status, digest = said("script.py").split()
     assert Path(file) == site / "nrs_cosim/__init__.py"
     assert (status, digest[:8]) == ("completed", "5433c658")

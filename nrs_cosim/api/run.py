@@ -155,7 +155,12 @@ def _launcher(experiment: Experiment, workers: int | Literal["auto"]) -> Launche
     return (
         in_process(experiment, threads_worth_it(n))
         if count == 1
-        else local_workers(experiment, int(count), WorkerPolicy(True, WAIT, _LOG.info))
+        else local_workers(
+            experiment,
+            int(count),
+            WorkerPolicy(True, WAIT, _LOG.info),
+            threads_worth_it(n, int(count)),
+        )
     )
 
 

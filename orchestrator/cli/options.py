@@ -217,8 +217,16 @@ Threads = Annotated[
     typer.Option(
         metavar="N",
         parser=whole_number("--threads", 1),
-        help="Step bundled FMUs with N threads, in a run in one process; by default as many as "
-        "are worth it.",
+        help="Step bundled FMUs, and others where `plant.threads` lets it, with N threads of each "
+        "process; by default as many as are worth it.",
+    ),
+]
+ThreadsOfWorker = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        parser=whole_number("--threads", 1),
+        help="Step bundled FMUs, and others where `plant.threads` lets it, with N threads.",
     ),
 ]
 Expect = Annotated[

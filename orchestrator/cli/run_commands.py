@@ -25,6 +25,7 @@ from nrs_cosim.orchestrator.cli.options import (
     ScenarioPath,
     ShowLive,
     Stay,
+    ThreadsOfWorker,
 )
 from nrs_cosim.orchestrator.terminal import err, say
 
@@ -165,6 +166,7 @@ def worker(
             help="Run FMUs that the orchestrator sends or names by path: native code.",
         ),
     ] = False,
+    threads: ThreadsOfWorker = 1,
     ends: LinkOptions,
 ) -> None:
     """Run some robots of a run that an orchestrator elsewhere listens for."""
@@ -180,4 +182,4 @@ def worker(
     )
     wanted = None if robots is None else parse_robots(robots, "--robots")
     own = name or (common_name(tls) if tls else None) or socket.gethostname()
-    serve(JoinOptions(own, wanted, run_id, wait, allow_fmus, True, show), endpoints)
+    serve(JoinOptions(own, wanted, run_id, wait, allow_fmus, True, show, threads), endpoints)

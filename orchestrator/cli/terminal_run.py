@@ -66,10 +66,9 @@ def launcher_of(
 ) -> Launcher:
     """Return how a run gets the workers that were asked for."""
     n = experiment.n
-    if threads is not None and (listen or connect or workers not in (None, "1")):
+    if threads is not None and (listen or connect):
         raise InputError(
-            f"--threads {threads}: is for a run in one process; workers of their own, by "
-            "--workers, --listen or --connect, have one thread each"
+            f"--threads {threads}: is of workers on this machine; give it to each `nrs worker`"
         )
     if not 1 <= policy.expected <= n:
         raise InputError(f"--expect: expected 1 to {n} workers, got {policy.expected}")
@@ -94,7 +93,7 @@ def launcher_of(
         )
     if count == 1:
         return in_process(experiment, threads or threads_worth_it(n))
-    return local_workers(experiment, count, policy)
+    return local_workers(experiment, count, policy, threads or threads_worth_it(n, count))
 
 
 def perform(
@@ -196,6 +195,7 @@ CONTINUED = (
     ("run", "checkpoint_every"),
     ("bus", "deadline"),
     ("plant", "deadline"),
+    ("plant", "threads"),
 )
 """Keys that may change when a run is resumed: they decide nothing of what is recorded."""
 

@@ -29,14 +29,19 @@ _ROBOTS_A_WORKER = 50
 """From so many robots on, a process more is worth what it costs."""
 
 
-def local_workers(file: Experiment, workers: int, policy: WorkerPolicy) -> Launcher:
-    """The robots in several processes of this machine, which meet at a socket of the user's own."""
+def local_workers(
+    file: Experiment, workers: int, policy: WorkerPolicy, threads: int = 1
+) -> Launcher:
+    """The robots in several processes of this machine, which meet at a socket of the user's own.
+
+    Each steps its FMUs with so many threads.
+    """
 
     def launch(stack: ExitStack, _watch: Watch) -> tuple[Bus, Workers]:
         load_native()  # compiled once, before every worker looks for it
         folder = stack.enter_context(own_folder())
         endpoint = meeting_place(stack, folder)
-        start = partial(LocalWorker, endpoint=endpoint, folder=folder)
+        start = partial(LocalWorker, endpoint=endpoint, folder=folder, threads=threads)
         n = file.n
         robots = range(1, n + 1)
         assignment = {

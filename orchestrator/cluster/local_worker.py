@@ -21,7 +21,9 @@ from nrs_cosim.plant_fmu.processes import (
 class LocalWorker:
     """A process of this machine that runs `orchestrator.cluster.worker_main` for some robots."""
 
-    def __init__(self, name: str, robots: Sequence[int], endpoint: str, folder: Path) -> None:
+    def __init__(
+        self, name: str, robots: Sequence[int], endpoint: str, folder: Path, threads: int
+    ) -> None:
         """Start it; it will join over an endpoint. What it prints is kept in a folder.
 
         What it logs goes where this process logs, for a user reads that while the run goes on.
@@ -31,7 +33,7 @@ class LocalWorker:
         temporary = folder / name  # what it leaves when it is killed goes with the run's folder
         temporary.mkdir(exist_ok=True)
         command = ["--connect", endpoint, "--name", name, "--robots", ",".join(map(str, robots))]
-        command += ["--wait", f"{STARTING_UP:g}"]
+        command += ["--wait", f"{STARTING_UP:g}", "--threads", str(threads)]
         try:
             with ExitStack() as stack:
                 printed, logs = stack.enter_context(self._printed.open("wb")), list[int]()

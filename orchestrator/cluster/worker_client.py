@@ -70,6 +70,8 @@ class JoinOptions:
     """Whether to join again when the orchestrator is gone."""
     show: Callable[[str], None]
     """Is told in words what happens."""
+    threads: int = 1
+    """How many step its FMUs of which several may."""
     is_own: bool = False
     """Whether the orchestrator is the one that started it: its paths are the user's own."""
 
@@ -187,7 +189,7 @@ def _run_assigned(stack: ExitStack, bus: ZenohBus, options: JoinOptions, welcome
         assets = {field: note.asset(field) for field, note in welcome.assets.items()}
         file = parse_scenario(welcome.scenario, welcome.name, folder, welcome.name, assets)
         finder = FmuFinder(bus, welcome, folder, signer, options.is_own, options.allow_fmus)
-        robots = Robots.opened(stack, file, welcome.robots, finder.find)
+        robots = Robots.opened(stack, file, welcome.robots, finder.find, options.threads)
     except InputError as error:
         report(Report(tick=-1, failed=str(error)))
         raise

@@ -19,7 +19,8 @@ from nrs_cosim.plant_fmu.processes import follow_parent
 def main() -> None:
     """Join the run at an endpoint, for some robots."""
     parser = ArgumentParser()
-    for name, kind in (("connect", str), ("name", str), ("robots", str), ("wait", float)):
+    kinds = {"connect": str, "name": str, "robots": str, "wait": float, "threads": int}
+    for name, kind in kinds.items():
         parser.add_argument(f"--{name}", required=True, type=kind)
     parser.add_argument("--log-to", type=int)
     arguments = parser.parse_args()
@@ -29,7 +30,15 @@ def main() -> None:
     np.seterr(all="ignore")  # what is not finite is looked for and named, not warned of
     robots = parse_robots(arguments.robots, "--robots")
     options = JoinOptions(
-        arguments.name, robots, None, arguments.wait, False, False, lambda _text: None, is_own=True
+        arguments.name,
+        robots,
+        run=None,
+        wait=arguments.wait,
+        allow_fmus=False,
+        stays=False,
+        show=lambda _text: None,
+        threads=arguments.threads,
+        is_own=True,
     )
     try:
         serve(options, Endpoints(connect=(arguments.connect,), wait=arguments.wait))

@@ -114,9 +114,9 @@ class _RecordedSamples:
         return ()
 
 
-def threads_worth_it(n: int) -> int:
-    """Return with how many threads the FMUs of n robots are best stepped on this machine."""
-    return max(1, min(os.cpu_count() or 1, n // _ROBOTS_A_THREAD))
+def threads_worth_it(n: int, processes: int = 1) -> int:
+    """Return with how many threads of each process n robots' FMUs are best stepped here."""
+    return max(1, min((os.cpu_count() or 1) // processes, n // processes // _ROBOTS_A_THREAD))
 
 
 def in_process(experiment: Experiment, threads: int = 1) -> Launcher:

@@ -23,6 +23,7 @@ from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.drives.probe import ROBOTS
+from nrs_cosim.plant_fmu.drives.stepped import step_by_threads
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
@@ -54,6 +55,13 @@ class Group:
     def is_apart(self) -> bool:
         """Whether the plants run in processes of their own: an FMU of others, if it may."""
         return self.plant.isolate and not self.archive.ours
+
+    def threads(self, most: int) -> int:
+        """Return how many of so many threads step the plants; all if they are said to bear it.
+
+        What is in a library beside its instances, all threads have in common, and nobody sees it.
+        """
+        return most if self.archive.ours or self.plant.threads else 1
 
     @property
     def names(self) -> dict[str, Spec]:
@@ -168,16 +176,19 @@ def open_fleet(
     groups: Sequence[Group],
     bodies: Sequence[Body],
     representatives: Sequence[Sequence[Body]] | None = None,
+    threads: int = 1,
 ) -> Fleet:
     """Load, instantiate and initialise all plants at t_0; the stack ends them.
 
-    `representatives` are, for each group, bodies as `open_plants` has them.
+    `representatives` are, for each group, bodies as `open_plants` has them. So many threads step
+    those of which several may.
     """
     _expect_once(groups)
     opened = []
     for group, others in zip(groups, representatives or [()] * len(groups), strict=True):
         with naming_field(group.field):
-            opened.append(_open(stack, group, [bodies[row] for row in group.rows], others))
+            own = [bodies[row] for row in group.rows]
+            opened.append(_open(stack, group, own, others, group.threads(threads)))
     rows = [np.array(group.rows) for group in groups]
     return Fleet(list(zip(rows, opened, strict=True)), len(bodies[0].q))
 
@@ -188,14 +199,21 @@ def _group_key(plant: Plant) -> str:
 
 
 def _open(
-    stack: ExitStack, group: Group, bodies: Sequence[Body], representatives: Sequence[Body]
+    stack: ExitStack,
+    group: Group,
+    bodies: Sequence[Body],
+    representatives: Sequence[Body],
+    threads: int,
 ) -> DrivenPlants:
     archive, names, driving = group.archive, group.names, group.driving
     if group.is_apart:
+        deadline = group.plant.deadline
         return IsolatedPlants(
-            stack, archive, bodies, names, driving, group.plant.deadline, representatives
+            stack, archive, bodies, names, driving, deadline, representatives, threads
         )
-    return open_plants(stack, archive, bodies, names, driving, representatives=representatives)
+    plants = open_plants(stack, archive, bodies, names, driving, representatives=representatives)
+    step_by_threads(plants, threads)
+    return plants
 
 
 def _expect_once(groups: Sequence[Group]) -> None:

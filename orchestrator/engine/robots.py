@@ -51,13 +51,12 @@ class Robots:
         """Open some robots' plants at t_0; the stack ends them. `FmuError` as `open_fleet`.
 
         `find` finds an FMU by what the scenario calls it; by default relative to its file. So many
-        `threads` step those of ours.
+        `threads` step those of which several may.
         """
         groups = group_by_archive(experiment, numbers, find)
         representatives = [experiment.bodies(group.representatives) for group in groups]
         of = experiment.bodies(numbers)
-        fleet = open_fleet(stack, groups, of, representatives)
-        fleet.use_threads(threads)
+        fleet = open_fleet(stack, groups, of, representatives, threads)
         plant_descriptions = [
             {
                 "fmu": group.plant.fmu,

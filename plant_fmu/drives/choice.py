@@ -40,6 +40,8 @@ class Driving:
     """Of a torque from outside, in Co-Simulation."""
     control_step: float | None = None
     """s: the longest for which a torque is held; `STEP` by default."""
+    threads: bool = False
+    """Whether several threads may step a third-party FMU."""
     uneven: bool = False
     """Whether steps are of many lengths, which an FMU in Co-Simulation may not be able to take."""
 
@@ -159,6 +161,11 @@ def _refusal(
 
 def _expect_use(archive: Archive, offer: Offer, driving: Driving) -> None:
     """Refuse an option that the chosen way has no use for."""
+    if driving.threads and offer.kind == "ModelExchange":
+        raise FmuError(
+            f"{archive.label}: plant.threads = true has no use, for the FMU is driven by "
+            f"{quoted(offer.way)}, whose steps are made by one thread"
+        )
     for option in ("rtol", "step", "control_step"):
         value = getattr(driving, option)
         if value is not None and option != _OPTIONS.get(offer.way):

@@ -12,7 +12,7 @@ from nrs_cosim.plant_fmu.drives.pd_law import Law
 from nrs_cosim.plant_fmu.fmi.instances import Instances, NativeSteps
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.states import States
-from nrs_cosim.plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.plants import Array, Body, DrivenPlants
 
 StartValues = Callable[[Body], Mapping[str, Any]]
 
@@ -125,6 +125,12 @@ class Stepped:
     def _tell_torque(self) -> None:
         """Bring `tau` up to this time: by the law."""
         self.tau[:] = self.law.torque(self.time, self.state)
+
+
+def step_by_threads(plants: DrivenPlants, count: int) -> None:
+    """Let so many threads step plants, of which FMUs must share nothing that changes."""
+    if isinstance(plants, Stepped):
+        plants.instances.rounds.use_threads(count)
 
 
 class FreePlants(Stepped):

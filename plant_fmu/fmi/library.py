@@ -2,7 +2,7 @@
 
 import copy
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -51,8 +51,8 @@ class Library:
         )
         """Whether the FMU claims that its states can leave the process."""
         self._fmi, self._folder = int(description.fmiMajorVersion), folder
-        self.progress = 0
-        """The address of a `plant_fmu.isolation.progress.Progress`, for native code that calls."""
+        self.progress: Sequence[int] = ()
+        """Where native code announces its calls, by thread; see `isolation.progress.Progress`."""
         with _WHERE:
             here = Path.cwd()
             try:

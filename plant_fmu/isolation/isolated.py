@@ -42,12 +42,13 @@ class IsolatedPlants:
         driving: Driving | Undriven,
         deadline: float,
         representatives: Sequence[Body] = (),
+        threads: int = 1,
     ) -> None:
         """Start the workers, and open one plant for each body; the stack ends them.
 
         `names` gives the FMU's name for a quantity of ours where it has another. No call of the
-        FMU may take longer than the deadline, in s. `FmuError` says what is wrong, as in
-        `open_plants`, or how the FMU ended its process.
+        FMU may take longer than the deadline, in s. A worker steps its robots with so many threads.
+        `FmuError` says what is wrong, as in `open_plants`, or how the FMU ended its process.
         """
         load_native()  # compiled here, no worker needs its deadline for that
         folder = stack.enter_context(own_folder())
@@ -57,7 +58,7 @@ class IsolatedPlants:
         self._shares = [slice(first, first + size) for first in firsts]
         path = folder / "memory"
         path.touch()
-        self._memory = Memory(path, len(firsts), n, m)
+        self._memory = Memory(path, len(firsts), threads, n, m)
         self.q, self.qd, self.tau = self._memory.q, self._memory.qd, self._memory.tau
         self._new, self._time = 0, 0.0
         self._workers = []
@@ -66,7 +67,7 @@ class IsolatedPlants:
             task = folder / f"task-{number}"
             place = first, n, len(firsts)
             share_task = ShareTask(
-                archive, own, names, driving, path, place, number, representatives
+                archive, own, names, driving, path, place, number, threads, representatives
             )
             task.write_bytes(pickle.dumps(share_task))
             worker = FmuProcess(

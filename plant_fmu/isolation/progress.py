@@ -1,49 +1,72 @@
 """Which call an FMU is in, kept in memory that outlives it: how many there were, whose, which.
 
 The law: a call is announced before it is made, so when the process is gone or stuck, what stands
-here is the call that did it. The one who makes the calls writes, the one who waits reads.
+here is the call that did it. The one who makes the calls writes, the one who waits reads. Of
+several threads each writes where it alone does, and the one in which the process ends says so, if
+it still can: where none did, it was one of those that are in a call.
 """
 
 from collections.abc import Mapping
 from ctypes import addressof, c_char
 from dataclasses import fields, replace
-from typing import Any, cast
+from sys import byteorder
+from typing import Any, NamedTuple, cast
 
 from nrs_cosim.plant_fmu.fmi.calls import Call
 from nrs_cosim.plant_fmu.fmi.library import Bound
 
 MAKERS = frozenset({"instantiate", "set_typed"})
 """Calls that take no handle: the one makes handles, the other calls."""
-SIZE = 64
-_COUNT, _WHO, _ACT = slice(0, 8), slice(8, 40), slice(40, SIZE)
+SIZE = 72
+_COUNT, _WHO, _ACT, _ENDED = slice(0, 8), slice(8, 40), slice(40, 64), slice(64, SIZE)
+
+
+class Announced(NamedTuple):
+    """The last call that a thread announced."""
+
+    calls: int
+    """How many it has announced."""
+    who: str
+    """The name of the instance that is called; empty between calls, or when none is there."""
+    act: str
+    """What it is asked to do; empty between calls."""
+    ended: bool
+    """Whether the process ended in it."""
 
 
 class Progress:
-    """An announcement in `SIZE` bytes of shared memory, at first of nothing."""
+    """What threads announce in `SIZE` bytes each of shared memory, at first nothing.
+
+    Calls from Python are announced as the first one's.
+    """
 
     def __init__(self, memory: memoryview) -> None:
-        self._memory = memory
-        self._count = memory[_COUNT].cast("Q")
+        self._threads = [memory[at : at + SIZE] for at in range(0, len(memory), SIZE)]
+        self._memory = self._threads[0]
+        self._count = self._memory[_COUNT].cast("Q")
 
     @property
-    def address(self) -> int:
-        """Where it stands."""
-        return addressof(c_char.from_buffer(self._memory))
+    def addresses(self) -> list[int]:
+        """Where each thread announces."""
+        return [addressof(c_char.from_buffer(memory)) for memory in self._threads]
 
     @property
-    def calls(self) -> int:
-        """How many calls have been announced."""
-        return self._count[0]
+    def last(self) -> list[Announced]:
+        """The last call of each thread."""
+        return [
+            Announced(
+                int.from_bytes(memory[_COUNT], byteorder),
+                _text(memory[_WHO]),
+                _text(memory[_ACT]),
+                any(memory[_ENDED]),
+            )
+            for memory in self._threads
+        ]
 
-    @property
-    def who(self) -> str:
-        """The name of the instance that is called; empty between calls, or when none is there."""
-        return _text(self._memory[_WHO])
-
-    @property
-    def act(self) -> str:
-        """What it is asked to do; empty between calls."""
-        return _text(self._memory[_ACT])
+    def culprits(self) -> list[Announced]:
+        """Return the call in which the process ended, or all that may be it."""
+        last = self.last
+        return [one for one in last if one.ended] or [one for one in last if one.act]
 
     def enter(self, who: str, act: str) -> None:
         """Announce one call."""

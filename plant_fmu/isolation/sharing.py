@@ -54,6 +54,8 @@ class ShareTask:
     place: tuple[int, int, int]
     """Its first row, and the numbers of all robots and of all workers."""
     worker: int
+    threads: int
+    """How many step them."""
     representatives: Sequence[Body] = ()
     """See `open_plants`."""
 
@@ -61,12 +63,13 @@ class ShareTask:
 class Memory:
     """A mapped file: a `Progress` for each worker, then the robots' numbers."""
 
-    def __init__(self, path: Path, workers: int, n: int, m: int) -> None:
-        """Map a file, which grows to its size, with zeros, when it is new."""
-        head = workers * SIZE // 8
+    def __init__(self, path: Path, workers: int, threads: int, n: int, m: int) -> None:
+        """Map a file, which grows to its size, with zeros, when it is new; threads of a worker."""
+        size = threads * SIZE
+        head = workers * size // 8
         numbers = np.asarray(np.memmap(path, np.float64, "r+", shape=(head + 6 * n * m,)))
         progress = numbers[:head].data.cast("B")
-        self.progress = [Progress(progress[i * SIZE : (i + 1) * SIZE]) for i in range(workers)]
+        self.progress = [Progress(progress[i * size : (i + 1) * size]) for i in range(workers)]
         rows = numbers[head:].reshape(6, n, m)
         self.reference: Array = rows[:3]
         """(3, n, m) ε_i(t⁺), υ_i(t⁺), and the acceleration"""

@@ -20,6 +20,7 @@ from nrs_cosim.bus.errors import CosimError, RunError
 from nrs_cosim.bus.framing import joined, parted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.drives.stepped import step_by_threads
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.library import Bound, Kind, Library
 from nrs_cosim.plant_fmu.isolation.progress import Progress
@@ -48,7 +49,7 @@ class AnnouncedLibrary(Library):
         self._progress, self._names = progress, dict[int, str]()
         progress.enter("", "loading")
         super().__init__(archive, folder, kind)
-        self.progress = progress.address
+        self.progress = progress.addresses
 
     def bind(self, binder: Callable[[Any, int], Bound]) -> Bound:
         """Return the calls that a binder makes of the library; see `Library`."""
@@ -68,7 +69,7 @@ class Share:
     def __init__(self, stack: ExitStack, task: ShareTask) -> None:
         """Open the task's plants; the stack ends them."""
         first, n, workers = task.place
-        memory = Memory(task.memory, workers, n, len(task.bodies[0].q))
+        memory = Memory(task.memory, workers, task.threads, n, len(task.bodies[0].q))
         rows = slice(first, first + len(task.bodies))
         self._reference = memory.reference[:, rows]
         self._state = memory.q[rows], memory.qd[rows], memory.tau[rows]
@@ -83,6 +84,7 @@ class Share:
             library,
             task.representatives,
         )
+        step_by_threads(self._plants, task.threads)
         self._mirror()
 
     def description(self) -> bytes:

@@ -17,7 +17,7 @@ from nrs_cosim.bus.errors import Cause
 from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
-from nrs_cosim.plant_fmu.isolation.progress import Progress
+from nrs_cosim.plant_fmu.isolation.progress import Announced, Progress
 from nrs_cosim.plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
 from nrs_cosim.plant_fmu.plants import called
 from nrs_cosim.plant_fmu.processes import (
@@ -30,6 +30,14 @@ from nrs_cosim.plant_fmu.processes import (
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
+
+
+class StuckError(Exception):
+    """Calls did not return in time."""
+
+    def __init__(self, text: str, calls: Sequence[Announced]) -> None:
+        super().__init__(text)
+        self.calls = calls
 
 
 class FmuProcess:
@@ -72,6 +80,8 @@ class FmuProcess:
         for end in (self._replies, self._prints):
             self._poll.register(end, select.POLLIN)
         self._busy = True
+        self._since: dict[int, tuple[int, float]] = {}
+        """Of each thread that is in a call: its number, and since when that is known."""
 
     def ask(self, request: bytes) -> None:
         """Send a frame."""
@@ -90,11 +100,12 @@ class FmuProcess:
             while len(got) < HEAD.size or len(got) < HEAD.size + HEAD.unpack_from(got)[1]:
                 received = self._receive()
                 if not received:
-                    raise self._failure(describe_ending(self._end()), seconds)
+                    ended = describe_ending(self._end())
+                    raise self._failure(ended, self._progress.culprits(), seconds)
                 got += received
-        except TimeoutError as silence:
+        except StuckError as silence:
             self._end()
-            raise self._failure(str(silence), seconds) from None
+            raise self._failure(str(silence), silence.calls, seconds) from None
         self._busy = False
         kind, payload = HEAD.unpack_from(got)[0], bytes(got[HEAD.size :])
         if kind != DONE:
@@ -113,30 +124,47 @@ class FmuProcess:
         if self._process.returncode is not None:
             return
         self._pipes[0].close()
-        with suppress(TimeoutError):
+        with suppress(StuckError):
             while not self._busy and self._receive():
                 pass
         self._end()
 
     def _receive(self) -> bytes:
-        """Return what the worker says next, nothing at its end; `TimeoutError` when it is stuck.
+        """Return what the worker says next, nothing at its end; `StuckError` when it is stuck.
 
-        It is stuck when as long as the deadline no call followed the one that it is in.
+        It is stuck when as long as the deadline no call followed one that a thread is in, or the
+        last one where none is.
         """
-        calls, since = self._progress.calls, monotonic()
+        self._since.clear()
+        self._stuck()
         while True:
             for end, _ in self._poll.poll(min(self._deadline, STARTING) * 1000):
                 if end == self._replies:
                     return os.read(end, 65536)
                 if not self._keep(os.read(end, 65536)):
                     self._poll.unregister(end)
-            limit = self._deadline if calls else STARTING
-            if self._progress.calls != calls:
-                calls, since = self._progress.calls, monotonic()
-            elif monotonic() - since >= limit:
+            if stuck := self._stuck():
                 table = "plant" if self._robots[0] else "target"
-                which = f"{table}.deadline" if calls else "to start"
-                raise TimeoutError(f"did not return within {limit:g} s ({which})")
+                limit, which = self._deadline, f"{table}.deadline"
+                if not self._has_called:
+                    limit, which = STARTING, "to start"
+                raise StuckError(f"did not return within {limit:g} s ({which})", stuck)
+
+    @property
+    def _has_called(self) -> bool:
+        return any(call.calls for call in self._progress.last)
+
+    def _stuck(self) -> list[Announced]:
+        """Return the calls in which threads have been too long."""
+        limit, now = self._deadline if self._has_called else STARTING, monotonic()
+        last = self._progress.last
+        those = [thread for thread, call in enumerate(last) if call.act] or [0]
+        since = {thread: (last[thread].calls, now) for thread in those}
+        for thread, known in self._since.items():
+            if thread in since and known[0] == since[thread][0]:
+                since[thread] = known
+        self._since = since
+        return [last[thread] for thread, (_, when) in since.items() if now - when >= limit]
 
     def _keep(self, printed: bytes) -> bytes:
         """Keep the end of what the FMU prints, for the error that it may explain; return it all."""
@@ -154,16 +182,18 @@ class FmuProcess:
             pipe.close()
         return status
 
-    def _failure(self, ended: str, seconds: float | None) -> FmuError | StepError:
-        progress = self._progress
+    def _failure(
+        self, ended: str, calls: Sequence[Announced], seconds: float | None
+    ) -> FmuError | StepError:
         several = len(self._robots) > 1  # a target is alone
         named = numbered("robot", self._robots) if several else called(self._robots[0])
-        who = progress.who or named
-        what = "the FMU" if progress.calls else "its worker process"
-        act = f", in {progress.act}" if progress.act else ""
+        who = " or ".join(sorted({call.who for call in calls if call.who})) or named
+        what = "the FMU" if self._has_called else "its worker process"
+        acts = " or ".join(sorted({call.act for call in calls if call.act}))
+        act = f", in {acts}" if acts else ""
         cause = f"{what} {ended}{act}{last_words(self._printed)}"
         if seconds is None:
-            needs = self._needs if progress.calls else ""
+            needs = self._needs if self._has_called else ""
             return FmuError(f"{self._label}: {who}: {cause}{needs}")
         only = self._robots[0] if len(self._robots) == 1 else None
         text = f"{who} ({self._label}) at t = {seconds:g} s: {cause}"

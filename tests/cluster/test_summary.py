@@ -32,9 +32,8 @@ def toml(tmp_path):
             "--workers 2: starts workers here, --listen waits for others",
         ),
         (
-            ["--workers", "2", "--threads", "2"],
-            "--threads 2: is for a run in one process; workers of their own, by "
-            "--workers, --listen or --connect, have one thread each",
+            ["--listen", "tcp/127.0.0.1:7447", "--threads", "2"],
+            "--threads 2: is of workers on this machine; give it to each `nrs worker`",
         ),
         (["--deadline", "0"], "--deadline: expected more than 0 s, got 0"),
         (["--workers", "2", "--wait", "nan"], "--wait: expected a number, got 'nan'"),

@@ -25,7 +25,7 @@ from nrs_cosim.plant_fmu.fmi.batch_calls import CalledRounds, EarlyEnd, Rounds
 from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.native.batch_calls import NativeRounds, load_native
-from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
+from nrs_cosim.plant_fmu.isolation.progress import SIZE, Announced, Progress
 from nrs_cosim.plant_fmu.isolation.worker import AnnouncedLibrary
 from tests.plant_fmu.faulty_fmu import FAULTS
 from tests.plant_fmu.test_drives import DRIVES, bodies, each_version, play, wandering
@@ -126,7 +126,7 @@ class TestEveryRounds:
         library, instances = opened(fmi, load)
         rounds, rows, states = make(library, instances), np.zeros((3, 2)), (c_void_p * 3)()
         view = View([instances.vector("tau", 2)], rows)
-        before = progress.calls
+        (before,) = progress.last
         for go, calls, act in (
             (rounds.exchange(view, setting=True), 3, "set"),
             (rounds.recall(states, keeping=True), 3, "get"),
@@ -135,13 +135,13 @@ class TestEveryRounds:
         ):
             progress.rest()
             assert go() is None
-            assert (progress.who, progress.act) == ("robot 3", act)
-            assert progress.calls - before == calls
-            before = progress.calls
+            (last,) = progress.last
+            assert last == Announced(before.calls + calls, "robot 3", act, False)
+            before = last
         library.calls.reset(instances.handles[0])
-        before = progress.calls
+        (before,) = progress.last
         assert rounds.advance(view)(0.0, H) == EarlyEnd(0, ERROR, stepping=True)
-        assert (progress.who, progress.act, progress.calls - before) == ("robot 1", "step", 1)
+        assert progress.last == [Announced(before.calls + 1, "robot 1", "step", False)]
 
 
 @contextmanager
@@ -189,10 +189,10 @@ def test_the_first_robot_that_fails_is_named_whatever_the_number_of_threads(
     assert "robot 2 " in said
 
 
-def test_where_each_call_is_announced_one_thread_makes_them(opened: Any) -> None:
+def test_calls_are_made_by_as_many_threads_as_can_announce_them(opened: Any) -> None:
     library, instances = opened(3)
-    progress = Progress(memoryview(bytearray(SIZE)))
-    for library.progress, threads in ((0, 4), (progress.address, 1)):
+    progress = Progress(memoryview(bytearray(2 * SIZE)))
+    for library.progress, threads in (((), 4), (progress.addresses, 2)):
         rounds = native(library, instances)
         assert isinstance(rounds, NativeRounds)
         rounds.use_threads(4)

@@ -354,12 +354,14 @@ def test_a_drive_is_offered_where_the_fmu_supports_it(
 def test_a_requested_drive_is_taken_or_refused(altered: Callable[..., Archive]) -> None:
     archive = altered(3)
     assert choose(archive, {}, Driving(solver="rk4")).way == "rk4"
+    assert choose(archive, {}, Driving(threads=True)).way == "reference"
     refused = {
         Driving(solver="cvode", control="hold"): r"solver = 'cvode' and plant.control = 'hold' exc",
         Driving(control_step=0.01): r"control_step = 0.01 has no use, .* 'reference'; .* 'hold'",
         Driving(
             solver="cvode", step=0.01
         ): r"plant.step = 0.01 has no use, .* by 'cvode'; .* 'rk4'",
+        Driving(solver="rk4", threads=True): r"plant.threads = true has no use, .* by 'rk4'",
     }
     for driving, words in refused.items():
         with pytest.raises(FmuError, match=words):

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -29,12 +30,13 @@ from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
-from nrs_cosim.plant_fmu.isolation.progress import SIZE, Progress
+from nrs_cosim.plant_fmu.isolation.progress import SIZE, Announced, Progress
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.guard import GUARD, LIMIT
-from tests.plant_fmu.faulty_fmu import three_robots
+from tests.plant_fmu.faulty_fmu import fault_of, three_robots
 from tests.scenarios import example, write
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -357,6 +359,21 @@ def test_once_per_process_is_counted_over_all_groups(place, monkeypatch):
         open_fleet(stack, groups, bodies(2))
 
 
+@pytest.mark.parametrize(
+    ("fmu", "asked", "threads"),
+    [("planar_robot", False, 3), ("faulty", False, 1), ("faulty", True, 3)],
+)
+def test_several_threads_step_fmus_of_ours_and_others_that_are_said_to_bear_it(
+    faulty, fmu, asked, threads
+):
+    archive = open_archive(faulty) if fmu == "faulty" else open_archive(build(fmu))
+    plant = Plant(fmu=fmu, threads=asked, isolate=False)
+    with ExitStack() as stack:
+        fleet = open_fleet(stack, [Group("plant", plant, archive, [0, 1])], bodies(2), threads=3)
+        (plants,) = fleet.plants
+        assert plants.instances.rounds.threads == threads
+
+
 def test_a_killed_fmu_process_is_reported_with_its_robots(faulty, life):
     with ExitStack() as stack:
         plants = IsolatedPlants(stack, open_archive(faulty), bodies(2), {}, Driving(), 10.0)
@@ -381,13 +398,52 @@ def test_a_wrong_parameter_is_reported_as_without_isolation(faulty):
         IsolatedPlants(stack, open_archive(faulty), bodies(1, mm=1.0), {}, Driving(), 10.0)
 
 
-def test_progress_is_the_last_announced_call():
-    shared = memoryview(bytearray(SIZE))
+ENDINGS = {
+    "segfault": "the FMU crashed with SIGSEGV, in step",
+    "exit": "the FMU exited with status 7, in step",
+    "hang": f"{LATE}, in step",
+    "abort": "the FMU aborted (SIGABRT), in step",
+    "error": "a step of 0.1 s ended with Error",
+}
+
+
+@pytest.mark.parametrize("fault", cases(list(ENDINGS), ["segfault"]))
+def test_the_robot_whose_fmu_fails_is_named_of_those_that_threads_step(faulty, fault):
+    robots = bodies(40)
+    robots[29] = replace(robots[29], parameters=fault_of(fault, 0.15))
+    archive = open_archive(faulty, "faulty.fmu")
+    deadline = LIMIT if fault == "hang" else 10.0
+    with ExitStack() as stack:
+        plants = IsolatedPlants(stack, archive, robots, {}, Driving(), deadline, threads=3)
+        alone = open_plants(stack, archive, bodies(40), {}, Driving())
+        for of in (plants, alone):
+            of.hold(*np.random.default_rng(4).uniform(-1, 1, (2, 40, 2)))
+            of.advance(0.0, 0.1)
+        assert plants.q.tobytes() == alone.q.tobytes()
+        with pytest.raises(StepError) as error:
+            plants.advance(0.1, 0.1)
+    assert str(error.value).startswith(f"robot 30 (faulty.fmu) at t = 0.1 s: {ENDINGS[fault]}")
+
+
+def test_progress_is_the_last_call_that_a_thread_announced():
+    shared = memoryview(bytearray(2 * SIZE))
     writer, reader = Progress(shared), Progress(shared)
-    assert (reader.calls, reader.who, reader.act) == (0, "", "")
+    other = Announced(0, "", "", False)
+    assert reader.last == [other, other]
     writer.enter("", "loading")
-    assert (reader.calls, reader.who, reader.act) == (1, "", "loading")
+    assert reader.last == [Announced(1, "", "loading", False), other]
     writer.enter("robot 12", "step")
-    assert (reader.calls, reader.who, reader.act) == (2, "robot 12", "step")
+    assert reader.last == [Announced(2, "robot 12", "step", False), other]
     writer.rest()
-    assert (reader.calls, reader.who, reader.act) == (2, "", "")
+    assert reader.last == [Announced(2, "", "", False), other]
+
+
+def test_where_the_process_ended_was_among_all_calls_unless_a_thread_says_so():
+    shared = memoryview(bytearray(3 * SIZE))
+    slots = [Progress(shared[at : at + SIZE]) for at in (0, SIZE, 2 * SIZE)]
+    slots[1].enter("robot 3", "step")
+    slots[2].enter("robot 11", "get")
+    culprits = Progress(shared).culprits
+    assert [call.who for call in culprits()] == ["robot 3", "robot 11"]
+    shared[3 * SIZE - 1] = 1
+    assert [call.who for call in culprits()] == ["robot 11"]

@@ -148,6 +148,12 @@ class Plant(Fmu):
     control_step: Positive | None = Field(
         None, description="s; the longest for which a torque is held, 0.005 by default"
     )
+    threads: bool = Field(
+        False,
+        strict=True,
+        description="let several threads step a third-party FMU too (`--threads`), whose instances "
+        "then must share nothing that changes: ask its author, it is not seen from outside",
+    )
 
 
 class OwnPlant(Plant):

@@ -10,11 +10,14 @@
  * The first call whose status is neither OK nor a warning ends the round: after fmi3Fatal
  * no instance may be called (FMI 3.0, section 2.3). Then no further block is taken, and those before
  * it are, so that of all rows that ended it the first is the same however many threads there are.
- * Each call is announced before it is made. */
+ * Each call is announced before it is made, by each thread where it alone writes; and the thread in
+ * which the process ends says so there, if it still can. */
 
+#include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "fmi2FunctionTypes.h"
@@ -37,6 +40,7 @@ enum { WHO = 32, ACT = 24 };
 typedef struct {
     uint64_t count;
     char who[WHO], act[ACT];
+    uint64_t ended;
 } Progress;
 
 typedef struct {
@@ -75,6 +79,33 @@ typedef struct {
     bool stepping;
 } Answer;
 
+static __thread Progress *announced; /* where this thread announced its last call */
+
+static void say_ended(void)
+{
+    if (announced && announced->act[0])
+        announced->ended = 1;
+}
+
+static void on_signal(int number)
+{
+    say_ended();
+    signal(number, SIG_DFL);
+    raise(number);
+}
+
+EXPORTED void watch_endings(void)
+{
+    static const int NUMBERS[] = {SIGABRT, SIGFPE, SIGILL, SIGSEGV,
+#ifdef SIGBUS
+                                  SIGBUS,
+#endif
+    };
+    atexit(say_ended);
+    for (size_t i = 0; i < sizeof NUMBERS / sizeof *NUMBERS; ++i)
+        signal(NUMBERS[i], on_signal);
+}
+
 static const char SET[ACT] = "set";
 static const char GET[ACT] = "get";
 static const char STEP[ACT] = "step";
@@ -87,6 +118,16 @@ static void announce(const Instances *all, size_t row, const char *act)
     memcpy(progress->who, all->names + row * WHO, WHO);
     memcpy(progress->act, act, ACT);
     ++progress->count;
+    announced = progress;
+}
+
+/* A thread that has nothing more to do is in no call, however long the others take. */
+static void rest(const Instances *all)
+{
+    if (!all->progress)
+        return;
+    memset(all->progress->who, 0, WHO);
+    memset(all->progress->act, 0, ACT);
 }
 
 static bool is_fine(int status)
@@ -185,6 +226,7 @@ EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *ro
 EXPORTED size_t advance_together(const Calls *calls, const Instances *all, const Rows *rows,
                                  double start, double length, Shared *shared, Answer *answer)
 {
+    size_t reached = all->n;
     *answer = (Answer){OK, false};
     while (!__atomic_load_n(&shared->ended, __ATOMIC_SEQ_CST)) {
         const size_t first = __atomic_fetch_add(&shared->next, BLOCK, __ATOMIC_SEQ_CST);
@@ -194,10 +236,12 @@ EXPORTED size_t advance_together(const Calls *calls, const Instances *all, const
         const size_t row = advance_some(calls, all, rows, start, length, first, end, answer);
         if (row < end) {
             __atomic_store_n(&shared->ended, 1, __ATOMIC_SEQ_CST);
-            return row;
+            reached = row;
+            break;
         }
     }
-    return all->n;
+    rest(all);
+    return reached;
 }
 
 EXPORTED size_t recall(const Calls *calls, const Instances *all, void *states[], bool keeping,

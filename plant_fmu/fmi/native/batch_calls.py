@@ -44,8 +44,6 @@ _STATES = {
 
 
 class _Instances(Structure):
-    kept: Any
-    """What the addresses are of."""
     _fields_ = (
         ("n", c_size_t),
         ("instances", c_void_p),
@@ -100,6 +98,7 @@ class Native:
     advance: Call
     advance_together: Call
     recall: Call
+    watch_endings: Call
 
 
 class NativeRounds:
@@ -111,30 +110,34 @@ class NativeRounds:
         """Take the instances, whose names are for the library's `progress`, if it has one."""
         self._native, self._library = native, library
         self._helpers: ThreadPoolExecutor | None = None
-        self._answers = [_Answer()]
-        """Of each thread."""
-        instances = (c_void_p * len(handles))(*handles)
+        self._instances = (c_void_p * len(handles))(*handles)
         fields = b"".join(name.encode()[:WHO].ljust(WHO, b"\0") for name in names)
-        progress = create_string_buffer(fields) if library.progress else None
-        self._all = _Instances(
-            len(handles),
-            addressof(instances),
-            library.progress,
-            addressof(progress) if progress else 0,
-        )
-        self._all.kept = instances, progress
+        self._names = create_string_buffer(fields) if library.progress else None
+        self._threads = [(self._announcing(0), _Answer())]
+        """Of each thread the instances, as it announces their calls, and how its last one ended."""
+        self._all, self._answer = self._threads[0]
 
     def use_threads(self, count: int) -> None:
-        """Step from now on with several threads; with one where each call is announced."""
-        count = 1 if self._library.progress else count
+        """Step from now on with several threads; where calls are announced, as many as can be."""
+        if announced := len(self._library.progress):
+            count = min(count, announced)
         # Threads begin when there is something for them to do, and end with this.
         self._helpers = ThreadPoolExecutor(count - 1, "fmu") if count > 1 else None
-        self._answers = [_Answer() for _ in range(count)]
+        others = [(self._announcing(thread), _Answer()) for thread in range(1, count)]
+        self._threads = [(self._all, self._answer), *others]
+        if announced and others:
+            self._native.watch_endings()
 
     @property
     def threads(self) -> int:
         """How many step."""
-        return len(self._answers)
+        return len(self._threads)
+
+    def _announcing(self, thread: int) -> _Instances:
+        """Return the instances for a thread that announces where it alone does."""
+        at = self._library.progress[thread] if self._names else 0
+        names = addressof(self._names) if self._names else 0
+        return _Instances(len(self._instances), addressof(self._instances), at, names)
 
     def exchange(self, view: View, *, setting: bool) -> Round:
         """Return a round of setting or getting; see `Rounds`."""
@@ -144,13 +147,12 @@ class NativeRounds:
         """Return a round of steps; see `Rounds`."""
         advance, n = self._native.advance, self._all.n
         calls, rows = self._bound(_STEPPING), _rows(view)
-        whom = byref(calls), byref(self._all), byref(rows)
 
         def step(start: float, step: float) -> EarlyEnd | None:
             if self._helpers:
-                row, answer = self._together(whom, start, step)
+                row, answer = self._together(calls, rows, start, step)
             else:
-                answer = self._answers[0]
+                answer, whom = self._answer, (byref(calls), byref(self._all), byref(rows))
                 row = advance(*whom, start, step, byref(answer))
             return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
 
@@ -159,7 +161,7 @@ class NativeRounds:
     def addresses(self, given: View, read: View) -> StepAddresses:
         """Return what sets the numbers of a view, and steps and gets those of another."""
         setting, stepping = self._bound(_NUMBERS), self._bound(_STEPPING)
-        kept = setting, stepping, self._all, _rows(given), _rows(read), self._answers[0]
+        kept = setting, stepping, self._all, _rows(given), _rows(read), self._answer
         native: tuple[Any, Any] = self._native.exchange, self._native.advance
         functions = (cast(function, c_void_p) for function in native)
         found = StepAddresses(*functions, *map(addressof, kept))
@@ -168,20 +170,23 @@ class NativeRounds:
 
     def early_end(self, row: int) -> EarlyEnd:
         """Return how the one thread's call ended that ended a round at a row."""
-        return EarlyEnd(row, self._answers[0].status, self._answers[0].stepping)
+        return EarlyEnd(row, self._answer.status, self._answer.stepping)
 
-    def _together(self, whom: tuple[Any, ...], start: float, step: float) -> tuple[int, _Answer]:
+    def _together(
+        self, calls: _Calls, rows: _Rows, start: float, step: float
+    ) -> tuple[int, _Answer]:
         """Return the first row that ended a round of several threads, n if none, and how."""
         assert self._helpers
         shared, advance = byref(_Shared(0, 0)), self._native.advance_together
 
-        def take_part(answer: _Answer) -> tuple[int, _Answer]:
+        def take_part(instances: _Instances, answer: _Answer) -> tuple[int, _Answer]:
+            whom = byref(calls), byref(instances), byref(rows)
             return advance(*whom, start, step, shared, byref(answer)), answer
 
-        own, *others = self._answers
-        helping = [self._helpers.submit(take_part, answer) for answer in others]
+        own, *others = self._threads
+        helping = [self._helpers.submit(take_part, *other) for other in others]
         try:
-            ended = [take_part(own)]
+            ended = [take_part(*own)]
         finally:
             # Whatever happens, nobody is in a call any more.
             rest = [helper.result() for helper in helping]
@@ -246,6 +251,7 @@ def load_native() -> Native | None:
         bind(dll, "advance", *step, c_void_p, result=c_size_t),
         bind(dll, "advance_together", *step, c_void_p, c_void_p, result=c_size_t),
         bind(dll, "recall", *three, *flag, result=c_size_t),
+        bind(dll, "watch_endings", result=None),
     )
 
 
