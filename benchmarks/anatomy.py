@@ -46,15 +46,14 @@ PARTS: Mapping[str, Sequence[str]] = {
     "recorder: batches taken": ["nrs_cosim.recordings.recorder:Recorder.take"],
     "recorder: tick closed": ["nrs_cosim.recordings.recorder:Recorder.close"],
     "writer: tick taken": ["nrs_cosim.recordings.mcap.writer:Writer.put"],
-    "writer: order": [
+    "writer: chunk arranged": [
         "nrs_cosim.recordings.mcap.writer:concatenated",
-        "nrs_cosim.recordings.mcap.writer:order",
+        "nrs_cosim.recordings.mcap.native.arrangement:_arrange_by()",
     ],
-    "writer: digest": ["nrs_cosim.recordings.mcap.digest:Digest.update"],
-    "writer: records": ["nrs_cosim.recordings.mcap.writer:packed"],
+    "writer: digest": ["nrs_cosim.recordings.mcap.digest:Digest.take"],
     "writer: compression": ["nrs_cosim.recordings.mcap.chunk:_COMPRESS[zstd]"],
     "writer: CRCs": ["nrs_cosim.recordings.mcap.chunk:zlib.crc32"],
-    "writer: message indexes": ["nrs_cosim.recordings.mcap.writer:encoded_chunk"],
+    "writer: chunk joined": ["nrs_cosim.recordings.mcap.writer:encoded_chunk"],
     "writer: file": ["nrs_cosim.recordings.mcap.writer:Writer._emit"],
     "writer: end of the file": ["nrs_cosim.recordings.mcap.writer:Writer.finish"],
 }

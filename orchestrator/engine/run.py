@@ -29,6 +29,7 @@ from nrs_cosim.orchestrator.engine.attachments import (
 )
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
+from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE
 from nrs_cosim.orchestrator.engine.summary import told_of
@@ -146,6 +147,7 @@ def run(
                 },
                 attachments=attachments(experiment, assets, urdfs),
                 compression=compression,
+                arranging=load_arranging(),
             )
         )
         recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)

@@ -13,6 +13,7 @@ else in a file is left to mcap's own record classes.
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -22,7 +23,7 @@ from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.mcap.columns import HEAD, Columns, put_rows, windows
+from nrs_cosim.recordings.mcap.columns import HEAD, Bytes, Columns, put_rows, windows
 from nrs_cosim.recordings.mcap.container import (
     LIMIT,
     RECORD,
@@ -34,9 +35,9 @@ from nrs_cosim.recordings.mcap.container import (
 )
 
 _CHUNK = struct.Struct("<BQQQQII")  # opcode, length, start, end (ns), size, CRC, len(compression)
-_INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
-_OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
-_LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of _OFFSETs
+INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
+OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
+_LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of OFFSETs
 _REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
 _SIZES = struct.Struct("<QQ")  # compressed, uncompressed
 _ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
@@ -51,7 +52,22 @@ _COMPRESS: Mapping[Compression, Callable[..., bytes]] = {
 }
 
 
-def packed(messages: Columns) -> Columns:
+@dataclass(frozen=True, slots=True, eq=False)
+class ChunkRecords:
+    """Messages, at least one, as they stand in a chunk, and the indexes that stand behind it."""
+
+    data: Bytes
+    index: Bytes
+    """The message indexes, one after the other, in the order of the channels' first messages."""
+    offsets: NDArray[np.void]
+    """(channels,) of OFFSET: where each of these begins, from the first on."""
+    start: int
+    """ns: log_time of the first message."""
+    end: int
+    """ns: of the last."""
+
+
+def packed(messages: Columns) -> ChunkRecords:
     """The messages, at least one, in their order, as records."""
     heads = np.empty(len(messages.channel), HEAD)
     sizes = messages.stop - messages.start
@@ -64,55 +80,58 @@ def packed(messages: Columns) -> Columns:
     data = np.empty(int(stops[-1]), np.uint8).data
     windows(data, HEAD.itemsize)[starts - HEAD.itemsize] = heads.view(f"V{HEAD.itemsize}")
     put_rows(data, starts, messages.data, messages.start, sizes)
-    return Columns(data, messages.channel, messages.sequence, messages.time, starts, stops)
+    records = Columns(data, messages.channel, messages.sequence, messages.time, starts, stops)
+    return ChunkRecords(data, *_index(records), int(messages.time[0]), int(messages.time[-1]))
 
 
-def encoded_chunk(offset: int, messages: Columns, compression: Compression) -> tuple[bytes, bytes]:
+def encoded_chunk(offset: int, made: ChunkRecords, compression: Compression) -> tuple[bytes, bytes]:
     """A chunk of records that will stand at `offset`, with its message indexes; its record for the
     summary.
     """
-    records = messages.data
+    records, start, end = made.data, made.start, made.end
     data = _COMPRESS[compression](records)
     if not in_proportion(len(records), len(data)):
         compression = "lz4"  # which makes at most 255 bytes one
         data = _COMPRESS[compression](records)
     name = "" if compression == "none" else compression
-    start, end = int(messages.time[0]), int(messages.time[-1])
     chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
-    channels, index, places = _index(messages)
-    offsets = np.empty(len(channels), _OFFSET)
-    offsets["channel"], offsets["at"] = channels, offset + len(chunk) + places
+    offsets = made.offsets.copy()
+    offsets["at"] += offset + len(chunk)
     lengths = _LENGTHS.pack(start, end, offset, len(chunk), offsets.nbytes)
-    rest = _REST.pack(len(index), len(name)) + name.encode() + _SIZES.pack(len(data), len(records))
+    rest = (
+        _REST.pack(len(made.index), len(name))
+        + name.encode()
+        + _SIZES.pack(len(data), len(records))
+    )
     body = b"".join([lengths, offsets.tobytes(), rest])
     summary = RECORD.pack(Opcode.CHUNK_INDEX, len(body)) + body
-    return chunk + index, summary
+    return b"".join([chunk, made.index]), summary
 
 
-def _index(messages: Columns) -> tuple[NDArray[np.uint16], bytes, NDArray[np.int64]]:
-    """The channels in the order of their first messages; their message indexes, one after the
-    other; where each of these begins.
-    """
+def _index(messages: Columns) -> tuple[memoryview, NDArray[np.void]]:
+    """The message indexes of records, and where each begins; see `ChunkRecords`."""
     channels, first, which = np.unique(messages.channel, return_index=True, return_inverse=True)
     by_first = np.argsort(first)
     place = np.empty(len(channels), np.uint16)
     place[by_first] = np.arange(len(channels))
     order = np.argsort(place[which], kind="stable")
     counts = np.bincount(place[which], minlength=len(channels))
-    heads = np.empty(len(channels), _INDEX)
+    heads = np.empty(len(channels), INDEX)
     heads["kind"], heads["channel"] = Opcode.MESSAGE_INDEX, channels[by_first]
     heads["size"] = _ENTRY.itemsize * counts
     heads["length"] = heads["size"] + 6
     entries = np.empty(len(order), _ENTRY)
     entries["time"], entries["at"] = messages.time[order], messages.start[order] - HEAD.itemsize
-    lengths = _INDEX.itemsize + _ENTRY.itemsize * counts
+    lengths = INDEX.itemsize + _ENTRY.itemsize * counts
     begins = np.cumsum(lengths) - lengths
     index = np.empty(int(lengths.sum()), np.uint8).data
-    windows(index, _INDEX.itemsize)[begins] = heads.view(f"V{_INDEX.itemsize}")
-    rest = _INDEX.itemsize * np.repeat(np.arange(1, len(channels) + 1), counts)
+    windows(index, INDEX.itemsize)[begins] = heads.view(f"V{INDEX.itemsize}")
+    rest = INDEX.itemsize * np.repeat(np.arange(1, len(channels) + 1), counts)
     at = rest + _ENTRY.itemsize * np.arange(len(order))
     windows(index, _ENTRY.itemsize)[at] = entries.view(f"V{_ENTRY.itemsize}")
-    return heads["channel"], index.tobytes(), begins
+    offsets = np.empty(len(channels), OFFSET)
+    offsets["channel"], offsets["at"] = heads["channel"], begins
+    return index, offsets
 
 
 def decoded_chunk(chunk: bytes) -> bytes:

@@ -16,10 +16,10 @@ from typing import Self
 
 import numpy as np
 
-from nrs_cosim.recordings.mcap.columns import MANY, Columns, put_rows, windows
+from nrs_cosim.recordings.mcap.columns import MANY, Bytes, Columns, put_rows, windows
 
 _PREFIX = Struct("<I")
-_FIXED = np.dtype([("time", "<u8"), ("sequence", "<u4"), ("length", "<u4")])
+FIXED = np.dtype([("time", "<u8"), ("sequence", "<u4"), ("length", "<u4")])
 
 
 class Digest:
@@ -29,27 +29,37 @@ class Digest:
         """Know the topics that are counted, by the numbers of their channels."""
         topics = [topic.encode() for topic in counted.values()]
         prefixes = [_PREFIX.pack(len(utf8)) + utf8 for utf8 in topics]
-        self._prefixes = b"".join(prefixes)
-        self._lengths, self._starts = np.zeros(MANY, np.int64), np.zeros(MANY, np.int64)
+        self.prefixes = b"".join(prefixes)
+        """What each message on a counted channel enters with first."""
+        self.lengths, self.starts = np.zeros(MANY, np.int64), np.zeros(MANY, np.int64)
+        """Of each channel's in `prefixes`; the length of what is not counted is 0."""
         numbers = np.array([*counted], np.intp)
-        self._lengths[numbers] = lengths = np.array([*map(len, prefixes)], np.int64)
-        self._starts[numbers] = np.cumsum(lengths) - lengths
+        self.lengths[numbers] = lengths = np.array([*map(len, prefixes)], np.int64)
+        self.starts[numbers] = np.cumsum(lengths) - lengths
         self._hash = hashlib.sha256()
+
+    def stream(self, messages: Columns) -> memoryview:
+        """Return as what the next messages enter, which are in total order."""
+        messages = messages.only(self.lengths[messages.channel] > 0)
+        prefixes, sizes = self.lengths[messages.channel], messages.stop - messages.start
+        fixed = np.empty(len(sizes), FIXED)
+        fixed["time"], fixed["sequence"], fixed["length"] = messages.time, messages.sequence, sizes
+        lengths = prefixes + FIXED.itemsize + sizes
+        at = np.cumsum(lengths) - lengths
+        stream = np.empty(int(lengths.sum()), np.uint8).data
+        put_rows(stream, at, self.prefixes, self.starts[messages.channel], prefixes)
+        windows(stream, FIXED.itemsize)[at + prefixes] = fixed.view(f"V{FIXED.itemsize}")
+        after = at + prefixes + FIXED.itemsize
+        put_rows(stream, after, messages.data, messages.start, sizes)
+        return stream
+
+    def take(self, stream: Bytes) -> None:
+        """Take in the next messages, which are after all earlier ones, as `stream` has them."""
+        self._hash.update(stream)
 
     def update(self, messages: Columns) -> None:
         """Take in the next messages, which are in total order and after all earlier ones."""
-        messages = messages.only(self._lengths[messages.channel] > 0)
-        prefixes, sizes = self._lengths[messages.channel], messages.stop - messages.start
-        fixed = np.empty(len(sizes), _FIXED)
-        fixed["time"], fixed["sequence"], fixed["length"] = messages.time, messages.sequence, sizes
-        lengths = prefixes + _FIXED.itemsize + sizes
-        at = np.cumsum(lengths) - lengths
-        stream = np.empty(int(lengths.sum()), np.uint8).data
-        put_rows(stream, at, self._prefixes, self._starts[messages.channel], prefixes)
-        windows(stream, _FIXED.itemsize)[at + prefixes] = fixed.view(f"V{_FIXED.itemsize}")
-        after = at + prefixes + _FIXED.itemsize
-        put_rows(stream, after, messages.data, messages.start, sizes)
-        self._hash.update(stream)
+        self.take(self.stream(messages))
 
     def copy(self) -> Self:
         """The same digest, from here on by itself."""

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.text import quoted, storable
 from nrs_cosim.recordings.errors import UncreatableError, UnwritableError
-from nrs_cosim.recordings.mcap.chunk import encoded_chunk, packed
+from nrs_cosim.recordings.mcap.arrangement import Arranging, by_numpy
+from nrs_cosim.recordings.mcap.chunk import encoded_chunk
 from nrs_cosim.recordings.mcap.columns import HEAD, Columns
 from nrs_cosim.recordings.mcap.container import (
     END_FIELDS,
@@ -42,7 +43,7 @@ from nrs_cosim.recordings.mcap.container import (
     tail,
 )
 from nrs_cosim.recordings.mcap.digest import Digest
-from nrs_cosim.recordings.mcap.ordering import columns_of, concatenated, order, ranks
+from nrs_cosim.recordings.mcap.ordering import columns_of, concatenated, ranks
 from nrs_cosim.recordings.metadata import CAUSE
 
 CHUNK_BYTES = 64 * 1024
@@ -77,7 +78,7 @@ class Writer:
     A chunk closes at the end of a tick when it holds `chunk_bytes` (64 KiB, or 1 KiB a channel if
     that is more) or when the last one closed `chunk_seconds` of wall time ago: that much is lost
     when the process is killed. Written chunks are with the operating system; nothing is synced
-    against a loss of power.
+    against a loss of power. `arranging` makes a chunk of messages; all make the same bytes.
 
     As a context manager it always leaves a closed, valid file: when the block ends without
     `finish`, the status is "interrupted" after a KeyboardInterrupt, and else "failed".
@@ -98,6 +99,7 @@ class Writer:
         compression: Compression = "zstd",
         chunk_bytes: int | None = None,
         chunk_seconds: float = CHUNK_SECONDS,
+        arranging: Arranging = by_numpy,
     ) -> None:
         self.path = path
         self._compression = compression
@@ -119,7 +121,9 @@ class Writer:
             self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115 (closed by finish)
         except OSError as error:
             raise UncreatableError(f"{path}: cannot be created: {error.strerror}") from error
-        self._stored = _Stored(0, 0, Digest(counted), np.zeros(len(channels) + 1, np.int64))
+        digest = Digest(counted)
+        self._arrange = arranging(self._rank, digest)
+        self._stored = _Stored(0, 0, digest, np.zeros(len(channels) + 1, np.int64))
         try:
             offset, crc = self._emit(begin)
         except BaseException:
@@ -271,10 +275,10 @@ class Writer:
     def _with(self, parts: Sequence[Columns]) -> _Stored:
         """Put a chunk into the file; return what it then holds."""
         old, messages = self._stored, concatenated(parts)
-        messages = messages.at(order(messages, self._rank))
+        records, stream = self._arrange(messages)
         digest = old.digest.copy()
-        digest.update(messages)
-        chunk, index = encoded_chunk(old.offset, packed(messages), self._compression)
+        digest.take(stream)
+        chunk, index = encoded_chunk(old.offset, records, self._compression)
         self._chunk_indexes[old.chunks :] = [index]
         offset, crc = self._emit(chunk)
         return _Stored(
@@ -285,8 +289,8 @@ class Writer:
             closed=old.closed + 1,
             chunks=old.chunks + 1,
             ticks=old.ticks + int(np.count_nonzero(np.unique(messages.sequence))),
-            start=old.start if old.chunks else int(messages.time[0]),
-            end=int(messages.time[-1]),
+            start=old.start if old.chunks else records.start,
+            end=records.end,
         )
 
     def _tail(self, status: Closing, reason: str, extra: Mapping[str, str]) -> bytes:

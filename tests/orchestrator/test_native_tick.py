@@ -18,6 +18,7 @@ from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.engine import robots as engine_robots
+from nrs_cosim.orchestrator.engine import run as engine_run
 from nrs_cosim.orchestrator.engine.in_process import NAME, in_process
 from nrs_cosim.orchestrator.engine.native.tick import (
     NativeDisagreements,
@@ -27,6 +28,7 @@ from nrs_cosim.orchestrator.engine.native.tick import (
 from nrs_cosim.orchestrator.engine.run import past_of, run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.plant_fmu.bundled.builder import build
+from nrs_cosim.recordings.mcap.arrangement import by_numpy
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.scenarios import SECOND_ORDER, paper
 
@@ -158,6 +160,7 @@ def test_a_run_is_the_same_by_native_code_and_by_numpy(tmp_path, monkeypatch, ca
     with Reader(cut.path) as reader:
         resumed = run(experiment, tmp_path / "resumed.mcap", past=past_of(reader))
     monkeypatch.setattr(engine_robots, "load_tick", lambda: None)
+    monkeypatch.setattr(engine_run, "load_arranging", lambda: by_numpy)
     oracle = run(experiment, tmp_path / "numpy.mcap")
     assert how(found) == how(resumed) == how(oracle)
     assert found.profile.numpy_why == why

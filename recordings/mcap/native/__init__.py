@@ -1,0 +1,1 @@
+"""What becomes of a chunk's messages, by one call of native code."""
