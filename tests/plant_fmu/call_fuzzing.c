@@ -37,11 +37,20 @@ enum { CALLS = 40, MOST = 4 * VALUES };
 static uint64_t drawn;
 static unsigned long errors, calls;
 static int messages;
+static bool passed_null;
 
 static unsigned draw(unsigned below)
 {
     drawn = drawn * 6364136223846793005u + 1442695040888963407u;
     return (unsigned)(drawn >> 33) % below;
+}
+
+/* Mostly a pointer; sometimes none, which must be an error. */
+static void *maybe(const void *pointer)
+{
+    const bool none = draw(60) == 0;
+    passed_null |= none;
+    return none ? NULL : (void *)pointer;
 }
 
 static double number(void)
@@ -100,6 +109,7 @@ enum { KEEPS = 1, CHANGES = 2 };
     do {                                                                                           \
         const State *now = &((Instance *)(fuzz)->self)->state;                                     \
         memcpy(&(fuzz)->before, now, sizeof *now);                                                 \
+        passed_null = false;                                                                       \
         const int heard = messages;                                                                \
         const int status = (int)name(__VA_ARGS__);                                                 \
         ++calls;                                                                                   \
@@ -113,6 +123,8 @@ enum { KEEPS = 1, CHANGES = 2 };
                 fail("an error has left a trace", #name);                                          \
         } else if (!((int)(fuzz)->before.mode & (modes)))                                          \
             fail("allowed where FMI forbids it", #name);                                           \
+        else if (passed_null)                                                                      \
+            fail("went on without a pointer", #name);                                              \
     } while (0)
 
 static const int SET_IN = BEFORE_START | INITIALIZED;
@@ -156,14 +168,15 @@ static void fuzz_states(Fuzz *f)
     static Byte bytes[sizeof(State)];
     size_t size = 0;
     switch (draw(4)) {
-    case 0: CALL(f, ANY_MODE, KEEPS, STATE(Get), f->self, &f->kept); break;
+    case 0: CALL(f, ANY_MODE, KEEPS, STATE(Get), f->self, maybe(&f->kept)); break;
     case 1: CALL(f, ANY_MODE, KEEPS, STATE(Set), f->self, f->kept); break;
-    case 2: CALL(f, ANY_MODE, KEEPS, STATE(Free), f->self, &f->kept); break;
+    case 2: CALL(f, ANY_MODE, KEEPS, STATE(Free), f->self, maybe(&f->kept)); break;
     case 3:
-        CALL(f, ANY_MODE, KEEPS, SIZE_OF_STATE, f->self, f->kept, &size);
-        CALL(f, ANY_MODE, KEEPS, STATE(Serialize), f->self, f->kept, bytes, sizeof bytes);
+        CALL(f, ANY_MODE, KEEPS, SIZE_OF_STATE, f->self, f->kept, maybe(&size));
+        CALL(f, ANY_MODE, KEEPS, STATE(Serialize), f->self, f->kept, maybe(bytes), sizeof bytes);
         tamper(bytes, sizeof bytes);
-        CALL(f, ANY_MODE, KEEPS, DESERIALIZE, f->self, bytes, draw(20) ? size : size - 1, &f->kept);
+        CALL(f, ANY_MODE, KEEPS, DESERIALIZE, f->self, maybe(bytes),
+             draw(20) ? sizeof bytes : sizeof bytes - 1, maybe(&f->kept));
         CALL(f, ANY_MODE, KEEPS, STATE(Set), f->self, f->kept);
         break;
     }
@@ -179,21 +192,25 @@ static void fuzz_variables(Fuzz *f)
         values[i] = number();
 #if FMI_VERSION == 2
     if (draw(2))
-        CALL(f, ANY_MODE, CHANGES, fmi2GetReal, f->self, references, n, values);
+        CALL(f, ANY_MODE, CHANGES, fmi2GetReal, f->self, maybe(references), n, maybe(values));
     else
-        CALL(f, SET_IN, KEEPS, fmi2SetReal, f->self, references, n, values);
+        CALL(f, SET_IN, KEEPS, fmi2SetReal, f->self, maybe(references), n, maybe(values));
 #else
     uint64_t count = draw(8) ? 1 + draw(5) : draw(30);
     switch (draw(5)) {
     case 0:
     case 1:
-        CALL(f, ANY_MODE, CHANGES, fmi3GetFloat64, f->self, references, n, values, n_values);
+        CALL(f, ANY_MODE, CHANGES, fmi3GetFloat64, f->self, maybe(references), n, maybe(values),
+             n_values);
         break;
     case 2:
-    case 3: CALL(f, SET_IN, KEEPS, fmi3SetFloat64, f->self, references, n, values, n_values); break;
+    case 3:
+        CALL(f, SET_IN, KEEPS, fmi3SetFloat64, f->self, maybe(references), n, maybe(values),
+             n_values);
+        break;
     case 4:
         *references = draw(3) ? 1 : *references;
-        CALL(f, CONFIGURATION, KEEPS, fmi3SetUInt64, f->self, references, 1, &count, 1);
+        CALL(f, CONFIGURATION, KEEPS, fmi3SetUInt64, f->self, maybe(references), 1, maybe(&count), 1);
         break;
     }
 #endif
@@ -214,12 +231,13 @@ static void fuzz_exchange(Fuzz *f)
         CALL(f, EVENT | CONTINUOUS_TIME, KEEPS, F(SetTime), f->self,
              draw(9) ? state->values.time + 0.1 : number());
         break;
-    case 1: CALL(f, CONTINUOUS_TIME, KEEPS, F(SetContinuousStates), f->self, x, n); break;
-    case 2: CALL(f, solved, CHANGES, F(GetContinuousStates), f->self, x, n); break;
-    case 3: CALL(f, solved, CHANGES, RATES, f->self, x, n); break;
-    case 4: CALL(f, solved, KEEPS, F(GetNominalsOfContinuousStates), f->self, x, n); break;
+    case 1: CALL(f, CONTINUOUS_TIME, KEEPS, F(SetContinuousStates), f->self, maybe(x), n); break;
+    case 2: CALL(f, solved, CHANGES, F(GetContinuousStates), f->self, maybe(x), n); break;
+    case 3: CALL(f, solved, CHANGES, RATES, f->self, maybe(x), n); break;
+    case 4: CALL(f, solved, KEEPS, F(GetNominalsOfContinuousStates), f->self, maybe(x), n); break;
     case 5:
-        CALL(f, CONTINUOUS_TIME, KEEPS, F(CompletedIntegratorStep), f->self, true, &event, &end);
+        CALL(f, CONTINUOUS_TIME, KEEPS, F(CompletedIntegratorStep), f->self, true, maybe(&event),
+             maybe(&end));
         break;
     }
     free(x);
@@ -235,7 +253,8 @@ static void fuzz_steps(Fuzz *f)
 #else
     bool event, end, early;
     double reached;
-    CALL(f, STEP, CHANGES, fmi3DoStep, f->self, time, step, true, &event, &end, &early, &reached);
+    CALL(f, STEP, CHANGES, fmi3DoStep, f->self, time, step, true, maybe(&event), maybe(&end),
+         maybe(&early), maybe(&reached));
 #endif
 }
 
@@ -255,6 +274,37 @@ static void enter_initialization(Fuzz *f)
 #endif
 }
 
+static void update(Fuzz *f)
+{
+#if FMI_VERSION == 2
+    fmi2EventInfo info;
+    CALL(f, EVENT, KEEPS, fmi2NewDiscreteStates, f->self, maybe(&info));
+#else
+    bool needs[5];
+    double next;
+    CALL(f, EVENT, KEEPS, fmi3UpdateDiscreteStates, f->self, maybe(needs), maybe(needs + 1),
+         maybe(needs + 2), maybe(needs + 3), maybe(needs + 4), maybe(&next));
+#endif
+}
+
+/* How many there are, and how the last step went. */
+static void ask(Fuzz *f)
+{
+#if FMI_VERSION == 2
+    fmi2Real time;
+    fmi2Boolean end;
+    CALL(f, STEP, KEEPS, fmi2GetRealStatus, f->self, fmi2LastSuccessfulTime, maybe(&time));
+    CALL(f, ANY_MODE, KEEPS, fmi2GetBooleanStatus, f->self, fmi2Terminated, maybe(&end));
+#else
+    uint64_t count;
+    size_t n;
+    const unsigned first = 1;
+    CALL(f, ANY_MODE, KEEPS, fmi3GetUInt64, f->self, maybe(&first), 1, maybe(&count), 1);
+    CALL(f, ANY_MODE, KEEPS, fmi3GetNumberOfContinuousStates, f->self, maybe(&n));
+    CALL(f, ANY_MODE, KEEPS, fmi3GetNumberOfEventIndicators, f->self, maybe(&n));
+#endif
+}
+
 /* What comes next in a simulation. */
 static void go_on(Fuzz *f)
 {
@@ -263,12 +313,15 @@ static void go_on(Fuzz *f)
     case INITIALIZATION:
         CALL(f, INITIALIZATION, KEEPS, F(ExitInitializationMode), f->self);
         break;
-    case EVENT: CALL(f, EVENT, KEEPS, F(EnterContinuousTimeMode), f->self); break;
+    case EVENT:
+        update(f);
+        CALL(f, EVENT, KEEPS, F(EnterContinuousTimeMode), f->self);
+        break;
     case TERMINATED: CALL(f, ANY_MODE, KEEPS, F(Reset), f->self); break;
 #if FMI_VERSION == 3
     case CONFIGURATION: CALL(f, CONFIGURATION, KEEPS, fmi3ExitConfigurationMode, f->self); break;
 #endif
-    default: break;
+    default: ask(f); break;
     }
 }
 

@@ -39,6 +39,11 @@ bool core_refuse(const Instance *self, const char *format, ...)
     return false;
 }
 
+bool core_given(const Instance *self, const void *place, size_t n)
+{
+    return place || n == 0 || (self && core_refuse(self, "a pointer that is passed is NULL"));
+}
+
 bool core_expect(const Instance *self, int modes, const char *what)
 {
     if (!self)
@@ -203,7 +208,8 @@ static bool used_up(const Instance *self, size_t room)
 bool core_get(Instance *self, const unsigned references[], size_t n_references, double values[],
               size_t n_values)
 {
-    if (!core_expect(self, ANY_MODE, "reading a variable"))
+    if (!core_expect(self, ANY_MODE, "reading a variable") ||
+        !core_given(self, references, n_references) || !core_given(self, values, n_values))
         return false;
     State *state = &self->state;
     bool outputs_are_current = false;
@@ -257,6 +263,7 @@ bool core_set(Instance *self, const unsigned references[], size_t n_references,
               const double values[], size_t n_values)
 {
     if (!core_expect(self, ANY_MODE, "setting a variable") ||
+        !core_given(self, references, n_references) || !core_given(self, values, n_values) ||
         !may_set_all(self, references, n_references, values, n_values))
         return false;
     bool before_start = false;
@@ -275,8 +282,10 @@ bool core_set(Instance *self, const unsigned references[], size_t n_references,
 /* Structural parameters */
 
 static bool are_structural(const Instance *self, const unsigned references[],
-                           size_t n_references, size_t n_counts)
+                           size_t n_references, const uint64_t counts[], size_t n_counts)
 {
+    if (!core_given(self, references, n_references) || !core_given(self, counts, n_counts))
+        return false;
     for (size_t i = 0; i < n_references; ++i)
         if (references[i] >= VALUES || variables[references[i]].most == 0)
             return core_refuse(self, "no structural parameter has the value reference %u",
@@ -301,7 +310,7 @@ bool core_get_counts(Instance *self, const unsigned references[], size_t n_refer
                      uint64_t counts[], size_t n_counts)
 {
     if (!core_expect(self, ANY_MODE, "reading a structural parameter") ||
-        !are_structural(self, references, n_references, n_counts))
+        !are_structural(self, references, n_references, counts, n_counts))
         return false;
     for (size_t i = 0; i < n_references; ++i)
         counts[i] = (uint64_t)((const double *)&self->state.values)[references[i]];
@@ -312,7 +321,7 @@ bool core_set_counts(Instance *self, const unsigned references[], size_t n_refer
                      const uint64_t counts[], size_t n_counts)
 {
     if (!core_expect(self, CONFIGURATION, "setting a structural parameter") ||
-        !are_structural(self, references, n_references, n_counts))
+        !are_structural(self, references, n_references, counts, n_counts))
         return false;
     for (size_t i = 0; i < n_references; ++i) {
         const Variable *variable = &variables[references[i]];
@@ -334,11 +343,12 @@ bool core_set_counts(Instance *self, const unsigned references[], size_t n_refer
 
 /* Model exchange */
 
-static bool all_states(const Instance *self, size_t n)
+static bool all_states(const Instance *self, const double x[], size_t n)
 {
     const int expected = states_in(&self->state.values);
-    return n == (size_t)expected ||
-           core_refuse(self, "expected %d states, got %lu", expected, (unsigned long)n);
+    if (n != (size_t)expected)
+        return core_refuse(self, "expected %d states, got %lu", expected, (unsigned long)n);
+    return core_given(self, x, n);
 }
 
 bool core_set_time(Instance *self, double time)
@@ -365,7 +375,7 @@ bool core_accept_time(Instance *self, int modes, const char *what)
 
 bool core_set_states(Instance *self, const double x[], size_t n)
 {
-    if (!core_expect(self, CONTINUOUS_TIME, "setting the states") || !all_states(self, n))
+    if (!core_expect(self, CONTINUOUS_TIME, "setting the states") || !all_states(self, x, n))
         return false;
     for (size_t i = 0; i < n; ++i)
         if (!isfinite(x[i]))
@@ -378,7 +388,7 @@ bool core_set_states(Instance *self, const double x[], size_t n)
 
 bool core_get_states(Instance *self, double x[], size_t n)
 {
-    if (!core_expect(self, ANY_MODE, "reading the states") || !all_states(self, n))
+    if (!core_expect(self, ANY_MODE, "reading the states") || !all_states(self, x, n))
         return false;
     get_states(&self->state.values, x);
     return true;
@@ -386,7 +396,7 @@ bool core_get_states(Instance *self, double x[], size_t n)
 
 bool core_get_derivatives(Instance *self, double dx[], size_t n)
 {
-    if (!core_expect(self, ANY_MODE, "reading the derivatives") || !all_states(self, n))
+    if (!core_expect(self, ANY_MODE, "reading the derivatives") || !all_states(self, dx, n))
         return false;
     update_derivatives(&self->state);
     get_derivatives(&self->state.values, dx);
@@ -400,7 +410,8 @@ bool core_get_derivatives(Instance *self, double dx[], size_t n)
 
 bool core_get_nominals(Instance *self, double nominals[], size_t n)
 {
-    if (!core_expect(self, ANY_MODE, "reading the nominal values") || !all_states(self, n))
+    if (!core_expect(self, ANY_MODE, "reading the nominal values") ||
+        !all_states(self, nominals, n))
         return false;
     for (size_t i = 0; i < n; ++i)
         nominals[i] = 1.0;

@@ -85,6 +85,9 @@ bool core_refuse(const Instance *self, const char *format, ...);
 /* Whether a state's numbers name a method of integrator.h's; otherwise refuses. */
 bool integrator_is_known(const Instance *self, const Values *values);
 
+/* Whether there is a place for, or of, n numbers or what else is passed; otherwise refuses. */
+bool core_given(const Instance *self, const void *place, size_t n);
+
 /* Whether the instance is in one of the modes; otherwise refuses `what`. */
 bool core_expect(const Instance *self, int modes, const char *what);
 
@@ -127,7 +130,7 @@ bool core_step(Instance *self, double time, double step);
 /* saved_state.c. FMU states are blocks of malloc; *state is reused when it is not NULL. */
 bool core_get_state(Instance *self, void **state);
 bool core_set_state(Instance *self, const void *state);
-bool core_free_state(void **state);
+bool core_free_state(Instance *self, void **state);
 bool core_serialize(Instance *self, const void *state, void *bytes, size_t size);
 bool core_deserialize(Instance *self, const void *bytes, size_t size, void **state);
 

@@ -69,6 +69,8 @@ CALL(GetNominalsOfContinuousStates, (void *self, double nominals[], size_t n),
 FMI(Status) FMI(CompletedIntegratorStep)(void *self, FMI(Boolean) no_set_prior,
                                          FMI(Boolean) *enter_event_mode, FMI(Boolean) *terminate)
 {
+    if (!core_given(self, enter_event_mode, 1) || !core_given(self, terminate, 1))
+        return FMI(Error);
     *enter_event_mode = *terminate = false;
     return status(core_accept_time(self, CONTINUOUS_TIME, "completing an integrator step"));
 }
@@ -82,6 +84,9 @@ FMI(Status) FMI(GetEventIndicators)(void *self, double indicators[], size_t n)
 
 static bool size_of_state(void *self, size_t *size)
 {
+    if (!core_expect(self, ANY_MODE, "asking for the size of a state") ||
+        !core_given(self, size, 1))
+        return false;
     *size = sizeof(State);
-    return core_expect(self, ANY_MODE, "asking for the size of a state");
+    return true;
 }

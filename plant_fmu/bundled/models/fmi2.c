@@ -77,7 +77,7 @@ NO_VARIABLES_OF(String)
 
 CALL(GetFMUstate, (void *self, void **state), core_get_state(self, state))
 CALL(SetFMUstate, (void *self, void *state), core_set_state(self, state))
-CALL(FreeFMUstate, (void *self, void **state), core_free_state(state))
+CALL(FreeFMUstate, (void *self, void **state), core_free_state(self, state))
 CALL(SerializedFMUstateSize, (void *self, void *state, size_t *size), size_of_state(self, size))
 CALL(SerializeFMUstate, (void *self, void *state, fmi2Byte bytes[], size_t size),
      core_serialize(self, state, bytes, size))
@@ -88,6 +88,8 @@ CALL(DeSerializeFMUstate, (void *self, const fmi2Byte bytes[], size_t size, void
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component self, fmi2EventInfo *info)
 {
+    if (!core_given(self, info, 1))
+        return fmi2Error;
     *info = (fmi2EventInfo){.newDiscreteStatesNeeded = fmi2False};
     return status(core_expect(self, EVENT, "updating discrete states"));
 }
@@ -103,7 +105,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component self, const fmi2StatusKind kind, fmi2
 {
     if (kind != fmi2LastSuccessfulTime)
         return unsupported(self, "such status of type Real");
-    if (!core_expect(self, STEP, "asking for the last successful time"))
+    if (!core_expect(self, STEP, "asking for the last successful time") ||
+        !core_given(self, value, 1))
         return fmi2Error;
     *value = ((Instance *)self)->state.values.time;
     return fmi2OK;
@@ -113,6 +116,8 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component self, const fmi2StatusKind kind, f
 {
     if (kind != fmi2Terminated)
         return unsupported(self, "such status of type Boolean");
+    if (!core_given(self, value, 1))
+        return fmi2Error;
     *value = fmi2False;
     return status(core_expect(self, ANY_MODE, "asking for termination"));
 }

@@ -133,12 +133,20 @@ NO("variables of type Binary", SetBinary,
 
 CALL(GetFMUState, (void *self, void **state), core_get_state(self, state))
 CALL(SetFMUState, (void *self, void *state), core_set_state(self, state))
-CALL(FreeFMUState, (void *self, void **state), core_free_state(state))
+CALL(FreeFMUState, (void *self, void **state), core_free_state(self, state))
 CALL(SerializedFMUStateSize, (void *self, void *state, size_t *size), size_of_state(self, size))
 CALL(SerializeFMUState, (void *self, void *state, fmi3Byte bytes[], size_t size),
      core_serialize(self, state, bytes, size))
 CALL(DeserializeFMUState, (void *self, const fmi3Byte bytes[], size_t size, void **state),
      core_deserialize(self, bytes, size, state))
+
+static bool all_given(void *self, size_t n, const void *const places[])
+{
+    for (size_t i = 0; i < n; ++i)
+        if (!core_given(self, places[i], 1))
+            return false;
+    return true;
+}
 
 /* Model exchange */
 
@@ -147,6 +155,10 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance self, fmi3Boolean *need_update,
                                     fmi3Boolean *states_changed, fmi3Boolean *next_event_defined,
                                     fmi3Float64 *next_event)
 {
+    const void *const places[] = {need_update,    terminate,          nominals_changed,
+                                  states_changed, next_event_defined, next_event};
+    if (!all_given(self, sizeof places / sizeof *places, places))
+        return fmi3Error;
     *need_update = *terminate = *nominals_changed = *states_changed = *next_event_defined = false;
     *next_event = 0.0;
     return status(core_expect(self, EVENT, "updating discrete states"));
@@ -157,7 +169,8 @@ CALL(GetContinuousStateDerivatives, (void *self, double dx[], size_t n),
 
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance self, size_t *n)
 {
-    if (!core_expect(self, ANY_MODE, "asking for the number of states"))
+    if (!core_expect(self, ANY_MODE, "asking for the number of states") ||
+        !core_given(self, n, 1))
         return fmi3Error;
     *n = (size_t)states_in(&((Instance *)self)->state.values);
     return fmi3OK;
@@ -165,6 +178,8 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance self, size_t *n)
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance self, size_t *n)
 {
+    if (!core_given(self, n, 1))
+        return fmi3Error;
     *n = 0;
     return status(core_expect(self, ANY_MODE, "asking for the number of event indicators"));
 }
@@ -176,6 +191,10 @@ fmi3Status fmi3DoStep(fmi3Instance self, fmi3Float64 time, fmi3Float64 step,
                       fmi3Boolean *terminate, fmi3Boolean *early_return,
                       fmi3Float64 *last_successful_time)
 {
+    const void *const places[] = {event_handling_needed, terminate, early_return,
+                                  last_successful_time};
+    if (!all_given(self, sizeof places / sizeof *places, places))
+        return fmi3Error;
     *event_handling_needed = *terminate = *early_return = false;
     const bool done = core_step(self, time, step);
     if (self)

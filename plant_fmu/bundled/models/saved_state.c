@@ -60,7 +60,8 @@ static bool store(const Instance *self, const void *bytes, void **state)
 
 bool core_get_state(Instance *self, void **state)
 {
-    return core_expect(self, ANY_MODE, "getting the state") && store(self, &self->state, state);
+    return core_expect(self, ANY_MODE, "getting the state") && core_given(self, state, 1) &&
+           store(self, &self->state, state);
 }
 
 bool core_set_state(Instance *self, const void *state)
@@ -75,8 +76,10 @@ bool core_set_state(Instance *self, const void *state)
     return true;
 }
 
-bool core_free_state(void **state)
+bool core_free_state(Instance *self, void **state)
 {
+    if (!core_given(self, state, 1))
+        return false;
     free(*state);
     *state = NULL;
     return true;
@@ -89,6 +92,8 @@ bool core_serialize(Instance *self, const void *state, void *bytes, size_t size)
     if (!state || size != sizeof(State))
         return core_refuse(self, "serializing %s state of %lu bytes to %lu", state ? "a" : "no",
                            (unsigned long)sizeof(State), (unsigned long)size);
+    if (!core_given(self, bytes, size))
+        return false;
     memcpy(bytes, state, sizeof(State));
     return true;
 }
@@ -101,6 +106,8 @@ bool core_deserialize(Instance *self, const void *bytes, size_t size, void **sta
     if (size != sizeof copy)
         return core_refuse(self, "a serialized state has %lu bytes, got %lu",
                            (unsigned long)sizeof copy, (unsigned long)size);
+    if (!core_given(self, bytes, size) || !core_given(self, state, 1))
+        return false;
     memcpy(&copy, bytes, sizeof copy);
     if (!is_ours(self, &copy) || !is_sound(self, &copy))
         return false;
