@@ -131,6 +131,7 @@ def compare(a: Source, b: Source) -> Comparison:
     Returns:
         The comparison: `is_same`, the scenario's `fields` that differ, the `first` message that
         does, and the `distances` of the robots' states; `as_json()` is what `nrs diff --json` says.
+        Whole recordings of the same digest are the same, and no message is `compared`.
 
     Raises:
         InputError: One of them is no recording of a run, or holds no tick.

@@ -24,6 +24,10 @@ from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 SLOWEST = 1e-6
 LISTENER = "tcp/127.0.0.1:7447"
+_STORED = (
+    "scenarios, and the digests that stand in the files, of which every checksum agrees; "
+    "--verify computes them from the messages"
+)
 
 
 @OptionRules(
@@ -142,8 +146,17 @@ def diff(
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw how far apart they are, over time."),
     ] = None,
+    verifying: Annotated[
+        bool,
+        typer.Option(
+            "--verify", help="Compute digests from the messages; do not take them as stored."
+        ),
+    ] = False,
 ) -> None:
-    """Compare two recordings; exit status 1 when anything differs."""
+    """Compare two recordings; exit status 1 when anything differs.
+
+    Equal digests of whole recordings are taken as they are stored, unless --verify is given.
+    """
     from nrs_cosim.orchestrator.cli import summary_text, terminal_replay
     from nrs_cosim.orchestrator.cli.formats import expect_ending
     from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
@@ -155,16 +168,16 @@ def diff(
         expect_ending("--picture", picture, ".png")
     with (
         reading(err) as follow,
-        Reader(a, watch=follow(a)) as one,
-        Reader(b, watch=follow(b)) as other,
+        Reader(a, verify=verifying, watch=follow(a)) as one,
+        Reader(b, verify=verifying, watch=follow(b)) as other,
     ):
-        found = compare(one, other)
+        found = compare(one, other, terminal_replay.MOST_DRAWN if picture else 0)
         for reader in (one, other):
             for damage in reader.damage:
                 say("yellow", "damage", f"{reader.path}: {damage}")
     if picture:
-        if found.why_not:
-            raise InputError(f"--picture: nothing to draw: {found.why_not}")
+        if why := found.why_not or "they are the same" * (found.compared != "messages"):
+            raise InputError(f"--picture: nothing to draw: {why}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
         make_folder(picture)
         terminal_replay.draw(found, picture)
@@ -172,6 +185,8 @@ def diff(
         print_json(found.as_json())
     else:
         summary_text.comparison(out, found)
+        if found.compared == "stored digests":
+            say("blue", "compared", _STORED)
         if found.why_not:
             say("yellow", "apart", found.why_not)
     raise typer.Exit(DONE if found.is_same else FAILED)

@@ -26,6 +26,9 @@ from nrs_cosim.orchestrator.terminal import err, out, prose, say
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
 
+MOST_DRAWN = 24
+"""Robots of which distances are drawn."""
+
 
 def draw(found: Comparison, picture: Path) -> None:
     try:

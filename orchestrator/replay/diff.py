@@ -1,51 +1,38 @@
 """What is not the same in two recordings: scenario fields, the first tick, and how far apart.
 
-Runs are compared tick by tick, message by message in total order. Distances are between the states,
-and what agents keep, that both have of a robot at a time, in the same tick: |a − b| over all
-numbers of a field, its maximum, when that was, and its root mean square.
+Whole recordings of the same digest have the same samples and states, and no message is read. That a
+digest stands as it was written is what a file's checksums vouch for, not that a run wrote it: where
+it was computed from the messages, as by `Reader(verify=True)`, it is said so. Else runs are
+compared some ticks at once, message by message in total order. Distances are between the states,
+and what agents keep, that both have of a robot at a time, in the same tick. No more than a chunk of
+each is in memory.
 """
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import zip_longest
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from itertools import chain, repeat
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nrs_cosim.bus.clock import NS_PER_S
-from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import Codec
-from nrs_cosim.bus.validation import Records
-from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, difference_in
+from nrs_cosim.orchestrator.replay.distances import Array, Distance, Distances
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import tables_of
-from nrs_cosim.recordings.export.tables import flat, joints
+from nrs_cosim.recordings.export.tables import AGENT_STATES, STATES, joints, robots, rows_of
+from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import contents_of, recorded_types
 
-MEASURED = {"state": "", "agent_state": "agent_"}
-"""What distances are of, and what stands before the names of its fields."""
+MEASURED = {STATES: "", AGENT_STATES: "agent_"}
+"""The tables that distances are of, and what stands before the names of their fields."""
 COUNTED = ("sample", "state", "agent_state", "measurement")
 """The kinds of messages that enter the digest."""
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Distance:
-    """How far apart one quantity of one robot is in two recordings, in its unit."""
-
-    robot: int
-    quantity: str
-    largest: float
-    at: float
-    """s: when it was largest."""
-    rms: float
+Compared = Literal["messages", "computed digests", "stored digests"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +43,15 @@ class Comparison:
     """Of the scenario, by their names: both values, or `ABSENT`."""
     first: Difference | None
     """The first message that differs, or that one of them has not."""
-    distances: tuple[Distance, ...]
-    """By robot and quantity; empty when they have no states in common."""
-
-    apart: Mapping[tuple[int, str], tuple[Array, Array]]
-    """By robot and quantity: the times that both have, s, and how far apart they are then."""
-    why_not: str
+    compared: Compared
+    """What was: the digests where they are equal, of all messages here or as they are stored."""
+    distances: tuple[Distance, ...] = ()
+    """By robot and quantity; empty where digests were compared, or nothing is in common."""
+    apart: Mapping[tuple[int, str], tuple[Array, Array]] = field(default_factory=dict)
+    """By robot, of as many as were asked for, and quantity: times, s, and distances then."""
+    why_not: str = ""
     """Why there are no distances after t = 0; empty where there are, or no states to measure."""
-    schemas: Mapping[str, tuple[str, str]]
+    schemas: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Of kinds of messages that have other fields in one than in the other: both, with shapes."""
     partial: tuple[str, ...] = ()
     """Which of the two, A and B, lack messages of their runs: nothing is known of these."""
@@ -80,6 +68,7 @@ class Comparison:
         """Return it for JSON."""
         return {
             "same": self.is_same,
+            "compared": self.compared,
             "partial": list(self.partial),
             "fields": dict(self.fields),
             "schemas": dict(self.schemas),
@@ -90,47 +79,57 @@ class Comparison:
         }
 
 
-def compare(a: Reader, b: Reader) -> Comparison:
-    """Compare two recordings."""
+def compare(a: Reader, b: Reader, curves: int = 0) -> Comparison:
+    """Compare two recordings; of the first `curves` robots all distances are kept."""
     for reader in (a, b):
         reader.expect_ticks("compare")
-    was, now = experiment_of(a), experiment_of(b)
-    fields = _fields_of(was, now)
-    first: Difference | None = None
-    measured: defaultdict[tuple[int, str], list[Array]] = defaultdict(list)
-    of_a, of_b = recorded_types(a).codecs, recorded_types(b).codecs
+    fields = _fields_of(experiment_of(a), experiment_of(b))
+    types_a, types_b = recorded_types(a), recorded_types(b)
+    of_a, of_b = types_a.codecs, types_b.codecs
     types = {kind: (contents_of(of_a.get(kind)), contents_of(of_b.get(kind))) for kind in COUNTED}
     schemas = {kind: (one, other) for kind, (one, other) in types.items() if one != other}
-    same_joints = joints(a) == joints(b)
-    names = {kind: _fields_in_common(of_a.get(kind), of_b.get(kind)) for kind in MEASURED}
-    nothing: list[Message] = []
-    both, ends = 0, None
-    for k, (tick_a, tick_b) in enumerate(zip_longest(_ticks(a), _ticks(b), fillvalue=nothing)):
-        if first is None and tick_a != tick_b:
-            pair = next((one, two) for one, two in zip_longest(tick_a, tick_b) if one != two)
+    if a.digest is not None and a.digest == b.digest:
+        compared: Compared = "computed digests" if a.computed and b.computed else "stored digests"
+        return Comparison(fields, None, compared, schemas=schemas)
+    first, ends, both = None, None, 0
+    same_joints, n = joints(a) == joints(b), max(robots(a), robots(b))
+    common = {
+        table: _fields_in_common(of_a.get(table.kind), of_b.get(table.kind)) for table in MEASURED
+    }
+    distances = {
+        table: Distances(n, names, MEASURED[table], curves)
+        for table, names in common.items()
+        if names and same_joints
+    }
+    pair_in = _Pairs(a, b)
+    for in_a, in_b in _together(a, b):
+        if first is None and (pair := pair_in(in_a, in_b)):
             first = difference_in(of_a, of_b, *pair)
-            if not (tick_a and tick_b):
-                ends = ("B" if tick_a else "A"), k - 1
-        both += bool(tick_a and tick_b)
-        if same_joints and tick_a and tick_b:
-            for kind, those in names.items():
-                if those:
-                    tables = _records(kind, of_a[kind], tick_a), _records(kind, of_b[kind], tick_b)
-                    for robot, part in _apart(*tables, those):
-                        measured[robot, kind].append(part)
-    apart = {}
-    for robot, kind in sorted(measured, key=lambda of: of[0]):
-        times, *distances = np.concatenate(measured[robot, kind], axis=1)
-        for name, of_it in zip(names[kind], distances, strict=True):
-            apart[robot, MEASURED[kind] + name] = times, of_it
-    found = [_distance(*of, *apart[of]) for of in apart]
+            if not (len(in_a.time) and len(in_b.time)):
+                here, name = (in_a, "B") if len(in_a.time) else (in_b, "A")
+                ends = name, int(here.sequence[0]) - 1
+        both += len(np.intersect1d(in_a.sequence, in_b.sequence))
+        for table, of_table in distances.items():
+            ours = rows_of(a, types_a, table, in_a)
+            theirs = rows_of(b, types_b, table, in_b)
+            if ours is not None and theirs is not None:
+                of_table.add(ours, theirs)
     why_not = ""
     if not same_joints:
         why_not = f"robots have {joints(a)} joints in A, and {joints(b)} in B"
-    elif both > 1 and not any(times[-1] > 0 for times, _ in apart.values()):
+    elif both > 1 and not any(of_table.later for of_table in distances.values()):
         why_not = "no tick has times in common: sampling times differ"
-    partial = tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None)
-    return Comparison(fields, first, tuple(found), apart, why_not, schemas, partial, ends)
+    return Comparison(
+        fields,
+        first,
+        "messages",
+        tuple(sorted(chain(*(d.found() for d in distances.values())), key=lambda d: d.robot)),
+        dict(chain(*(d.curves() for d in distances.values()))),
+        why_not,
+        schemas,
+        tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None),
+        ends,
+    )
 
 
 def _fields_in_common(a: Codec | None, b: Codec | None) -> list[str]:
@@ -140,49 +139,82 @@ def _fields_in_common(a: Codec | None, b: Codec | None) -> list[str]:
     return [name for name, shape in a.shapes.items() if b.shapes.get(name) == shape]
 
 
-def _distance(robot: int, quantity: str, times: Array, apart: Array) -> Distance:
-    """Return what the distances of a robot's quantity come to."""
-    row, rms = int(apart.argmax()), np.sqrt(np.mean(apart**2))
-    return Distance(robot, quantity, *map(float, (apart[row], times[row], rms)))
-
-
-def _ticks(reader: Reader) -> Iterator[list[Message]]:
-    """Yield the messages of each tick that enter the digest."""
+def _counted(reader: Reader) -> Iterator[Columns]:
+    """Yield the messages that enter the digest, of the ticks from 0 to the first missing one."""
     counted = {channel.topic for channel in reader.channels if channel.counted}
-    for tick in past_of(reader):
-        yield [message for message in tick if message[1] in counted]
+    numbers = [number for number, topic in reader.topics.items() if topic in counted]
+    last = -1
+    for messages in reader.columns():
+        steps = np.diff(messages.sequence.astype(np.int64), prepend=last)
+        wrong = (steps < 0) | (steps > 1)
+        wrong[0] |= steps[0] == 0
+        here = messages.only(np.cumsum(wrong) == 0).on(numbers)
+        if len(here.time):
+            yield here
+        if wrong.any():
+            return
+        last = int(messages.sequence[-1])
 
 
-def _records(kind: str, codec: Codec, tick: list[Message]) -> Records:
-    return codec.decode([data for _, topic, _, data in tick if kind_of(topic) == kind])
+def _together(a: Reader, b: Reader) -> Iterator[tuple[Columns, Columns]]:
+    """Yield what two recordings have of the same ticks, nothing of one that has ended."""
+    nothing = Columns(b"", *(np.empty(0, kind) for kind in ("u2", "u4", "u8", "i8", "i8")))
+    more_a, more_b = (chain(_counted(reader), repeat(nothing)) for reader in (a, b))
+    rest_a, rest_b = next(more_a), next(more_b)
+    while len(rest_a.time) or len(rest_b.time):
+        last = min(int(rest.sequence[-1]) for rest in (rest_a, rest_b) if len(rest.time))
+        yield rest_a.only(rest_a.sequence <= last), rest_b.only(rest_b.sequence <= last)
+        rest_a, rest_b = (rest.only(rest.sequence > last) for rest in (rest_a, rest_b))
+        rest_a = rest_a if len(rest_a.time) else next(more_a)
+        rest_b = rest_b if len(rest_b.time) else next(more_b)
 
 
-def _apart(a: Records, b: Records, names: Sequence[str]) -> Iterator[tuple[int, Array]]:
-    """Yield of each robot the times that both have in a tick, s, above distances by field."""
-    keys_a, keys_b = (
-        list(zip(r["time_ns"].tolist(), r["robot"].tolist(), strict=True)) for r in (a, b)
-    )
-    rows = {key: row for row, key in enumerate(keys_b)}
-    pairs = [(i, rows[key]) for i, key in enumerate(keys_a) if key in rows]
-    if not pairs:
-        return
-    ours, theirs = np.array(pairs).T
-    robots, times = a["robot"][ours], a["time_ns"][ours] / NS_PER_S
-    differences = (flat(a[name][ours] - b[name][theirs]) for name in names)
-    apart = np.stack([times, *(np.linalg.norm(off, axis=1) for off in differences)])
-    for robot in np.unique(robots).tolist():
-        yield robot, apart[:, robots == robot]
+class _Pairs:
+    """Finds the first messages of two recordings that are not the same."""
+
+    def __init__(self, a: Reader, b: Reader) -> None:
+        self._topics = a.topics, b.topics
+        names = sorted({*a.topics.values(), *b.topics.values()})
+        place = {topic: number for number, topic in enumerate(names)}
+        self._place = np.zeros((2, MANY), np.intp)
+        for places, topics in zip(self._place, self._topics, strict=True):
+            places[[*topics]] = [place[topic] for topic in topics.values()]
+
+    def __call__(self, a: Columns, b: Columns) -> tuple[Message | None, Message | None] | None:
+        """Return the first that differ, None of one that ends before; None where all are equal."""
+        both = min(len(a.time), len(b.time))
+        rows = np.arange(both)
+        one, other = a.at(rows), b.at(rows)
+        sizes = one.stop - one.start
+        same = (one.time == other.time) & (one.sequence == other.sequence)
+        same &= self._place[0][one.channel] == self._place[1][other.channel]
+        same &= sizes == other.stop - other.start
+        for size in np.unique(sizes[same]).tolist():
+            here = np.flatnonzero(same & (sizes == size))
+            if size:
+                mine, theirs = (rows_at(of.data, of.start[here], size) for of in (one, other))
+                same[here] = mine == theirs
+        differ = np.flatnonzero(~same)
+        if not len(differ) and len(a.time) == len(b.time):
+            return None
+        row = int(differ[0]) if len(differ) else both
+        found = (
+            part.at(np.array([row])).messages(topics)[0] if row < len(part.time) else None
+            for part, topics in zip((a, b), self._topics, strict=True)
+        )
+        was, now = found
+        return was, now
 
 
 def _fields_of(a: Experiment, b: Experiment) -> dict[str, tuple[Any, Any]]:
     """Return what differs in two scenarios; a file is what it holds, wherever it was."""
     fields = dict(_fields(tables_of(a.text), tables_of(b.text)))
-    for field in sorted(a.assets.keys() & b.assets.keys()):
-        one, other = a.assets[field], b.assets[field]
+    for name in sorted(a.assets.keys() & b.assets.keys()):
+        one, other = a.assets[name], b.assets[name]
         if one.sha256 == other.sha256 or one.source_sha256 == other.source_sha256:
-            fields.pop(field, None)
+            fields.pop(name, None)
         else:
-            fields[field] = (_file(one), _file(other))
+            fields[name] = (_file(one), _file(other))
     return fields
 
 

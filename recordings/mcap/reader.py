@@ -78,6 +78,8 @@ class Reader:
     reason: str
     digest_here: str
     """That of the messages that are here."""
+    computed: bool
+    """Whether that was computed from them, or is what stands at the end of an intact file."""
     ticks: int
     """How many ticks after tick 0 are here; each is whole."""
     message_count: int
@@ -282,7 +284,8 @@ class Reader:
         self._chunks = layout.chunks
         self.end = self._read_end(layout.end) if layout.end else {}
         self.ending = parse(self.path, END, EndRecord, self.end) if self.end else None
-        if layout.intact and self.ending and not verify:
+        self.computed = verify or not (layout.intact and self.ending)
+        if self.ending and not self.computed:
             self.message_count, self.ticks = self.ending.messages, self.ending.ticks
             least, most = len(self._chunks), self._records.size // INDEXED
             if not least <= self.message_count <= most or self.ticks > self.message_count:

@@ -169,15 +169,12 @@ def _mathematical(label: str) -> str:
     return _SYMBOL.sub(r"\1$_{\2}$", label.replace("$", r"\$"))
 
 
-MOST = 24
-"""Robots that are drawn."""
-
 Array = NDArray[np.float64]
 
 
 def write_distances(apart: Mapping[tuple[int, str], tuple[Array, Array]], path: Path) -> None:
     """Draw distances into a PNG: by robot and quantity, times in s (t,) and |A − B| (t,)."""
-    robots = sorted({robot for robot, _ in apart})[:MOST]
+    robots = sorted({robot for robot, _ in apart})
     panels = [
         Panel(
             f"|A − B| of {name}",

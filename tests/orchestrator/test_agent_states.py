@@ -104,7 +104,7 @@ def test_two_algorithms_are_compared_by_their_states_and_the_schemas_that_differ
 ):
     other = run(paper(SHORT), tmp_path / "dcea1.mcap").path
     with Reader(recorded) as one, Reader(other) as two:
-        found = compare(one, two)
+        found = compare(one, two, curves=6)
     assert found.schemas == {"agent_state": ("integral (m)", "none")}
     assert not found.is_same
     assert {distance.quantity for distance in found.distances} >= {"position", "effort"}

@@ -52,7 +52,7 @@ def test_sentences_wrap_between_words_only_on_a_terminal():
 def test_a_text_difference_is_shown_without_a_table():
     screen = console(terminal=False)
     first = type("First", (), {"between": lambda *_: "tick 1: text"})()
-    summary_text.comparison(screen, Comparison({"run.seed": (1, 2)}, first, (), {}, "", {}))
+    summary_text.comparison(screen, Comparison({"run.seed": (1, 2)}, first, "messages"))
     assert plain(screen).splitlines() == ["run.seed: 1 -> 2", "first tick 1: text"]
 
 
