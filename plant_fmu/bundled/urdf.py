@@ -41,7 +41,7 @@ def read_urdf(path: Path, chosen: Selection = ALL) -> UrdfRobot:
     robot = _robot(root, path.stem, chosen, faults, warnings)
     if faults:
         raise FmuError("\n".join(f"{path}: {line}" for line in faults.lines()))
-    text = kept_text(root, robot)
+    text = kept_text(root, robot, warnings)
     return replace(robot, warnings=warnings.lines(), text=text)
 
 
@@ -65,7 +65,7 @@ def _robot(
         for name, element in named_elements(root, "joint", unnamed)
     )
     faults.take(unnamed)
-    rotors = reflected_inertias(root, faults)
+    rotors = reflected_inertias(root, {joint.name: joint for joint in joints}, faults, warnings)
     joints = select(chosen, links, joints, faults, warnings)
     joints = tuple(_to_move(joint, rotors, faults) for joint in joints)
     if all(joint.kind == "fixed" for joint in joints) and not faults:

@@ -168,24 +168,29 @@ class _Reading:
         self, element: Element, key: str, where: str, default: str, instead: Sequence[float]
     ) -> Sequence[float]:
         """Return the finite numbers of an attribute, as many as stand for it where it is faulty."""
-        text, n = element.get(key, default), len(instead)
-        try:
-            numbers = [float(word) for word in text.split()]
-        except ValueError:
-            numbers = []
-        expected = "a number" if n == 1 else f"{n} numbers"
-        if len(numbers) != n or not np.isfinite(numbers).all() or not _is_plain(text):
-            self.fault(f"{where}{key}: expected {expected}, got {quoted(text)}")
+        text = element.get(key, default)
+        if wrong := wrong_numbers(text, len(instead)):
+            self.fault(f"{where}{key}: {wrong}")
             return instead
-        if max(map(abs, numbers)) > LARGEST:
-            self.fault(f"{where}{key}: expected {expected} up to {LARGEST:g}, got {quoted(text)}")
-            return instead
-        return numbers
+        return [float(word) for word in text.split()]
 
 
-def _is_plain(text: str) -> bool:
-    """Whether numbers are written as in XML: Python takes 1_0 and digits of all scripts as well."""
-    return text.isascii() and "_" not in text
+def wrong_numbers(text: str, n: int, least: float = -inf) -> str:
+    """Return what is expected of a text that is not n finite numbers, and what it is instead."""
+    expected = "a number" if n == 1 else f"{n} numbers"
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    # As in XML: Python takes 1_0 and digits of all scripts as well.
+    plain = text.isascii() and "_" not in text
+    if len(numbers) != n or not np.isfinite(numbers).all() or not plain:
+        return f"expected {expected}, got {quoted(text)}"
+    if max(map(abs, numbers)) > LARGEST:
+        return f"expected {expected} up to {LARGEST:g}, got {quoted(text)}"
+    if min(numbers) < least:
+        return f"expected {expected} from {least:g}, got {quoted(text)}"
+    return ""
 
 
 def _end(element: Element, tag: str, read: _Reading, links: dict[str, Link]) -> str:

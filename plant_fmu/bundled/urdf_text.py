@@ -2,15 +2,20 @@
 
 Nothing else is: no plug-ins of simulators, no comments, and of meshes those alone that are of a ROS
 package, for any other name is that of a file of whoever made the robot. Joints are as the dynamics
-have them: of that kind, following one that moves by itself, or locked.
+have them: of that kind, following one that moves by itself, or locked. A number that is none would
+keep the robot from being drawn: it is left out, and of a look the whole look, with a warning.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from math import inf
 
 import numpy as np
 from lxml import etree
 
 from nrs_cosim.plant_fmu.bundled.urdf_couplings import Couplings, couplings
+from nrs_cosim.plant_fmu.bundled.urdf_elements import LARGEST, wrong_numbers
+from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Following, UrdfJoint, UrdfRobot
 from nrs_cosim.plant_fmu.bundled.urdf_xml import Element
 
@@ -46,21 +51,30 @@ _KEPT: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 """Of each element, the elements in it, with their attributes."""
 
 
-def kept_text(root: Element, robot: UrdfRobot) -> bytes:
+_WORDS = {"name", "type", "filename", "link", "joint"}
+_COUNTS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
+"""Of other attributes than words; the others are one number."""
+_LENGTHS = {"size", "radius", "length"}
+_ENDLESS = {"lower": f"-{LARGEST:g}", "upper": f"{LARGEST:g}"}
+_INFINITE = {"inf", "infinity"}
+"""A limit that is none; without the attribute it would be one, 0."""
+
+
+def kept_text(root: Element, robot: UrdfRobot, warnings: Remarks) -> bytes:
     """Return the URDF of a robot that was read from a root, as a file of UTF-8."""
     kept = etree.Element("robot", name=robot.name)
-    _keep(root, kept)
     coupled = couplings(robot.joints)
     leads = dict(
         zip((joint.name for joint in coupled.moving), _leaders(robot, coupled), strict=True)
     )
     links, joints = {link.name for link in robot.links}, {j.name: j for j in robot.joints}
-    for element in [*kept.findall("link"), *kept.findall("joint")]:
+    for element in root.iterchildren(*_KEPT["robot"]):
+        name = str(element.get("name", "")).strip()
+        if (name in links) if element.tag == "link" else (name in joints or element.tag != "joint"):
+            _keep(element, kept, partial(warnings.add, what=element.tag, name=name))
+    for element in kept.findall("joint"):
         name = element.get("name")
-        if name not in (links if element.tag == "link" else joints):
-            kept.remove(element)
-        elif element.tag == "joint":
-            _as_it_moves(element, joints[name], leads.get(name))
+        _as_it_moves(element, joints[name], leads.get(name))
     etree.indent(kept)
     text: bytes = etree.tostring(kept, xml_declaration=True, encoding="UTF-8")
     return text
@@ -91,13 +105,38 @@ def _as_it_moves(element: Element, joint: UrdfJoint, leader: Following | None) -
         etree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
 
 
-def _keep(one: Element, into: Element) -> None:
-    """Put the children of an element that are kept into another one."""
-    known = _KEPT.get(into.tag, {})
-    for child in one.iterchildren(*known) if known else ():
-        if child.tag == "mesh" and not child.get("filename", "").strip().startswith(PACKAGE):
-            continue
-        attributes = {key: child.get(key).strip() for key in known[child.tag] if child.get(key)}
-        _keep(child, etree.SubElement(into, child.tag, attributes))
-        if child.tag in {"visual", "collision"} and into[-1].find("geometry/*") is None:
-            into.remove(into[-1])
+def _keep(child: Element, into: Element, warn: Callable[[str], None]) -> None:
+    """Put an element that is kept, with what of it is kept, into another one."""
+    if child.tag == "mesh" and not child.get("filename", "").strip().startswith(PACKAGE):
+        return
+    is_look = child.tag in {"visual", "collision"}
+    if is_look and (wrong := _wrong_look(child)):
+        warn(f"<{child.tag}> {wrong}; this look is left out")
+        return
+    attributes = {}
+    for key in _KEPT[into.tag][child.tag]:
+        text = child.get(key, "").strip()
+        wrong = "" if key in _WORDS or not text else wrong_numbers(text, _COUNTS.get(key, 1))
+        if wrong and text.lstrip("+-").lower() not in _INFINITE:
+            warn(f"<{child.tag}> {key}: {wrong}; it is left out")
+        if text := _ENDLESS.get(key, "") if wrong else text:
+            attributes[key] = text
+    kept = etree.SubElement(into, child.tag, attributes)
+    known = _KEPT.get(child.tag)
+    for part in child.iterchildren(*known) if known else ():
+        _keep(part, kept, warn)
+    if is_look and kept.find("geometry/*") is None:
+        into.remove(kept)
+
+
+def _wrong_look(look: Element) -> str:
+    """Return what is wrong of where a look is or of what shape; empty where nothing is."""
+    for part in [*look.findall("origin"), *look.findall("geometry/*")]:
+        for key in _SHAPE.get(part.tag, _KEPT["geometry"].get(part.tag, ())):
+            text = part.get(key)
+            if key in _WORDS or (text is None and key not in _LENGTHS):
+                continue
+            least = 0.0 if key in _LENGTHS else -inf
+            if wrong := wrong_numbers(text or "", _COUNTS.get(key, 1), least):
+                return f"<{part.tag}> {key}: {wrong}"
+    return ""

@@ -85,6 +85,24 @@ def test_a_rotor_of_two_joints_is_refused(read):
         read(text)
 
 
+def test_a_transmission_of_a_joint_that_is_missing_is_named_and_with_a_rotor_refused(read):
+    def of(joint, rotor=""):
+        moved = f'<transmission name="t"><joint name="{joint}"/><actuator name="m">{rotor}'
+        return pendulum().replace("</robot>", f"{moved}</actuator></transmission></robot>")
+
+    rotor = '<motorInertia value="1"/>'
+    assert read(of("jj")).warnings == (
+        "transmission 't': there is no joint 'jj'; did you mean 'j'?",
+    )
+    with pytest.raises(FmuError, match=r"'t': has a rotor, and there is no joint 'jj'; did you m"):
+        read(of("jj", rotor))
+    fixed = of("k", rotor).replace(
+        "</robot>", f"{link('hand')}{joint('k', 'arm', 'hand', 'fixed')}</robot>"
+    )
+    (warning,) = read(fixed).warnings
+    assert warning == "transmission 't': its rotor is left out, for its joint is fixed"
+
+
 def test_dry_friction_is_smoothed_and_told_or_left_out(read):
     rough = pendulum('<dynamics friction="0.3" damping="0.2"/>')
     without, found = read(rough), read(rough, friction_speed=0.02)
@@ -130,7 +148,7 @@ def test_a_joint_leaves_its_stop_as_hunt_and_crossley_say(read):
 @pytest.mark.parametrize("limit", ["<limit/>", "<limit lower='x' upper='1e999'/>", "<mesh/>"])
 def test_a_joint_without_limits_has_no_stop(read, limit):
     found = read(pendulum(limit=limit), stop_frequency=20.0)
-    assert found.warnings == ("joint 'j': has no limits that differ, and so no stops",)
+    assert found.warnings[0] == "joint 'j': has no limits that differ, and so no stops"
     assert found.joints[0].stop == 0.0
 
 
