@@ -46,10 +46,7 @@ PARTS: Mapping[str, Sequence[str]] = {
     "recorder: batches taken": ["nrs_cosim.recordings.recorder:Recorder.take"],
     "recorder: tick closed": ["nrs_cosim.recordings.recorder:Recorder.close"],
     "writer: tick taken": ["nrs_cosim.recordings.mcap.writer:Writer.put"],
-    "writer: chunk arranged": [
-        "nrs_cosim.recordings.mcap.writer:concatenated",
-        "nrs_cosim.recordings.mcap.native.arrangement:_arrange_by()",
-    ],
+    "writer: chunk arranged": ["nrs_cosim.recordings.mcap.native.arrangement:_arrange_by()"],
     "writer: digest": ["nrs_cosim.recordings.mcap.digest:Digest.take"],
     "writer: compression": ["nrs_cosim.recordings.mcap.chunk:_COMPRESS[zstd]"],
     "writer: CRCs": ["nrs_cosim.recordings.mcap.chunk:zlib.crc32"],

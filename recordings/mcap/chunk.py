@@ -19,7 +19,6 @@ from functools import partial
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
-from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
@@ -30,7 +29,6 @@ from nrs_cosim.recordings.mcap.container import (
     Compression,
     DamageError,
     demand,
-    encoded,
     in_proportion,
 )
 
@@ -39,6 +37,7 @@ INDEX = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size"
 OFFSET = np.dtype([("channel", "<u2"), ("at", "<u8")])
 _LENGTHS = struct.Struct("<QQQQI")  # start, end, offset and length of the chunk, size of OFFSETs
 _REST = struct.Struct("<QI")  # length of the message indexes, len(compression)
+_SIZE = struct.Struct("<Q")  # compressed
 _SIZES = struct.Struct("<QQ")  # compressed, uncompressed
 _ENTRY = np.dtype([("time", "<u8"), ("at", "<u8")])
 INDEXED = _ENTRY.itemsize
@@ -93,19 +92,17 @@ def encoded_chunk(offset: int, made: ChunkRecords, compression: Compression) -> 
     if not in_proportion(len(records), len(data)):
         compression = "lz4"  # which makes at most 255 bytes one
         data = _COMPRESS[compression](records)
-    name = "" if compression == "none" else compression
-    chunk = encoded(mcap.Chunk(name, data, end, start, zlib.crc32(records), len(records)))
+    name = b"" if compression == "none" else compression.encode()
+    size = _CHUNK.size + len(name) + _SIZE.size + len(data)
+    fixed = start, end, len(records), zlib.crc32(records), len(name)
+    head = _CHUNK.pack(Opcode.CHUNK, size - RECORD.size, *fixed) + name + _SIZE.pack(len(data))
     offsets = made.offsets.copy()
-    offsets["at"] += offset + len(chunk)
-    lengths = _LENGTHS.pack(start, end, offset, len(chunk), offsets.nbytes)
-    rest = (
-        _REST.pack(len(made.index), len(name))
-        + name.encode()
-        + _SIZES.pack(len(data), len(records))
-    )
+    offsets["at"] += offset + size
+    lengths = _LENGTHS.pack(start, end, offset, size, offsets.nbytes)
+    rest = _REST.pack(len(made.index), len(name)) + name + _SIZES.pack(len(data), len(records))
     body = b"".join([lengths, offsets.tobytes(), rest])
     summary = RECORD.pack(Opcode.CHUNK_INDEX, len(body)) + body
-    return b"".join([chunk, made.index]), summary
+    return b"".join([head, data, made.index]), summary
 
 
 def _index(messages: Columns) -> tuple[memoryview, NDArray[np.void]]:

@@ -43,7 +43,7 @@ from nrs_cosim.recordings.mcap.container import (
     tail,
 )
 from nrs_cosim.recordings.mcap.digest import Digest
-from nrs_cosim.recordings.mcap.ordering import columns_of, concatenated, ranks
+from nrs_cosim.recordings.mcap.ordering import columns_of, ranks
 from nrs_cosim.recordings.metadata import CAUSE
 
 CHUNK_BYTES = 64 * 1024
@@ -274,23 +274,22 @@ class Writer:
 
     def _with(self, parts: Sequence[Columns]) -> _Stored:
         """Put a chunk into the file; return what it then holds."""
-        old, messages = self._stored, concatenated(parts)
-        records, stream = self._arrange(messages)
+        old, made = self._stored, self._arrange(parts)
         digest = old.digest.copy()
-        digest.take(stream)
-        chunk, index = encoded_chunk(old.offset, records, self._compression)
+        digest.take(made.stream)
+        chunk, index = encoded_chunk(old.offset, made.records, self._compression)
         self._chunk_indexes[old.chunks :] = [index]
         offset, crc = self._emit(chunk)
         return _Stored(
             offset,
             crc,
             digest,
-            old.counts + np.bincount(messages.channel, minlength=len(old.counts)),
+            old.counts + made.counts,
             closed=old.closed + 1,
             chunks=old.chunks + 1,
-            ticks=old.ticks + int(np.count_nonzero(np.unique(messages.sequence))),
-            start=old.start if old.chunks else records.start,
-            end=records.end,
+            ticks=old.ticks + made.ticks,
+            start=old.start if old.chunks else made.records.start,
+            end=made.records.end,
         )
 
     def _tail(self, status: Closing, reason: str, extra: Mapping[str, str]) -> bytes:
