@@ -44,7 +44,3 @@ def main() -> None:
         serve(options, Endpoints(connect=(arguments.connect,), wait=arguments.wait))
     except CosimError as error:
         raise SystemExit(f"error: {error}") from None
-
-
-if __name__ == "__main__":
-    main()

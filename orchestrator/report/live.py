@@ -114,7 +114,8 @@ def serve(recording: Path, final: Path, listening: socket.socket, before: str) -
         server.linger(_LINGER)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Serve what the command line names."""
     log_as_asked()
     os.nice(10)  # the run goes first
     serve(Path(sys.argv[1]), Path(sys.argv[2]), socket.socket(fileno=int(sys.argv[3])), sys.argv[4])

@@ -207,7 +207,3 @@ def main() -> None:
         for line in say(task, lambda stage: write({"now": stage})):
             write(line)
         lines.write(f"{END.decode()}\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -155,7 +155,3 @@ def main() -> None:
     follow_parent()
     logging.getLogger("nrs").addHandler(logging.NullHandler())  # its parent says it
     serve(pickle.loads(Path(task).read_bytes()), *pipes)
-
-
-if __name__ == "__main__":
-    main()

@@ -24,7 +24,8 @@ from tests.guard import GUARD
 ACTS = """
 import ctypes, os, signal, subprocess, sys, tempfile
 from nrs_cosim.plant_fmu.processes import follow_parent
-exec(sys.argv[1])
+def main():
+    exec(sys.argv[1], globals())
 """
 """A module that does as its argument says."""
 STARTS = """
