@@ -80,25 +80,31 @@ def saturation(reader: Reader, limits: Mapping[int, Array]) -> dict[int, Array]:
     return {robot: at / max(count[robot], 1) for robot, at in found.items()}
 
 
-def errors_by_tick(reader: Reader, target_at: TargetAt) -> Iterator[tuple[int, Array]]:
-    """Yield k and the estimates' errors ε̄ and ῡ at t_k, (2, n, m), of each tick that is whole."""
+def errors_by_tick(
+    reader: Reader, target_at: TargetAt, start_ns: int | None = None
+) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    """Yield k, (t,), and the estimates' errors ε̄ and ῡ at t_k, (t, 2, n, m), chunk by chunk.
+
+    They are of each tick that is whole.
+    """
     n = robots(reader)
-    for _, part in rows(reader, [STATES]):
+    for _, part in rows(reader, [STATES], start_ns=start_ns):
         mine = part[at_sampling_times(part)]
-        position, velocity = target_at(mine["t"])
-        errors = np.stack(
-            [mine["reference_position"] - position, mine["reference_velocity"] - velocity]
-        )
-        ks, starts, counts = np.unique(mine["k"], return_index=True, return_counts=True)
-        for k, start, count in zip(ks, starts, counts, strict=True):
-            if count == n:
-                yield int(k), errors[:, start : start + count]
+        _, counts = np.unique(mine["k"], return_counts=True)
+        mine = mine[np.repeat(counts == n, counts)].reshape(-1, n)
+        if len(mine):
+            target = np.stack(target_at(mine["t"][:, 0]), axis=1)
+            states = [mine["reference_position"], mine["reference_velocity"]]
+            yield mine["k"][:, 0].astype(np.int64), np.stack(states, axis=1) - target[:, :, None]
 
 
 def at_sampling_times(states: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Return which states, of whole ticks, are of a sampling time from t_1 on: a tick's last."""
-    _, ticks = np.unique(states["k"], return_inverse=True)
-    last = np.zeros(ticks.max(initial=-1) + 1, np.int64)
-    np.maximum.at(last, ticks, states["time_ns"])
-    found: NDArray[np.bool_] = (states["time_ns"] == last[ticks]) & (states["k"] > 0)
+    """Return which states, of whole ticks, are of a sampling time from t_1 on: a tick's last.
+
+    They are in the order of their times, so that a tick's last time is where its states end.
+    """
+    k, time_ns = states["k"], states["time_ns"]
+    ends = np.flatnonzero(np.append(k[1:] != k[:-1], True)[: len(k)])
+    last = np.repeat(time_ns[ends], np.diff(ends, prepend=-1))
+    found: NDArray[np.bool_] = (time_ns == last) & (k > 0)
     return found

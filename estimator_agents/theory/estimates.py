@@ -16,7 +16,7 @@ from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from nrs_cosim.bus.matrices import Matrix, as_array, identity_like, nonzeros
 from nrs_cosim.estimator_agents.target import Harmonic
@@ -252,14 +252,16 @@ class SteadyMotion:
     phasor: NDArray[np.complex128]
     """(w, 2, c n, m)"""
 
-    def at(self, k: int) -> Array:
-        """Return ε̄ and ῡ at t_k, (2, n, m)."""
-        n = self.constant.shape[1] // self.copies
-        first = (k - 1) % self.copies * n
-        here = slice(first, first + n)
-        turned = np.exp(1j * self.frequency * (k * self.h))
-        swing: Array = np.tensordot(turned, self.phasor[:, :, here], axes=1).imag
-        return self.constant[:, here] + swing
+    def at(self, k: ArrayLike) -> Array:
+        """Return ε̄ and ῡ at t_k, (…, 2, n, m), of k of any shape (…)."""
+        ticks, (s, rows, m) = np.asarray(k), self.constant.shape
+        here = (ticks - 1) % self.copies
+        each = (s, self.copies, rows // self.copies, m)
+        constant = np.moveaxis(self.constant.reshape(each), 1, 0)[here]
+        phasor = np.moveaxis(self.phasor.reshape(-1, *each), 2, 0)[here]
+        turned = np.exp(1j * self.frequency * (ticks[..., None] * self.h))
+        motion: Array = constant + np.einsum("...w,...wsnm->...snm", turned, phasor).imag
+        return motion
 
     @property
     def bound(self) -> EstimateBounds:

@@ -33,6 +33,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, errors_by_tick
 
 Array = NDArray[np.float64]
+Ticks = NDArray[np.int64]
 AgainstBound = Literal["within", "exceeds", "unknown"]
 Status = Literal["within", "transient", "exceeded", "unproven", "not measured"]
 PAPER = "paper"
@@ -49,6 +50,8 @@ TOLERANCE = 1e-9
 """Of the largest number of a robot: what its plant is integrated to."""
 LONGEST = 200_000
 """Ticks for which the rest of the beginning is followed."""
+NUMBERS, LOOK = 2**14, 64
+"""Of the rest, compared at once; and the ticks after which it is seen whether any is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,26 +233,38 @@ def _beginning(
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None
-    since = ultimate.since
-    story = (one for one in errors_by_tick(reader, experiment.target_at) if one[0] >= since - past)
-    first = [*islice(story, past + 1)]
-    if [k for k, _ in first] != [*range(since - past, since + 1)]:
+    since, clock = ultimate.since, experiment.clock
+    story = errors_by_tick(reader, experiment.target_at, clock.t(max(since - past, 0)))
+    ks, errors = _first(story, past + 1)
+    if ks[: past + 1].tolist() != [*range(since - past, since + 1)]:
         return (None,) * 4, 0.0, None
-    seen = first
+    then, seen = ks[: past + 1], errors[: past + 1]
     if step and len(fields) > len(ESTIMATE):
-        seen = [(since, _at_first(step.step, experiment))]
-    recent = [x if motion is None else x - motion.at(k) for k, x in seen]
+        then, seen = ks[past : past + 1], _at_first(step.step, experiment)[None]
+    recent = [*(seen if motion is None else seen - motion.at(then))]
     left = _left(ultimate, experiment, recent, reader.ticks)
     if left is None:
         return (None,) * 4, 0.0, None
     *transient, peak = left
     if motion is None:
         return (*transient, 0.0, 0.0), peak, None
-    aside = ((k, x - motion.at(k)[:2]) for k, x in chain(first[-1:], story))
+    parts = chain([(ks[past:], errors[past:])], story)
+    aside = (x - motion.at(k)[:, :2] for k, x in parts)
     period = sum(ticks for _, ticks in experiment.topologies.phases()) or 1
     # What is received may be off for ever, so that errors do not fall to the motion itself.
     factor = None if ultimate.added else _factor(aside, period)
     return (*transient, 0.0, 0.0), peak, factor
+
+
+def _first(story: Iterator[tuple[Ticks, Array]], count: int) -> tuple[Ticks, Array]:
+    """Return the first parts of a story that have so many ticks together, or all, as one."""
+    ks, errors = np.zeros(0, np.int64), np.zeros((0, 2, 0, 0))
+    for k, x in story:
+        ks = np.concatenate([ks, k])
+        errors = np.concatenate([errors, x]) if len(errors) else x
+        if len(ks) >= count:
+            break
+    return ks, errors
 
 
 def _left(
@@ -262,28 +277,40 @@ def _left(
     Beside them stands the largest that it came to, whose rounding is in all that follows. It is
     known where the last fifth begins when all is as in steady state, and z is of that tick.
     """
-    clock, topologies = experiment.clock, experiment.topologies
+    clock = experiment.clock
     fifth = clock.since(clock.t(end) - clock.t(end) // 5)
     if end > LONGEST or fifth < ultimate.since:
         return None
-    shape, most, step = recent[-1].shape, np.zeros(2), ultimate.step
-    x, jumps = recent[-1].reshape(-1, shape[2]), [one.jump for one in ultimate.recursions]
+    most, peak, k = np.zeros(2), 0.0, ultimate.since
+    story = _rests(ultimate, experiment, recent, end)
+    while block := [*islice(story, max(NUMBERS // recent[-1].size, 1))]:
+        sizes = np.abs(block)
+        peak = max(peak, float(sizes.max()))
+        late = sizes[max(fifth - k, 0) :, :2]
+        most = np.maximum(most, late.max(axis=(0, 2, 3), initial=0.0))
+        k += len(block)
+    return float(most[0]), float(most[1]), peak
+
+
+def _rests(
+    ultimate: UltimateBounds, experiment: Experiment, recent: list[Array], end: int
+) -> Iterator[Array]:
+    """Yield z(t_k), (s, n, m), of each tick until the last, or until they are lost in rounding."""
+    clock, topologies, step = experiment.clock, experiment.topologies, ultimate.step
+    jumps = [one.jump for one in ultimate.recursions]
     parts = step.parts() if step else []
-    n, least, peak = shape[1], LOST**2 * np.abs(recent).max(), 0.0
+    shape, least, t = recent[-1].shape, LOST**2 * np.abs(recent).max(), clock.t(ultimate.since)
     for k in range(ultimate.since, end + 1):
-        if k >= fifth:
-            most = np.maximum(most, np.abs(x.reshape(shape)[:2]).max(axis=(1, 2)))
-        peak = max(peak, float(np.abs(x).max()))
-        if np.abs(recent).max() <= least:
-            break
+        yield recent[-1]
+        if k % LOOK == 0 and np.abs(recent).max() <= least:
+            return
         if step is None:
-            x = jumps[topologies.at(k)] @ x
-            x[:n] += seconds(clock.t(k + 1) - clock.t(k)) * x[n:]
-            recent = [x]
+            x = jumps[topologies.at(k)] @ recent[-1].reshape(-1, shape[2])
+            before, t = t, clock.t(k + 1)
+            x[: shape[1]] += seconds(t - before) * x[shape[1] :]
+            recent = [x.reshape(shape)]
         else:
             recent = [*recent, step.advance(recent, parts)][-1 - step.longest :]
-            x = recent[-1].reshape(-1, shape[2])
-    return float(most[0]), float(most[1]), peak
 
 
 def _at_first(step: LinearStep, experiment: Experiment) -> Array:
@@ -293,15 +320,18 @@ def _at_first(step: LinearStep, experiment: Experiment) -> Array:
     return step.errors(left, experiment.target, t)
 
 
-def _factor(aside: Iterator[tuple[int, Array]], period: int) -> float | None:
+def _factor(aside: Iterator[Array], period: int) -> float | None:
     """Return the mean factor of ‖z(t_k)‖∞ over the second half of what is not lost in rounding.
 
     It is over whole periods of so many ticks, the last ones, and over one at least.
     """
     sizes: list[float] = []
-    for _, z in islice(aside, LONGEST):
-        sizes.append(float(np.abs(z).max()))
-        if sizes[-1] <= LOST * max(sizes):
+    largest = 0.0
+    each = chain.from_iterable(np.abs(z).max(axis=(1, 2, 3)).tolist() for z in aside)
+    for size in islice(each, LONGEST):
+        sizes.append(size)
+        largest = max(largest, size)
+        if size <= LOST * largest:
             break
     last = len(sizes) - 1
     span = max((last - len(sizes) // 2) // period, 1) * period

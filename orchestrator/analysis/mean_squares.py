@@ -51,9 +51,8 @@ def root_mean_squares(reader: Reader, experiment: Experiment) -> tuple[RootMeanS
     if expected is None:
         return ()
     total, ticks = np.zeros_like(expected.mean[:2]), 0
-    for k, errors in errors_by_tick(reader, experiment.target_at):
-        if k >= first:
-            total, ticks = total + errors**2, ticks + 1
+    for _, errors in errors_by_tick(reader, experiment.target_at, clock.t(first)):
+        total, ticks = total + (errors**2).sum(axis=0), ticks + len(errors)
     if not ticks:
         return ()
     names, measured = ("eps - eps_0", "ups - ups_0"), total / ticks

@@ -34,10 +34,10 @@ def measured_noise(
         0,
         1,
     )
-    for k, x in errors_by_tick(reader, experiment.target_at):
-        if k >= fifth:
-            beside = x - motion.at(k)[:2]
-            squares, count, m = squares + (beside**2).mean(axis=-1), count + 1, x.shape[-1]
+    for k, x in errors_by_tick(reader, experiment.target_at, clock.t(fifth)):
+        beside = x - motion.at(k)[:, :2]
+        squares, count = squares + (beside**2).mean(axis=-1).sum(axis=0), count + len(k)
+        m = x.shape[-1]
     if not count:
         return noise
     around = NORMAL_95 * noise.floor.standard_error(count, m)

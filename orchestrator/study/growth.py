@@ -52,9 +52,9 @@ def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
     """Return how the errors of a recording grow; None where too few ticks say anything."""
     liars = np.array(experiment.byzantine, int) - 1
     sizes = [
-        float(np.abs(np.delete(errors, liars, axis=1)).max())
-        for k, errors in errors_by_tick(reader, experiment.target_at)
-        if k > 0
+        size
+        for _, errors in errors_by_tick(reader, experiment.target_at)
+        for size in np.abs(np.delete(errors, liars, axis=2)).max(axis=(1, 2, 3)).tolist()
     ]
     n = len(sizes)
     if n < _FEWEST:

@@ -125,7 +125,12 @@ def _row_of(task: PointTask, experiment: Experiment, begun: float) -> dict[str, 
 
     with own_folder() as folder, np.errstate(all="ignore"):
         path = folder / f"{task.key}.mcap"
-        outcome = run_experiment(experiment, path, watch=watch)
+        outcome = run_experiment(
+            experiment,
+            path,
+            compression="none" if task.keep == "none" else "zstd",  # it is read once, and goes
+            watch=watch,
+        )
         with Reader(path) as reader:
             measured = measure(reader, experiment)
             compared = compare_to_theory(reader, experiment, measured, ultimate)
