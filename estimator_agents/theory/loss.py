@@ -10,21 +10,30 @@ The matrices are those of `lossy_step`.
   is proven (statement L4); between them it is simulated (`simulated_links`).
 - With K = I and G = diag(α, β), 0 < α, β ≤ 1, it converges in both senses whatever the losses below
   1 and bounded delays (statement L3).
+- Of digraphs in turn E x xᵀ goes on by one such map a tick, and ρ is that of a period's (L7).
 
 Radii are of sizes, not of squares: ρ(E[A ⊗ A])^½ and e^λ.
 """
 
-from collections.abc import Callable
-from math import exp, inf, prod
+from collections.abc import Callable, Sequence
+from math import exp, inf, isqrt, prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
-from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, squared, squares
+from nrs_cosim.estimator_agents.theory.lossy_step import (
+    LossyStep,
+    by_components,
+    squared,
+    squares,
+)
+from nrs_cosim.estimator_agents.theory.switching import Phases, product_radius
 
 Array = NDArray[np.float64]
 
+ALWAYS: Phases = ((0, 1),)
+"""One recursion at all ticks."""
 DENSE = 24
 """States of a component up to which E[A ⊗ A] is a matrix."""
 RESTARTS, ROUNDS, POWERS, SLACK = 60, 8, 20, 1e-6
@@ -38,29 +47,40 @@ GRID, NEAR = 8, 1e-6
 """Probabilities of loss at which it is looked for a critical one, and how near it is found."""
 
 
-def mean_square_radius(lossy: LossyStep) -> RadiusBounds:
-    """Return bounds on ρ(E[A ⊗ A])^½ (statements L1 and L2)."""
-    found = [_squared(part) for part in lossy.components()]
+def mean_square_radius(steps: Sequence[LossyStep], phases: Phases = ALWAYS) -> RadiusBounds:
+    """Return bounds on the root of the growth of E x xᵀ at a tick (statements L1, L2 and L7)."""
+    found = [_squared(part, phases) for part in by_components(steps)]
     return RadiusBounds(
         max(one.lower for one in found) ** 0.5, max(one.upper for one in found) ** 0.5
     )
 
 
-def _squared(lossy: LossyStep) -> RadiusBounds:
-    mean = lossy.mean
-    p = len(mean)
-    spread = lossy.deviations()
+def _squared(steps: Sequence[LossyStep], phases: Phases) -> RadiusBounds:
+    p = len(steps[0].fixed)
+    each = [(step.mean, step.deviations()) for step in steps]
     if p <= DENSE:
-        whole = squares(mean, spread)
-        # Of symmetric X alone: entries above the diagonal are those below it.
-        row, column = np.tril_indices(p)
-        below, above = row * p + column, column * p + row
-        whole = whole[below]
-        folded = whole[:, below] + np.where(row == column, 0, whole[:, above])
-        radius = float(np.abs(np.linalg.eigvals(folded)).max())
+        radius = product_radius([_of_symmetric(squares(*one)) for one in each], phases)
         return RadiusBounds(radius, radius)
 
-    return _bracket(lambda X: squared(mean, spread, X), p)
+    def through(X: Array) -> Array:
+        for e, count in phases:
+            for _ in range(count):
+                X = squared(*each[e], X)
+        return X
+
+    ticks = sum(count for _, count in phases)
+    found = _bracket(through, p)
+    return RadiusBounds(found.lower ** (1 / ticks), found.upper ** (1 / ticks))
+
+
+def _of_symmetric(whole: Array) -> Array:
+    """Return a map of matrices as one of what symmetric ones have on and below the diagonal."""
+    p = isqrt(len(whole))
+    row, column = np.tril_indices(p)
+    below, above = row * p + column, column * p + row
+    whole = whole[below]
+    folded: Array = whole[:, below] + np.where(row == column, 0, whole[:, above])
+    return folded
 
 
 def _bracket(through: Callable[[Array], Array], p: int) -> RadiusBounds:
@@ -97,12 +117,16 @@ def _bracket(through: Callable[[Array], Array], p: int) -> RadiusBounds:
     return RadiusBounds(lower, upper)
 
 
-def almost_sure(lossy: LossyStep, upper: float) -> RadiusBounds:
+def almost_sure(steps: Sequence[LossyStep], upper: float, phases: Phases = ALWAYS) -> RadiusBounds:
     """Return bounds on e^λ, which errors are multiplied by in almost every run (statement L4).
 
     `upper` is the mean-square radius at most.
     """
-    least = (exp(_of_determinants(part)) for part in lossy.components())
+    ticks = sum(count for _, count in phases)
+    least = (
+        exp(sum(count * _of_determinants(part[e]) for e, count in phases) / ticks)
+        for part in by_components(steps)
+    )
     return RadiusBounds(min(max(least), upper), upper)  # by rounding it may be above
 
 
@@ -120,18 +144,22 @@ def _of_determinants(lossy: LossyStep) -> float:
     return float(chance[chance > 0] @ logs) / p
 
 
-def critical_loss(lossy_at: Callable[[float], LossyStep | None]) -> float | None:
+def critical_loss(
+    lossy_at: Callable[[float], Sequence[LossyStep] | None], phases: Phases = ALWAYS
+) -> float | None:
     """Return the least probability of loss from which it does not converge in mean square.
 
     0 if it does not without losses, 1 if it does at all that are tried; None of too many states.
     """
     first = lossy_at(1 / GRID)
-    if first is None or len(first.fixed) > FEW:
+    if first is None or len(first[0].fixed) > FEW:
+        return None
+    if len(phases) > 1 and max(len(part[0].fixed) for part in by_components(first)) > DENSE:
         return None
 
     def diverges(loss: float) -> bool:
         lossy = lossy_at(loss)
-        return lossy is None or not mean_square_radius(lossy).upper < 1
+        return lossy is None or not mean_square_radius(lossy, phases).upper < 1
 
     if diverges(0.0):
         return 0.0

@@ -10,6 +10,7 @@ t_{k+1}, t_k, t_{k−1}, … as far back as the longest delay. What links delive
 V E (z(t_{k−d}) − z(t_k)).
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 STATES, IN_LINKS = 80, 8
 """Of a recursion with losses, and lossy links into one robot, up to which it is looked at."""
+MOST_STATES = 400
+"""The same of one in which nothing is drawn."""
 ROUNDING = 1e-13
 """Of deviations from the mean: singular values that are none, relative."""
 Z = 3
@@ -81,18 +84,16 @@ class LossyStep:
         """Return rows and M_e, (e, r, p + q), with E[M X Mᵀ] = M̄ X M̄ᵀ + Σ M_e X M_eᵀ."""
         return [(one.rows, one.deviations()) for one in self.outcomes]
 
-    def components(self) -> "list[LossyStep]":
-        """Return the recursions of the strongly connected components of all that A can be.
-
-        They are without inputs.
-        """
+    def pattern(self) -> NDArray[np.bool_]:
+        """Return where A may be other than 0, (p, p)."""
         p = len(self.fixed)
-        pattern = self.fixed[:, :p] != 0
+        pattern: NDArray[np.bool_] = self.fixed[:, :p] != 0
         for one in self.outcomes:
             pattern[one.rows] = one.parts[:, :, :p].any(axis=0)
-        return [self._within(part) for part in components(pattern.astype(float))]
+        return pattern
 
-    def _within(self, part: NDArray[np.intp]) -> "LossyStep":
+    def within(self, part: NDArray[np.intp]) -> "LossyStep":
+        """Return the recursion of some states by themselves, without inputs."""
         inside = []
         for one in self.outcomes:
             here = np.isin(one.rows, part)
@@ -100,6 +101,13 @@ class LossyStep:
                 rows = np.searchsorted(part, one.rows[here])
                 inside.append(Outcomes(rows, one.chance, one.parts[:, here][:, :, part]))
         return LossyStep(self.fixed[np.ix_(part, part)], tuple(inside))
+
+
+def by_components(steps: Sequence[LossyStep]) -> Iterator[list[LossyStep]]:
+    """Yield the recursions of each strongly connected component of all that all A can be."""
+    united = np.any([step.pattern() for step in steps], axis=0)
+    for part in components(united.astype(float)):
+        yield [step.within(part) for step in steps]
 
 
 def squared(mean: Array, deviations: list[tuple[NDArray[np.intp], Array]], X: Array) -> Array:
@@ -120,32 +128,50 @@ def squares(mean: Array, deviations: list[tuple[NDArray[np.intp], Array]]) -> Ar
     return whole
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TickEdges:
+    """What edges are at a sampling time."""
+
+    weight: Array
+    """(g, E) w_ij/ϖ_i, 0 where an edge is none: of all fields, or of positions and velocities."""
+    loss: Array
+    """(E,) the probability that the sample which is due now is lost; 1 where none was sent."""
+
+
 def lossy_step(
     step: LinearStep, topology: Topology, delay: Delays, loss: Array, missing: Missing
 ) -> LossyStep | None:
     """Return the recursion where each edge is late by its delay and loses samples; (E,) each.
 
-    None where it is too large, or where it is not known what the law does without a sample.
+    None as of `lossy_ticks`.
     """
-    past, lossy = Past(step, topology, delay), np.flatnonzero(loss)
-    into = np.bincount(topology.sink[lossy], minlength=topology.n + 1)
-    p = past.size + (past.r * len(lossy) if missing == "hold" else 0)
+    found = lossy_ticks(
+        step, topology, delay, [TickEdges(topology.normalised[None], loss)], missing
+    )
+    return found[0] if found else None
+
+
+def lossy_ticks(
+    step: LinearStep, links: Topology, delay: Delays, ticks: Sequence[TickEdges], missing: Missing
+) -> list[LossyStep] | None:
+    """Return the recursion of each tick over the edges of all, late by (E,), in the same states.
+
+    None where it is too large, or where it is not known what the law does without a sample, or what
+    of samples is of positions and what of velocities.
+    """
+    past, g = Past(step, links, delay), max(len(tick.weight) for tick in ticks)
+    absent = np.flatnonzero(np.any([tick.loss > 0 for tick in ticks], axis=0))
+    drawn = np.any([(tick.loss > 0) & (tick.loss < 1) for tick in ticks], axis=0)
+    into = np.bincount(links.sink[drawn], minlength=links.n + 1)
+    p = past.size + (past.r * len(absent) if missing == "hold" else 0)
     unknown = missing == "drop" and step.alone is None
-    if unknown or p > STATES or into.max(initial=0) > IN_LINKS:
+    mixed = g > 1 and (len(step.fields) != g or bool(((past.V != 0).sum(axis=1) > 1).any()))
+    most = STATES if drawn.any() else MOST_STATES
+    if unknown or mixed or p > most or into.max(initial=0) > IN_LINKS:
         return None
-    rows = _Rows(step, topology, past, delay, loss, missing, p)
-    fixed, outcomes = np.zeros((p, rows.width)), []
-    fixed[: past.size, : past.size] = as_array(past.assembled([*past.own(), *past.kept()]))
-    for i in range(topology.n):
-        x = np.arange(past.s) * topology.n + i
-        own = fixed[x].copy()
-        fixed[x] = 0
-        found = rows.of_robot(i, x, own)
-        if len(found.chance) == 1:
-            fixed[found.rows] = found.parts[0]
-        else:
-            outcomes.append(found)
-    return LossyStep(fixed, tuple(outcomes))
+    rows = _Rows(step, links, past, delay, absent, missing, p)
+    own = as_array(past.assembled([*past.own(), *past.kept()]))
+    return [rows.at(tick, own) for tick in ticks]
 
 
 class _Rows:
@@ -154,55 +180,94 @@ class _Rows:
     def __init__(
         self,
         step: LinearStep,
-        topology: Topology,
+        links: Topology,
         past: Past,
         delay: Delays,
-        loss: Array,
+        absent: NDArray[np.intp],
         missing: Missing,
         p: int,
     ) -> None:
-        self._step, self._topology, self._past, self._p = step, topology, past, p
-        self._loss, self._holds, r = loss, missing == "hold", past.r
+        self._step, self._links, self._past, self._p = step, links, past, p
+        self._holds, r = missing == "hold", past.r
+        self._alone = np.zeros_like(step.own)
+        """What a robot does without any sample; 0 where it never is."""
+        if not self._holds and step.alone is not None:
+            self._alone = step.alone
+        self._law = step, past.U, past.V, self._alone
         self.width = p + Z * (int(delay.max(initial=0)) + 2)
         signals = np.zeros((r * len(delay), self.width))
         for rows, columns, values in past.signal(np.arange(len(delay))):
             np.add.at(signals, (rows, columns), values)
         late = [self._truth(past.V, d) - self._truth(past.V, 0) for d in delay.tolist()]
         self._signals = signals.reshape(len(delay), r, self.width) + np.array(late)
-        lossy = np.flatnonzero(loss).tolist()
-        self._memory = {e: past.size + r * at + np.arange(r) for at, e in enumerate(lossy)}
-        """The states that hold what came last over each lossy edge."""
+        self._memory = {
+            e: past.size + r * at + np.arange(r) for at, e in enumerate(absent.tolist())
+        }
+        """The states that hold what came last over each edge on which a sample may not come."""
 
-    def of_robot(self, i: int, x: NDArray[np.intp], own: Array) -> Outcomes:
-        """Return what its rows, x and what it holds, come to by what is lost; `own` is of F K."""
-        step, weight = self._step, self._topology.normalised
-        ahead, still = self._truth(np.eye(len(x)), -1), own + self._truth(step.own, 0)
-        into = np.flatnonzero(self._topology.sink == i + 1)
-        here = [int(e) for e in into if self._loss[e]]
+    def at(self, tick: TickEdges, own: Array) -> LossyStep:
+        """Return the recursion of a tick; `own` has what each state does by itself."""
+        fixed, outcomes = np.zeros((self._p, self.width)), []
+        fixed[: len(own), : len(own)] = own
+        for i in range(self._past.n):
+            x = np.arange(self._past.s) * self._past.n + i
+            fixed[x] = 0
+            found = self._of_robot(i, x, tick)
+            if len(found.chance) == 1:
+                fixed[found.rows] = found.parts[0]
+            else:
+                outcomes.append(found)
+        return LossyStep(fixed, tuple(outcomes))
+
+    def _of_robot(self, i: int, x: NDArray[np.intp], tick: TickEdges) -> Outcomes:
+        """Return what its rows, x and what it holds, come to by what is lost."""
+        V, ahead = self._past.V, self._truth(np.eye(len(x)), -1)
+        into = np.flatnonzero(self._links.sink == i + 1)
+        held = [at for at, e in enumerate(into.tolist()) if self._holds and e in self._memory]
+        memory = [self._memory[into[at]] for at in held]
+        loss = tick.loss[into]
+        here = np.flatnonzero((loss > 0) & (loss < 1))
         chance, parts = [], []
         for lost in product((False, True), repeat=len(here)):
-            gone = [e for e, out in zip(here, lost, strict=True) if out]
-            chance.append(np.prod(np.where(lost, self._loss[here], 1 - self._loss[here])))
-            came, there = self._signals.copy(), np.setdiff1d(into, gone)
-            if self._holds:
-                there = into
-                for e in gone:
-                    came[e] = np.eye(self._p, self.width)[self._memory[e]]
-            if len(there):
-                mean = np.einsum("e,erw->rw", weight[there] / weight[there].sum(), came[there])
-                rows = still + self._truth(step.received, 0) + self._past.U @ mean
-            else:
-                assert step.alone is not None
-                rows = self._truth(step.alone, 0)
-                rows[:, x] += step.alone
-            V, held = self._past.V, here if self._holds else []
-            kept = [came[e] + self._truth(V, 0) - self._truth(V, -1) for e in held]
+            chance.append(np.prod(np.where(lost, loss[here], 1 - loss[here])))
+            gone = loss == 1
+            gone[here] = lost
+            came = self._signals[into]
+            for at, kept in zip(held, memory, strict=True):
+                if gone[at]:
+                    came[at] = np.eye(self._p, self.width)[kept]
+            weight = tick.weight[:, into] * (self._holds | ~gone)
+            rows = self._lifted(self._alone, x)
+            for of, (own, received, U) in zip(
+                weight, by_digraph(*self._law, len(weight)), strict=True
+            ):
+                if of.any():
+                    mean = np.tensordot(of / of.sum(), came, axes=1)
+                    rows += self._lifted(own, x) + self._truth(received, 0) + U @ mean
+            kept = [came[at] + self._truth(V, 0) - self._truth(V, -1) for at in held]
             parts.append(np.concatenate([rows - ahead, *kept]))
-        held_rows = [self._memory[e] for e in here if self._holds]
-        return Outcomes(np.concatenate([x, *held_rows]), np.array(chance), np.array(parts))
+        return Outcomes(np.concatenate([x, *memory]), np.array(chance), np.array(parts))
+
+    def _lifted(self, matrix: Array, x: NDArray[np.intp]) -> Array:
+        """Return what multiplies [x, u] in `matrix` (x_i + E z(t_k))."""
+        rows = self._truth(matrix, 0)
+        rows[:, x] += matrix
+        return rows
 
     def _truth(self, matrix: Array, lag: int) -> Array:
         """Return what multiplies u in `matrix` E z(t_{k−lag})."""
         rows, at = np.zeros((len(matrix), self.width)), self._p + Z * (lag + 1)
         rows[:, at : at + Z] = matrix @ self._step.truth
         return rows
+
+
+def by_digraph(
+    step: LinearStep, U: Array, V: Array, alone: Array, digraphs: int
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield what comes with the samples over each digraph: of F K, of F G S and of U.
+
+    Of two digraphs the first is that of positions, and F K without any sample is `alone`.
+    """
+    for part in range(digraphs):
+        fields = np.ones(len(step.fields)) if digraphs == 1 else np.eye(digraphs)[part]
+        yield (step.own - alone) * fields, step.received * fields, U * (np.abs(V) @ fields > 0)

@@ -55,11 +55,15 @@ def period(recursions: Sequence[Recursion], phases: Phases) -> Recursion | None:
 
 
 def period_radius(recursions: Sequence[Recursion], phases: Phases) -> float:
-    """Return ρ(A_T ⋯ A_1)^{1/T}; not a number where it is not found.
+    """Return ρ(A_T ⋯ A_1)^{1/T}; not a number where it is not found."""
+    return product_radius([one.matrix for one in recursions], phases)
+
+
+def product_radius(matrices: Sequence[Matrix], phases: Phases) -> float:
+    """Return the same of matrices.
 
     All A_e have one block triangular form over the strongly connected parts of their sum.
     """
-    matrices = [one.matrix for one in recursions]
     ticks = sum(count for _, count in phases)
     parts = components(_united(matrices))
     lone = np.array([part[0] for part in parts if len(part) == 1], np.intp)
@@ -161,10 +165,9 @@ def any_order(recursions: Sequence[Recursion]) -> JointRadius | None:
     return JointRadius(best.lower, min(found.upper, nearer.upper), best.order)
 
 
-def contracts_in_any_order(recursion: Recursion) -> bool:
+def contracts_in_any_order(keep: Array, gain: Array) -> bool:
     """Return whether it is proven that every order converges, by the gains alone, given A2."""
-    most = float(np.diag(recursion.gain).max())
-    return most < 1 and gains_up_to_one(recursion.keep, recursion.gain)
+    return bool(np.diag(gain).max() < 1) and gains_up_to_one(keep, gain)
 
 
 def gains_up_to_one(keep: Array, gain: Array) -> bool:

@@ -31,7 +31,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     spectra_of,
 )
 from nrs_cosim.orchestrator.analysis.known import Known, of_recursion, of_step
-from nrs_cosim.orchestrator.analysis.links import step_of_run
+from nrs_cosim.orchestrator.analysis.link_recursions import step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.noise import (
     NoiseAnalysis,

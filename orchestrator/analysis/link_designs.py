@@ -16,7 +16,8 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_alone,
     spectra_of,
 )
-from nrs_cosim.orchestrator.analysis.links import factor_over_links, link_analysis
+from nrs_cosim.orchestrator.analysis.link_recursions import factor_over_links
+from nrs_cosim.orchestrator.analysis.links import link_analysis
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 STEP, TRIES, HALVINGS = 2**0.125, 80, 16

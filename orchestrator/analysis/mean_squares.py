@@ -12,7 +12,8 @@ from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.loss import mean_square_radius
 from nrs_cosim.estimator_agents.theory.second_moments import second_moments
 from nrs_cosim.orchestrator.analysis.convergence import periods_of
-from nrs_cosim.orchestrator.analysis.links import link_faults_of, lossy_recursion
+from nrs_cosim.orchestrator.analysis.link_faults import link_faults_of
+from nrs_cosim.orchestrator.analysis.link_recursions import lossy_recursion
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import errors_by_tick
@@ -44,7 +45,7 @@ def root_mean_squares(reader: Reader, experiment: Experiment) -> tuple[RootMeanS
         return ()
     step, lossy = known
     first = clock.since(clock.t(end) - clock.t(end) // 5)
-    radius = mean_square_radius(lossy).upper
+    radius = mean_square_radius([lossy]).upper
     if not radius < 1 or radius ** (first - faults.since) > FORGOTTEN:
         return ()
     expected = second_moments(lossy, step, experiment.n, target)

@@ -7,6 +7,7 @@ from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.orchestrator.analysis.convergence import periods_of, why_unknown
+from nrs_cosim.orchestrator.analysis.link_faults import lasting_digraph
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 _FEWER = "of agents that keep more than a position and a velocity there are bounds "
@@ -30,6 +31,9 @@ def why_no_bounds(
     pulled = any(one.drag[:, 0].any() for one in recursions)
     reasons = {
         "robots lie, and the theory is of robots that do not": bool(experiment.byzantine),
+        "of several digraphs there are bounds over links without faults alone": (
+            not links_bounded and lasting_digraph(topologies) is None
+        ),
         "links lose samples, add noise or draw delays, and bounds are of links that do not": (
             not links_bounded
         ),

@@ -79,7 +79,7 @@ def any_order_of(
     recursions = recursions_of(algorithm, topologies, periods.mean)
     if topologies.is_constant or not recursions:
         return None
-    by_gains = contracts_in_any_order(recursions[0])
+    by_gains = contracts_in_any_order(recursions[0].keep, recursions[0].gain)
     found = None
     if periods.constant_period is not None or for_any_periods(algorithm):
         found = any_order(recursions)

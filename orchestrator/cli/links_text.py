@@ -38,9 +38,9 @@ def links_sentence(links: "LinkAnalysis") -> str:
     if links.radius:
         joint = "" if links.radius.lower == links.radius.upper else "joint "
         number = f"{joint}spectral radius {_interval(links.radius)} with {_late(links)}: "
-    elif links.loss and links.source == "statement L1":
+    elif links.loss and links.source in ("statement L1", "statement L7"):
         number = f"mean-square radius {_interval(links.loss.mean_square)} with these losses: "
-    elif links.source in ("statement D3", "statement L3"):
+    elif links.source in ("statement D3", "statement D6", "statement L3"):
         number = "whatever links delay" + " or lose: " * (links.source[-2:] == "L3")
         number = number if number.endswith(" ") else f"{number}: "
     status = {

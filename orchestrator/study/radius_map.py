@@ -15,7 +15,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.estimator_agents.algorithm import nominal_of
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN, periods_of, rho_of, spectra_of
-from nrs_cosim.orchestrator.analysis.links import factor_over_links
+from nrs_cosim.orchestrator.analysis.link_recursions import factor_over_links
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.axes import StudyAxis, axis_of, grid_points, with_draw
 from nrs_cosim.orchestrator.study.points import PointReader

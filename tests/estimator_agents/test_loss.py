@@ -105,7 +105,7 @@ def mean_square(case):
 
 def test_the_mean_square_radius_is_the_growth_over_all_outcomes():
     for case in cases():
-        found = mean_square_radius(stepped(case))
+        found = mean_square_radius([stepped(case)])
         assert found.lower == found.upper
         assert found.upper == pytest.approx(mean_square(case), abs=3e-6)
         gains = case[0].alpha <= 1 and case[0].beta <= 1
@@ -114,11 +114,11 @@ def test_the_mean_square_radius_is_the_growth_over_all_outcomes():
 
 
 def test_of_large_components_the_radius_is_between_proven_bounds(monkeypatch):
-    exact = [mean_square_radius(stepped(case)).upper for case in cases()]
+    exact = [mean_square_radius([stepped(case)]).upper for case in cases()]
     monkeypatch.setattr(of_loss, "DENSE", 2)
     within = 0
     for case, radius in zip(cases(), exact, strict=True):
-        found = mean_square_radius(stepped(case))
+        found = mean_square_radius([stepped(case)])
         assert found.lower * (1 - 1e-9) <= radius <= found.upper * (1 + 1e-9)
         within += found.upper - found.lower < 1e-3
     assert within > 0.9 * CASES
@@ -149,7 +149,7 @@ def test_almost_every_run_is_within_the_proven_bounds_and_near_the_simulated(mon
     rate = growing / (ticks - 200)
     far = 0
     for number, (case, one) in enumerate(zip(some, rate, strict=True)):
-        proven = almost_sure(stepped(case), mean_square_radius(stepped(case)).upper)
+        proven = almost_sure([stepped(case)], mean_square_radius([stepped(case)]).upper)
         # The growth of a Jordan block is above λ by some ln k/k.
         off = 5 * one.std(ddof=1) / runs**0.5 + 1e-2
         low, high = np.exp(one.mean() + np.array([-off, off]))
@@ -171,15 +171,15 @@ def test_of_one_robot_that_drops_all_is_known_in_closed_form():
         )
         left = abs(1 - alpha)
         square = (p + (1 - p) * left**2) ** 0.5
-        assert mean_square_radius(lossy).upper == pytest.approx(square, rel=1e-12)
-        assert almost_sure(lossy, square).lower == pytest.approx(left ** (1 - p), abs=1e-9)
+        assert mean_square_radius([lossy]).upper == pytest.approx(square, rel=1e-12)
+        assert almost_sure([lossy], square).lower == pytest.approx(left ** (1 - p), abs=1e-9)
 
 
 def test_of_the_paper_s_example_half_the_samples_lost_converge_almost_surely_alone():
     step, edges = linear_step(SecondOrder(1.1, 0.9), 0.4), len(EXAMPLE.source)
 
     def at(loss):
-        return lossy_step(step, EXAMPLE, np.zeros(edges, int), np.full(edges, loss), "drop")
+        return [lossy_step(step, EXAMPLE, np.zeros(edges, int), np.full(edges, loss), "drop")]
 
     assert mean_square_radius(at(0.5)).upper == pytest.approx(1.07396498, abs=1e-8)
     still, half = np.zeros(edges, int), np.full(edges, 0.5)
@@ -195,7 +195,7 @@ def test_of_the_paper_s_example_half_the_samples_lost_converge_almost_surely_alo
 def test_what_does_not_converge_without_losses_has_no_critical_one_and_too_much_no_recursion():
     step, alone = linear_step(FirstOrder(2.5, 0.5), 0.1), Topology.of([[0.0]], [1.0])
     zero = np.array([0])
-    assert critical_loss(lambda p: lossy_step(step, alone, zero, np.array([p]), "drop")) == 0
+    assert critical_loss(lambda p: [lossy_step(step, alone, zero, np.array([p]), "drop")]) == 0
     many = Topology.of(np.zeros((500, 500)), np.ones(500))
     assert lossy_step(step, many, np.zeros(500, int), np.full(500, 0.1), "drop") is None
     assert critical_loss(lambda _: None) is None
@@ -204,7 +204,7 @@ def test_what_does_not_converge_without_losses_has_no_critical_one_and_too_much_
 def test_second_moments_are_those_of_many_simulated_runs():
     """All are simulated at once, from what agents keep and what the target sends."""
     rng, runs, ticks, size = np.random.default_rng(13), 16, 240, 10
-    some = [case for case in cases() if mean_square_radius(stepped(case)).upper < 0.9]
+    some = [case for case in cases() if mean_square_radius([stepped(case)]).upper < 0.9]
     assert len(some) > CASES // 3
     outcomes = max(len(case[-1]) for case in some)
     parts, ends = np.zeros((len(some), outcomes, size, size + 4)), np.ones((len(some), outcomes))

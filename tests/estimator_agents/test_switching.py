@@ -22,7 +22,7 @@ from nrs_cosim.estimator_agents.installed import (
 from nrs_cosim.estimator_agents.sliding import Sliding
 from nrs_cosim.estimator_agents.theory import switching
 from nrs_cosim.estimator_agents.theory.estimates import steady_motion, worst_case, worst_case_always
-from nrs_cosim.estimator_agents.theory.recursion import recursion_of
+from nrs_cosim.estimator_agents.theory.recursion import linear_jump, recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta, spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import (
     any_order,
@@ -200,7 +200,7 @@ def test_gains_below_1_converge_in_any_order_and_above_1_may_not(gain, settles):
     radius = np.sqrt(trace / 2 + np.sqrt(trace**2 / 4 - determinant))
     assert period_radius(recursions, [(0, 1), (1, 1)]) == pytest.approx(radius, rel=1e-12)
     assert (radius < 1) == settles
-    assert contracts_in_any_order(recursions[0]) == settles
+    assert contracts_in_any_order(recursions[0].keep, recursions[0].gain) == settles
     bounds = any_order(recursions)
     assert bounds.lower == pytest.approx(radius, rel=1e-9)
     assert bounds.upper == pytest.approx(radius, rel=1.1e-3)
@@ -212,7 +212,7 @@ def test_in_any_order_the_target_reaches_all_robots_in_n_ticks(given, alpha, bet
     """‖P_n ⋯ P_1‖∞ ≤ 1 − μ^n of every order: what docs/theory.md proves, by trying all."""
     n = given[0].position.n
     algorithm = FirstOrder(alpha, beta)
-    assert contracts_in_any_order(recursion_of(algorithm, given[0], h))
+    assert contracts_in_any_order(*linear_jump(algorithm))
     for gain, part in ((alpha, "position"), (beta, "velocity")):
         digraphs = [getattr(exchange, part) for exchange in given]
         blocks = [np.eye(n) - gain * (np.eye(n) - as_array(t.D)) for t in digraphs]
@@ -226,7 +226,7 @@ def test_in_any_order_the_target_reaches_all_robots_in_n_ticks(given, alpha, bet
 
 def test_for_other_algorithms_gains_prove_no_order():
     for algorithm in (SecondOrder(0.5, 0.5), Impulsive(0.5, 0.5), FirstOrder(0.5, 1.0)):
-        assert not contracts_in_any_order(recursion_of(algorithm, CHAIN, 0.1))
+        assert not contracts_in_any_order(*linear_jump(algorithm))
 
 
 # How near

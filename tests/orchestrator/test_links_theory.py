@@ -3,6 +3,7 @@
 import json
 from math import log
 
+import numpy as np
 import pytest
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
@@ -13,8 +14,9 @@ from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import errors_by_tick
 from tests.estimator_agents.paper import ADJACENCY
-from tests.orchestrator.networks import phases
+from tests.orchestrator.networks import PAPER, PATH, phases, separate
 from tests.scenarios import SECOND_ORDER, paper
 
 LATE = {"faults.links": [{"delay": 1}, {"from": 0, "delay": 3}, {"from": 2, "delay": 0}]}
@@ -27,6 +29,11 @@ TRIGGERED = {
     "algorithm": {"name": "event_triggered", "alpha": 0.9, "beta": 0.9, "c0": 0.1, "d0": 0.1}
 }
 DROP = {"algorithm.missing": "drop"}
+
+
+TURNS = {"network": phases((1, PAPER), (11, PATH), repeat=20)}
+STAYS = {"network": phases((1, PATH), (11, PAPER))}
+APART = {"network": separate(PAPER, PATH)}
 
 
 @pytest.mark.parametrize(
@@ -52,6 +59,14 @@ DROP = {"algorithm.missing": "drop"}
         ),
         ([SECOND_ORDER, SLOW, LATER, {"algorithm.alpha": 3.0}], "diverges", "statement L4"),
         ([SECOND_ORDER, {"faults.links": [{"outages": [[3, 5]]}]}], "converges", "statement D1"),
+        ([SECOND_ORDER, TURNS, LATE], "converges", "statement D5"),
+        ([SECOND_ORDER, TURNS, SLOW, {"algorithm.alpha": 4.5}, LATE], "diverges", "statement D5"),
+        ([APART, LATE, DROP], "converges", "statement D5"),
+        ([SECOND_ORDER, STAYS, LATE], "converges", "statement D1"),
+        ([TURNS, {"algorithm.beta": 0.9}, DRAWN], "converges", "statement D6"),
+        ([TURNS, DRAWN], "converges almost surely", "statement L4"),
+        ([SECOND_ORDER, TURNS, HALF, DROP], "converges in mean square", "statement L7"),
+        ([APART, HALF, {"algorithm.beta": 0.9}], "converges in mean square", "statement L3"),
     ],
 )
 def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, source):
@@ -64,9 +79,8 @@ def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, s
     rows = convergence_rows(checked)
     assert source in rows["rho"]
     rate = checked.links.rate(checked.periods.mean)
-    assert (rate is not None) == (source in ("statement D1", "statement D4", "statement L1")) * (
-        status != "diverges"
-    )
+    measured = ("statement D1", "statement D4", "statement D5", "statement L1", "statement L7")
+    assert (rate is not None) == (source in measured) * (status != "diverges")
     assert ("rate" in rows) == (status != "diverges")
     found = json.loads(json.dumps(checked.as_json()["links"], allow_nan=False))
     assert (found["loss"] is not None) == ("loss" in str(changes) and "uniform" not in str(changes))
@@ -95,10 +109,7 @@ def test_a_link_that_loses_every_sample_is_none_to_agents_that_drop(law, source,
         ),
         ([{"faults.robots": [{"id": 2, "outages": [[3, 500]]}]}], "lasts to the end of the run"),
         ([HALF, TRIGGERED], "robots decide when they send"),
-        (
-            [HALF, {"network": phases((1, {"edge_list": [[0, 1]]}), (3, {"edge_list": [[0, 1]]}))}],
-            "several digraphs",
-        ),
+        ([TURNS, {"network.switching.1.from": 299, "network.repeat": None}, LATE], "a digraph of"),
     ],
 )
 def test_what_is_not_known_of_links_is_said_to_be_so(changes, why):
@@ -130,6 +141,17 @@ def test_the_beginning_of_a_run_over_late_links_explains_what_is_above_the_bound
     row = found.quantities[0]
     assert row.status == "transient"
     assert row.bound.steady_state < row.measured <= row.bound.steady_state + row.transient
+
+
+def test_over_late_links_errors_grow_as_of_a_period_of_digraphs_in_turn(tmp_path):
+    """With gains that diverge, so that neither the target nor a beginning is seen in the end."""
+    fast = {"algorithm.alpha": 4.5, "run.duration": 44.0, "run.divergence_limit": 1e30}
+    experiment = paper(SECOND_ORDER, TURNS, SLOW, fast, LATE, {"plant.fmu": "planar_robot"})
+    run(experiment, tmp_path / "turns.mcap")
+    with Reader(tmp_path / "turns.mcap") as reader:
+        sizes = [np.abs(x).max() for _, x in errors_by_tick(reader, experiment.target_at)]
+    measured = (sizes[-1] / sizes[-41]) ** (1 / 40)
+    assert measured == pytest.approx(check(experiment).links.radius.upper, rel=1e-3)
 
 
 def test_a_target_that_is_no_sines_has_a_worst_case_alone_over_late_links():

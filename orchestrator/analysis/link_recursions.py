@@ -1,0 +1,136 @@
+"""The recursion over the links of a scenario, in steady state: of one digraph, or of a period.
+
+Over links that are late by fixed times it is x and what is under way; over links that lose samples,
+and of digraphs in turn, it has what came last over each link too.
+"""
+
+from collections.abc import Sequence
+from math import isnan, nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nrs_cosim.estimator_agents.algorithm import Spectrum, nominal_of
+from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
+from nrs_cosim.estimator_agents.theory.delays import LateStep
+from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
+from nrs_cosim.estimator_agents.theory.loss import mean_square_radius
+from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, lossy_ticks
+from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.switching import product_radius
+from nrs_cosim.orchestrator.analysis.link_faults import (
+    LinkFaults,
+    lasting_digraph,
+    link_faults_of,
+    ticks_of,
+)
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+
+def step_of_run(
+    experiment: Experiment, periods: Periods, recursions: Sequence[Recursion]
+) -> tuple[LateStep | None, int]:
+    """Return a period over late links, or of agents that keep more, and the tick it is so from."""
+    topologies, h = experiment.topologies, periods.constant_period
+    if experiment.impaired:
+        faults = link_faults_of(experiment)
+        late = _late_step(experiment, faults, periods)
+        return late, faults.since if late else 1
+    since = 1 if topologies.repeat else topologies.since[-1]
+    if recursions or h is None or len(topologies.digraphs) > 1:
+        return None, since
+    step = linear_step(nominal_of(experiment.algorithm), h)
+    sound = np.zeros(len(topologies.links.source), np.int64)
+    return None if step is None else LateStep(step, topologies.links, sound), since
+
+
+def _late_step(experiment: Experiment, faults: LinkFaults, periods: Periods) -> LateStep | None:
+    """Return the recursion where links, in steady state, are late by fixed times and round at most.
+
+    None where that is not so, or not known.
+    """
+    alone = lasting_digraph(experiment.topologies)
+    troubled = faults.noisy or not faults.fixed or faults.loss.any()
+    if alone is None or troubled or why_unknown_over(experiment, faults):
+        return None
+    step = step_over(experiment, periods.constant_period)
+    return None if step is None else LateStep(step, alone, faults.most)
+
+
+def radius_of_turns(experiment: Experiment, faults: LinkFaults, step: LinearStep) -> float:
+    """Return ρ of a period of digraphs in turn over links that are late by fixed times."""
+    ticks, phases = ticks_of(experiment.topologies, faults, faults.loss)
+    steps = lossy_ticks(step, faults.links, faults.least, ticks, experiment.missing)
+    if steps is None:
+        return nan
+    p = len(steps[0].fixed)
+    return product_radius([one.fixed[:, :p] for one in steps], phases)
+
+
+def lossy_recursion(
+    experiment: Experiment, faults: LinkFaults, periods: Periods
+) -> tuple[LinearStep, LossyStep] | None:
+    """Return a period and the recursion where links lose samples; None where it is not known.
+
+    None too of digraphs in turn.
+    """
+    step = step_over(experiment, periods.constant_period)
+    if not faults.loss.any() or why_unknown_over(experiment, faults):
+        return None
+    lossy = lossy_steps(experiment, faults, step, faults.loss)
+    return (step, lossy[0]) if step and lossy and not experiment.topologies.switching else None
+
+
+def factor_over_links(
+    experiment: Experiment, spectrum: Spectrum, periods: Periods
+) -> RadiusBounds | None:
+    """Return bounds on the factor over links that are late or lose samples; None if not known.
+
+    Where they lose some it is of the root of the mean square.
+    """
+    late, faults = step_of_run(experiment, periods, ())[0], link_faults_of(experiment)
+    if late:
+        return RadiusBounds(*[late.radius(spectrum)] * 2)
+    step = step_over(experiment, periods.constant_period)
+    if step is None or why_unknown_over(experiment, faults):
+        return None
+    if not faults.loss.any():
+        several = faults.fixed and lasting_digraph(experiment.topologies) is None
+        radius = radius_of_turns(experiment, faults, step) if several else nan
+        return None if isnan(radius) else RadiusBounds(radius, radius)
+    lossy = lossy_steps(experiment, faults, step, faults.loss)
+    phases = ticks_of(experiment.topologies, faults, faults.loss)[1]
+    return mean_square_radius(lossy, phases) if lossy else None
+
+
+def lossy_steps(
+    experiment: Experiment,
+    faults: LinkFaults,
+    step: LinearStep | None,
+    loss: NDArray[np.float64],
+) -> list[LossyStep] | None:
+    """Return the recursion at each of `ticks_of`; None where it is not known."""
+    if step is None or not faults.fixed:
+        return None
+    ticks, _ = ticks_of(experiment.topologies, faults, loss)
+    return lossy_ticks(step, faults.links, faults.most, ticks, experiment.missing)
+
+
+def why_unknown_over(experiment: Experiment, faults: LinkFaults) -> str:
+    """Return why nothing follows from links by any statement; empty where something may."""
+    reasons = {
+        "robots lie": bool(experiment.byzantine),
+        "robots decide when they send": experiment.algorithm.TRIGGERED,
+        "a link loses every sample, and agents hold what they never received": (
+            experiment.missing == "hold" and not faults.some_arrive
+        ),
+        "an outage, or a digraph of before, lasts to the end of the run": faults.since
+        > experiment.clock.ticks,
+    }
+    return next((why for why, so in reasons.items() if so), "")
+
+
+def step_over(experiment: Experiment, h: float | None) -> LinearStep | None:
+    """Return a period of h, s, where it is known and the age of samples is nothing to it."""
+    step = None if h is None else linear_step(nominal_of(experiment.algorithm), h)
+    return step if step and step.ageless else None
