@@ -6,6 +6,7 @@ has to be said in between, however often the states are asked for.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -109,6 +110,10 @@ class Body:
 def called(robot: int) -> str:
     """Return what a node is called: a robot, or the target, which is node 0."""
     return f"robot {robot}" if robot else "target"
+
+
+NOTHING: Mapping[str, Array] = MappingProxyType({})
+"""What starts beside q and qd, by our names, where nothing does."""
 
 
 class Plants(Protocol):

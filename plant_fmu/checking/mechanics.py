@@ -19,12 +19,13 @@ from nrs_cosim.plant_fmu.checking.spans import agreeing, staircase
 from nrs_cosim.plant_fmu.drives.choice import STEP, Offer
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
+from nrs_cosim.plant_fmu.drives.own_law import without_own_law
 from nrs_cosim.plant_fmu.drives.probe import Probe
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
-from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance
 
 AHEAD = 1e-2
 """rad, or s along q̇: half the distance over which what depends on q is differentiated."""
@@ -55,7 +56,8 @@ def open_probe(
 ) -> OpenProbe:
     """Return a plant that takes any torque, of the interface that is chosen if it takes one.
 
-    The stack ends it. `FmuError` where the FMU takes none.
+    No law acts beside it, neither the body's nor one that the FMU holds. The stack ends it.
+    `FmuError` where the FMU takes none.
     """
     ways = [offer for offer in offered if offer.way in TORQUE]
     if not ways:
@@ -63,12 +65,19 @@ def open_probe(
     way = min(ways, key=lambda offer: offer.kind != chosen.kind)
     folder = stack.enter_context(unpacked(archive))
     library = stack.enter_context(Library(archive, folder, way.kind))
+    alone, body = without_own_law(archive, names, body), replace(body, control=PD_ALONE)
     if way.kind == "CoSimulation":
         # inf: a torque is held for the whole of a step, so that no step is cut by the law.
-        held = TorqueHeldPlants(library, [body], names, np.inf, heun=False)
+        held = TorqueHeldPlants(library, [body], names, np.inf, heun=False, beside=alone)
         return OpenProbe(held, archive, way.kind)
     solved = ModelExchangePlants(
-        library, [body], names, lambda robot: RungeKutta(robot, STEP), drive="", why=""
+        library,
+        [body],
+        names,
+        lambda robot: RungeKutta(robot, STEP),
+        drive="",
+        why="",
+        beside=alone,
     )
     return OpenProbe(solved, archive, way.kind)
 
@@ -227,7 +236,17 @@ class MechanicsProbe:
         self.states += 1
         none, torque = np.zeros((m, m)), Disturbance(tau, np.zeros(m), *np.zeros((3, m, 0)))
         self._probe.start_again(
-            [replace(self._body, q=q, qd=qd, kp=none, kd=none, disturbance=torque)]
+            [
+                replace(
+                    self._body,
+                    q=q,
+                    qd=qd,
+                    kp=none,
+                    kd=none,
+                    disturbance=torque,
+                    control=PD_ALONE,
+                )
+            ]
         )
         there = np.concatenate([self._probe.q[0], self._probe.qd[0]])
         if not np.allclose(there, np.concatenate([q, qd]), rtol=1e-9, atol=1e-9):

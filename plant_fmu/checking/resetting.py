@@ -19,7 +19,7 @@ from nrs_cosim.plant_fmu.checking.findings import Finding, FindingStatus
 from nrs_cosim.plant_fmu.checking.mechanics import open_probe
 from nrs_cosim.plant_fmu.drives.choice import Offer
 from nrs_cosim.plant_fmu.drives.probe import Probe
-from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
+from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance
 
 STEP, STEPS = 0.02, 50
 """s"""
@@ -43,7 +43,8 @@ def resetting(
 
     m = len(body.q)
     push = Disturbance(np.ones(m), np.zeros(m), *np.zeros((3, m, 0)))
-    pushed = replace(body, kp=np.zeros((m, m)), kd=np.zeros((m, m)), disturbance=push)
+    none = np.zeros((m, m))
+    pushed = replace(body, kp=none, kd=none, disturbance=push, control=PD_ALONE)
     try:
         with ExitStack() as stack:
             probe = open_probe(stack, archive, pushed, names, offered, chosen).probe

@@ -18,7 +18,7 @@ from nrs_cosim.plant_fmu.fmi.instances import Instances
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.model_calls import bind_model
 from nrs_cosim.plant_fmu.fmi.states import States
-from nrs_cosim.plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.plants import NOTHING, Array, Body
 
 
 class Solver(Protocol):
@@ -54,13 +54,15 @@ class ModelExchangePlants:
         drive: str,
         why: str,
         free: bool = False,
+        beside: Mapping[str, Array] = NOTHING,
     ) -> None:
         """Instantiate and initialise one plant for each body; `FmuError` says what is wrong.
 
-        What is free has a `position` and a `velocity`, and is told nothing.
+        What is free has a `position` and a `velocity`, and is told nothing. The others start with
+        what is given beside their q and qd, by our names.
         """
         self.drive, self.why, self._free = drive, why, free
-        self._solve = solve
+        self._solve, self._beside = solve, beside
         n, m = len(bodies), len(bodies[0].q)
         self.q, self.qd, self.tau = (np.empty((n, m)) for _ in range(3))
         self._instances = Instances(library, bodies, names)
@@ -133,7 +135,8 @@ class ModelExchangePlants:
         places = {} if self._free else {ours: instances.states_of(ours, m) for ours in STATE}
         # What is a state and cannot be told its start is set once it is initialised.
         given = [of for of in places if not places[of] or instances.takes_start(of, m)]
-        instances.initialise(bodies, [{of: getattr(body, of) for of in given} for body in bodies])
+        values = [{**self._beside, **{of: getattr(body, of) for of in given}} for body in bodies]
+        instances.initialise(bodies, values)
         self._laws = [Law([body]) for body in bodies]
         outputs = MOTION if self._free else STATE
         self._robots = [

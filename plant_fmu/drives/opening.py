@@ -14,6 +14,7 @@ from nrs_cosim.plant_fmu.drives import stability
 from nrs_cosim.plant_fmu.drives.choice import RTOL, STEP, Driving, Offer, Undriven, choose
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
+from nrs_cosim.plant_fmu.drives.own_law import without_own_law
 from nrs_cosim.plant_fmu.drives.probe import expect_stable, measured_error
 from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
@@ -23,7 +24,7 @@ from nrs_cosim.plant_fmu.drives.within_efforts import within_efforts
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
-from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
+from nrs_cosim.plant_fmu.plants import NOTHING, Array, Body, DrivenPlants
 
 UNDRIVEN_RTOL = 1e-12
 """Of a target, which is run once."""
@@ -130,13 +131,20 @@ def _by_cvode(
 def _by_runge_kutta(
     library: Library, bodies: Sequence[Body], names: Mapping[str, Spec], step: float, why: str
 ) -> DrivenPlants:
-    def plants(of: Sequence[Body]) -> ModelExchangePlants:
+    def plants(of: Sequence[Body], beside: Mapping[str, Array] = NOTHING) -> ModelExchangePlants:
         drive = f"Model Exchange, RK4 step {step:g} s"
         return ModelExchangePlants(
-            library, of, names, lambda robot: RungeKutta(robot, step), drive=drive, why=why
+            library,
+            of,
+            names,
+            lambda robot: RungeKutta(robot, step),
+            drive=drive,
+            why=why,
+            beside=beside,
         )
 
-    expect_stable(plants(bodies[:1]), bodies, stability.runge_kutta, "step", step)
+    pushed = plants(bodies[:1], without_own_law(library.archive, names, bodies[0]))
+    expect_stable(pushed, bodies, stability.runge_kutta, "step", step)
     return plants(bodies)
 
 
@@ -149,13 +157,14 @@ def _by_held_torque(
     heun: bool,
     why: str,
 ) -> DrivenPlants:
-    def probe(control_step: float) -> TorqueHeldPlants:
-        return TorqueHeldPlants(library, bodies[:1], names, control_step, heun=heun)
+    def probe(control_step: float, beside: Mapping[str, Array] = NOTHING) -> TorqueHeldPlants:
+        return TorqueHeldPlants(library, bodies[:1], names, control_step, heun=heun, beside=beside)
 
-    coarse, propagate = probe(step), stability.heun if heun else stability.held
-    expect_stable(coarse, bodies, propagate, "control_step", step)
+    pushed = probe(step, without_own_law(library.archive, names, bodies[0]))
+    propagate = stability.heun if heun else stability.held
+    expect_stable(pushed, bodies, propagate, "control_step", step)
     # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
-    error = measured_error(coarse, probe(step / 2), representatives or bodies, step)
+    error = measured_error(probe(step), probe(step / 2), representatives or bodies, step)
     error *= 4 / 3 if heun else 2
     how = "corrected and held" if heun else "held"
     drive = f"torque {how} for {step:g} s (error about {error:.1g} rad)"

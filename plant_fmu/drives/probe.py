@@ -13,7 +13,7 @@ import numpy as np
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.stability import Propagate, step_limit
 from nrs_cosim.plant_fmu.errors import FmuError, StepError, UnstableStepError
-from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance, Plants
+from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance, Plants
 
 POSTURES = 16
 SEED = 2003
@@ -102,7 +102,9 @@ def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float, span: 
     m = len(q)
     none = np.zeros((m, m))
     torque = Disturbance(push, np.zeros(m), *(np.zeros((3, m, 0))))
-    at_rest = replace(body, q=q, qd=np.zeros(m), kp=none, kd=none, disturbance=torque)
+    at_rest = replace(
+        body, q=q, qd=np.zeros(m), kp=none, kd=none, disturbance=torque, control=PD_ALONE
+    )
     probe.start_again([at_rest])
     for j in range(round(span / step)):
         probe.advance(j * step, step)

@@ -11,7 +11,7 @@ from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.stepped import Stepped
 from nrs_cosim.plant_fmu.fmi.library import Library
 from nrs_cosim.plant_fmu.fmi.states import States
-from nrs_cosim.plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.plants import NOTHING, Array, Body
 
 
 class TorqueHeldPlants(Stepped):
@@ -27,8 +27,14 @@ class TorqueHeldPlants(Stepped):
         heun: bool,
         drive: str = "",
         why: str = "",
+        beside: Mapping[str, Array] = NOTHING,
     ) -> None:
-        super().__init__(library, bodies, names, _start_values, ("q", "qd"), why)
+        """Start them at the bodies' q and qd, and at what is given beside these, by our names."""
+
+        def start_values(body: Body) -> dict[str, Array]:
+            return {**beside, "q": body.q, "qd": body.qd}
+
+        super().__init__(library, bodies, names, start_values, ("q", "qd"), why)
         self.drive, self._control_step = drive, control_step
         self._before = States(self.instances) if heun else None
         self._torque, self._write_torque = self._inputs({"tau": self.m})
@@ -54,7 +60,3 @@ class TorqueHeldPlants(Stepped):
             self._before.put_back(time)
             self._write_torque(time)  # after going back, for an FMU's state has its inputs
         self.step(time, step)
-
-
-def _start_values(body: Body) -> dict[str, Array]:
-    return {"q": body.q, "qd": body.qd}
