@@ -3,7 +3,7 @@
 In a recording node 0 is the target and the robots are 1 … n: `/target/sample`, `/robot_1/sample`,
 `/robot_1/state`, `/robot_1/agent_state`, `/robot_1/measurement`, `/robot_1/link_event`,
 `/robot_1/checkpoint`, so that a robot is one folder in every viewer's tree, with a name that ROS
-allows. On the wire a key is `<kind>/<worker>`.
+allows; of many robots some share topics (`bus.topics`). On the wire a key is `<kind>/<worker>`.
 """
 
 TARGET, ORCHESTRATOR, EVERYONE = "target", "orchestrator", "*"
@@ -34,12 +34,6 @@ def node_name(node: int) -> str:
 def kind_of(topic: str) -> str:
     """Return what the messages of a topic are: sample, state, link_event and so on."""
     return topic.rpartition("/")[2]
-
-
-def node_of(topic: str) -> int:
-    """Return whose a topic is: the number of a robot, or 0, the target."""
-    folder = topic.split("/")[1]
-    return 0 if folder == TARGET else int(folder.removeprefix("robot_"))
 
 
 def wire_key(kind: str, name: str) -> str:

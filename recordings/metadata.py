@@ -24,9 +24,9 @@ from pydantic import (
 )
 
 from nrs_cosim.bus.errors import Cause
-from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.numerals import whole
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import Closing
 
@@ -189,16 +189,18 @@ def read_about(
         return None
     run = parse(path, RUN, RunRecord, metadata[RUN])
     n = run.robots
-    topics = {*topics} - {topic_of("measurement", robot) for robot in range(1, n + 1)}
-    kinds = ("sample", "state", "agent_state")
-    of_each = [kinds[:count] for count in (0, 2, 3) if len(topics) == count * n + 1]
-    expected = {topic_of("sample", 0)} | {
-        topic_of(kind, robot) for kinds in of_each for kind in kinds for robot in range(1, n + 1)
-    }
-    if expected != topics:
-        raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
     of_plants = sorted(robot for group in run.plants for robot in group.robots)
-    if of_plants != list(range(1, n + 1)):
+    # No more is made than the file has.
+    names, robots = Topics.among(topics, n), range(1, min(n, len(of_plants)) + 1)
+    topics = {*topics}.difference(names.all_of("measurement", robots))
+    kinds = ("sample", "state", "agent_state")
+    of_each = [kinds[:count] for count in (0, 2, 3) if len(topics) == count * names.shared + 1]
+    expected = {names.of("sample", 0)}.union(
+        *(names.all_of(kind, robots) for kinds in of_each for kind in kinds)
+    )
+    if expected != topics or len(robots) < n:
+        raise _wrong(path, f"{RUN}: robots", f"as many as there are topics of, got {n}")
+    if of_plants != [*robots]:
         raise _wrong(path, f"{RUN}: plants", f"each of the {n} robots once, got {of_plants}")
     if (run.sampling_period_ns is None) != (run.output_step_ns is None) or (
         run.sampling_period_ns is None

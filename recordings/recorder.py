@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, kind_of, topic_of
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, kind_of
 from nrs_cosim.bus.messages import CHECKPOINT, HEADER, BlobType, Codec, MessageType
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Records, RejectedError, Tick, TickBlock, Wire
 from nrs_cosim.recordings.mcap.columns import Columns
@@ -44,23 +45,27 @@ def channels(
     They are of the message types that `codecs` code; those of agent states only if there are any,
     and those of measurements for the robots that are `measuring` at some time. Those of link
     events, for robots whose links may do anything to samples, and those of checkpoints, if there
-    are any, do not enter the digest.
+    are any, do not enter the digest. What is told of a plant is told where all robots have it.
     """
-    robots = range(1, n + 1)
+    topics, robots = Topics.of_run(n), range(1, n + 1)
     of = {robot: plant for plant in plants for robot in plant["robots"]}
 
-    def channel(topic: str, codec: Codec, node: int, counted: bool = True) -> Channel:
-        return Channel(topic, codec.kind.name, counted, _joints(of.get(node), codec.kind))
+    def of_kind(kind: str, codec: Codec, nodes: Iterable[int], counted: bool) -> Iterator[Channel]:
+        for topic, shared_by in topics.each(kind, sorted(nodes)):
+            first = of.get(shared_by[0])
+            plant = first if all(of.get(node) is first for node in shared_by) else None
+            yield Channel(topic, codec.kind.name, counted, _joints(plant, codec.kind))
 
-    found = [channel(topic_of("sample", node), codecs.samples, node) for node in range(n + 1)]
-    found += [channel(topic_of("state", robot), codecs.states, robot) for robot in robots]
+    found = [*of_kind("sample", codecs.samples, range(n + 1), True)]
+    found += of_kind("state", codecs.states, robots, True)
     of_agents = {"agent_state": robots, "measurement": measuring}
     for kind, codec in codecs.of_agents.items():
-        found += [channel(topic_of(kind, robot), codec, robot) for robot in of_agents[kind]]
-    found += [channel(topic_of("link_event", r), codecs.link_events, r, False) for r in faulty]
+        found += of_kind(kind, codec, of_agents[kind], True)
+    found += of_kind("link_event", codecs.link_events, faulty, False)
     if checkpoints:
         found += [
-            Channel(topic_of("checkpoint", r), CHECKPOINT.name, counted=False) for r in robots
+            Channel(topic, CHECKPOINT.name, counted=False)
+            for topic in topics.all_of("checkpoint", robots)
         ]
     return found
 
@@ -143,12 +148,15 @@ class Recorder:
         self._reader: Reader | None = None
         self._read_until = -1
         self._workers = frozenset(wire.assignment) - {TARGET}
-        self._sample_topics = [topic_of("sample", node) for node in range(n + 1)]
+        self._topics = topics = Topics.of_run(n)
+        self._sample_topics = topics.all_of("sample", range(n + 1))
 
         def on(kind: str) -> NDArray[np.uint16]:
             """Return the channels of a kind, by node."""
-            of_nodes = [writer.numbers.get(topic_of(kind, node), _NONE) for node in range(n + 1)]
-            return np.array(of_nodes, np.uint16)
+            found = np.full(n + 1, _NONE, np.uint16)
+            for topic, nodes in topics.each(kind, range(n + 1)):
+                found[nodes.start : nodes.stop] = writer.numbers.get(topic, _NONE)
+            return found
 
         self._samples_on, self._states_on = on("sample"), on("state")
         self._of_agents_on = {kind: on(kind) for kind in ("agent_state", "measurement")}
@@ -232,7 +240,7 @@ class Recorder:
                 parts.append(_columns(self._link_events_on, of_worker.link_events))
             checkpoints += of_worker.checkpoints
         if checkpoints:
-            messages = [_checkpoint(message) for message in checkpoints]
+            messages = [self._checkpoint(message) for message in checkpoints]
             parts.append(columns_of(messages, self._writer.numbers))
         self._put(k, parts, list(tick.samples.values()), checkpoints)
 
@@ -305,6 +313,10 @@ class Recorder:
         self._past[k] = samples
         self._past.pop(k - self._keep, None)
 
+    def _checkpoint(self, message: bytes) -> Recorded:
+        robot, k, time_ns = HEADER.unpack_from(message)
+        return time_ns, self._topics.of("checkpoint", robot), k, message
+
     def _has_channels(self, tick: Tick) -> bool:
         """Return whether what not every run has is of this one."""
         if not (tick.checkpoints or len(tick.link_events)):
@@ -344,8 +356,3 @@ def _places(size: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
     """Return where messages of one size begin and end that follow one another."""
     stops = np.arange(size, size * count + 1, size)
     return stops - size, stops
-
-
-def _checkpoint(message: bytes) -> Recorded:
-    robot, k, time_ns = HEADER.unpack_from(message)
-    return time_ns, topic_of("checkpoint", robot), k, message

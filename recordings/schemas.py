@@ -16,10 +16,10 @@ from pydantic import Field as Limits
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import MOST_NUMBERS, Field, Sizes, wrong_fields
-from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec, MessageType
 from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN, About
@@ -90,11 +90,12 @@ def recorded_types(reader: Reader) -> RecordedTypes:
     degree, fields = _fields(reader)
     sizes = Sizes(run.joints, run.robots, degree)
     numbers = {topic: number for number, topic in reader.topics.items()}
+    of_run = Topics.among(numbers, run.robots)
     names = {channel.topic: channel.schema_name for channel in reader.channels}
     data = {schema.name: schema.data for schema in reader.schemas}
     codecs, channels = {}, {}
     for kind in KINDS:
-        topics = [t for node in range(run.robots + 1) if (t := topic_of(kind, node)) in numbers]
+        topics = [t for t in of_run.all_of(kind, range(run.robots + 1)) if t in numbers]
         channels[kind] = frozenset(numbers[topic] for topic in topics)
         used = sorted({names[topic] for topic in topics})
         if len(used) > 1:
@@ -172,7 +173,8 @@ def expect_joints(reader: Reader, types: RecordedTypes) -> None:
 
     It reads the first message, before anything is made of that many.
     """
-    first = next(reader.columns([topic_of("state", 1)]), None)
+    states = Topics.among(reader.topics.values(), about(reader).run.robots).of("state", 1)
+    first = next(reader.columns([states]), None)
     expected = types.codecs["state"].size
     if first is not None and (size := int(first.stop[0] - first.start[0])) != expected:
         raise UnreadableError(

@@ -34,9 +34,9 @@ from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE
 from nrs_cosim.orchestrator.engine.summary import told_of
 from nrs_cosim.orchestrator.engine.worker import Spent, Watch, needed
-from nrs_cosim.orchestrator.errors import Interrupted, ScenarioError
+from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.recordings.mcap.container import MOST_CHANNELS, Closing, Compression, Message
+from nrs_cosim.recordings.mcap.container import Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SAMPLES, SPENT, VERSIONS
@@ -114,14 +114,6 @@ def run(
     every, faulty = scenario.run.checkpoint_every, experiment.faulty
     measuring = experiment.topologies.ever_pinned.tolist()
     checkpoints = 0 < every <= clock.ticks
-    if (
-        count := len(channels(experiment.codecs, n, faulty, checkpoints, (), measuring))
-    ) > MOST_CHANNELS:
-        raise ScenarioError(
-            f"network: {n} robots would need {count} channels of a recording, which has room "
-            f"for {MOST_CHANNELS}: of some {MOST_CHANNELS * n // count} such robots"
-            f"{', of more without faults or checkpoints' if faulty or checkpoints else ''}"
-        )
     expect_attachable(experiment.assets)
     # What is not finite is looked for and named, not warned of.
     with ExitStack() as stack, np.errstate(all="ignore"):

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from nrs_cosim.bus.clock import seconds
-from nrs_cosim.bus.keys import kind_of, node_of
-from nrs_cosim.bus.messages import Codec
+from nrs_cosim.bus.keys import kind_of
+from nrs_cosim.bus.messages import HEADER, Codec
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 
@@ -51,7 +51,7 @@ def difference_in(
 
     The two are coded by the codecs of their kinds.
     """
-    if was is None or now is None or was[:2] != now[:2]:
+    if was is None or now is None or _place(was) != _place(now):
         missing = was is None or (now is not None and now < was)
         there = now if missing else was
         assert there is not None
@@ -72,6 +72,17 @@ def _contents(codecs: Mapping[str, Codec], message: Recorded) -> dict[str, Any]:
     return {name: record[name] for _, name, _ in codec.kind.numbered}
 
 
+def node_of(message: Recorded) -> int:
+    """Return whose a message of a run is: the number of a robot, or 0, the target."""
+    node: int = HEADER.unpack_from(message[3])[0]
+    return node
+
+
+def _place(message: Recorded) -> tuple[int, str, int]:
+    """Return when a message is, on what topic, and whose."""
+    return *message[:2], node_of(message)
+
+
 def _about(message: Recorded) -> tuple[int, float, str, int]:
     time_ns, topic, k, _ = message
-    return k, seconds(time_ns), topic, node_of(topic)
+    return k, seconds(time_ns), topic, node_of(message)

@@ -18,11 +18,12 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, topic_of, wire_key
+from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, wire_key
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.text import shortened
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.lockstep import TargetNode
@@ -30,7 +31,13 @@ from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
 from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.worker import ReceivedSamples
-from nrs_cosim.orchestrator.replay.difference import ABSENT, PRESENT, Difference, difference_in
+from nrs_cosim.orchestrator.replay.difference import (
+    ABSENT,
+    PRESENT,
+    Difference,
+    difference_in,
+    node_of,
+)
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.errors import UnreadableError
@@ -162,6 +169,7 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
         return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
     clock, n, m = experiment.clock, experiment.n, experiment.m
     numbers, codecs = range(1, n + 1), expect_same_types(reader, experiment)
+    topics = Topics.among(reader.topics.values(), n)
     with ExitStack() as stack, np.errstate(all="ignore"):
         robots = (
             Robots.opened(stack, experiment, numbers, _finder(reader, experiment))
@@ -181,7 +189,7 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
         same, k = 0, -1
         for k, all_of_it in enumerate(past_of(reader)):
             recorded = _said(all_of_it)
-            if not plants and (absent := _absent_state(recorded, clock, k, n)):
+            if not plants and (absent := _absent_state(recorded, clock, k, topics)):
                 return Verification(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
             received.now = _records(wire.samples, "sample", recorded)
             target.publish_until(k)
@@ -197,27 +205,28 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
     return Verification(k, same, None, _unseen(reader, k), _missing(reader))
 
 
-def _absent_state(tick: list[Recorded], clock: Clock, k: int, n: int) -> Difference | None:
+def _absent_state(tick: list[Recorded], clock: Clock, k: int, topics: Topics) -> Difference | None:
     """Return the first state of tick k that is not there, without which its robot does nothing."""
-    there = {(time_ns, topic) for time_ns, topic, *_ in tick}
+    there = {(message[0], node_of(message)) for message in tick if _kind(message) == "state"}
     for time_ns in clock.outputs(k):
-        for robot in range(1, n + 1):
-            if (time_ns, topic := topic_of("state", robot)) not in there:
-                t = seconds(time_ns)
+        for robot in range(1, topics.n + 1):
+            if (time_ns, robot) not in there:
+                topic, t = topics.of("state", robot), seconds(time_ns)
                 return Difference(k, t, topic, robot, "message", ABSENT, PRESENT)
     return None
 
 
 def expect_states(reader: Reader, clock: Clock, n: int) -> None:
     """Raise `UnreadableError` for a recording that lacks a state in a tick that it has."""
-    for states in reader.columns([topic_of("state", robot) for robot in range(1, n + 1)]):
+    topics = Topics.among(reader.topics.values(), n)
+    for states in reader.columns(topics.all_of("state", range(1, n + 1))):
         ks = np.unique(states.sequence).tolist()
         times, counts = np.unique(states.time, return_counts=True)
         if times.tolist() == [t for k in ks for t in clock.outputs(k)] and (counts == n).all():
             continue
         here = states.messages(reader.topics)
         for k in ks:
-            if absent := _absent_state(here, clock, k, n):
+            if absent := _absent_state(here, clock, k, topics):
                 raise UnreadableError(
                     f"{reader.path}: tick {k}, t = {absent.t:g} s: has no message of "
                     f"{absent.topic}; what its robot did is not known"

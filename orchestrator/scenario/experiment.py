@@ -270,23 +270,22 @@ class Experiment:
         """Return what each of some robots starts with, or of all."""
         names = ("q", "qd", "position", "velocity")
         start = {name: self._initial(name, robots) for name in names}
-        return [
-            self._body(robot, {name: rows[row] for name, rows in start.items()})
-            for row, robot in enumerate(self._those(robots))
-        ]
+        laws: dict[int, dict[str, Any]] = {}
+        """Made once of the tables that robots have in common."""
+        found = []
+        for row, robot in enumerate(self._those(robots)):
+            own = self.of_robot(robot)
+            law = laws.get(id(own)) or laws.setdefault(id(own), self._law(own))
+            parameters = own.plant.parameters
+            own_start = {name: rows[row] for name, rows in start.items()}
+            found.append(Body(robot=robot, parameters=parameters, **law, **own_start))
+        return found
 
-    def _body(self, robot: int, start: Mapping[str, Array]) -> Body:
-        own = self.of_robot(robot)
+    def _law(self, own: Own) -> dict[str, Any]:
         kp, kd = gains(own.controller, self.m)
-        return Body(
-            robot=robot,
-            parameters=own.plant.parameters,
-            kp=kp,
-            kd=kd,
-            disturbance=Disturbance(*terms(own.disturbance.axes or (Axis(),) * self.m)),
-            control=control(own.controller, self.m),
-            **start,
-        )
+        disturbance = Disturbance(*terms(own.disturbance.axes or (Axis(),) * self.m))
+        control_of_it = control(own.controller, self.m)
+        return {"kp": kp, "kd": kd, "disturbance": disturbance, "control": control_of_it}
 
     def _initial_sample(self, robot: int) -> dict[str, Array]:
         """Return what a robot's sample would have at t_0: what it keeps, or fields' own start."""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.fields import Shape, column_names
-from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import Codec
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import DamageError
@@ -40,10 +40,6 @@ class MessageTable:
     name: str
     kind: str
     first: int
-
-    def key(self, robot: int) -> str:
-        """Return the topic of a robot's messages."""
-        return topic_of(self.kind, robot)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,28 +144,39 @@ def rows(
     not of its type, or has a number that is not finite.
     """
     n, types = robots(reader), recorded_types(reader)
-    layouts = {table.name: layout(types, table) for table in tables}
+    topics = Topics.among(reader.topics.values(), n)
     wanted = {
-        table.name: {table.key(i) for i in range(table.first, n + 1) if of is None or i in of}
+        topic
         for table in tables
+        for topic in topics.all_of(
+            table.kind, [i for i in range(table.first, n + 1) if of is None or i in of]
+        )
     }
-    channels = {
-        name: [number for number, topic in reader.topics.items() if topic in topics]
-        for name, topics in wanted.items()
-    }
-    for messages in reader.columns(set().union(*wanted.values()), start_ns, end_ns):
+    for messages in reader.columns(wanted, start_ns, end_ns):
         for table in tables:
-            mine = messages.on(channels[table.name])
-            if len(mine.time):
-                yield table, _rows(reader, layouts[table.name], mine)
+            found = rows_of(reader, types, table, messages, of)
+            if found is not None:
+                yield table, found
 
 
 def rows_of(
-    reader: Reader, types: RecordedTypes, table: MessageTable, messages: Columns
+    reader: Reader,
+    types: RecordedTypes,
+    table: MessageTable,
+    messages: Columns,
+    of: Collection[int] | None = None,
 ) -> NDArray[np.void] | None:
-    """Return the rows of a table among messages, None if there are none; raises as `rows`."""
+    """Return the rows of a table among messages, None if there are none; raises as `rows`.
+
+    They are those of all robots or some: a topic may be of more.
+    """
     mine = messages.on(types.channels[table.kind])
-    return _rows(reader, layout(types, table), mine) if len(mine.time) else None
+    if not len(mine.time):
+        return None
+    found = _rows(reader, layout(types, table), mine)
+    if of is not None:
+        found = found[np.isin(found["robot"], [*of])]
+    return found if len(found) else None
 
 
 def _rows(reader: Reader, of: TableLayout, mine: Columns) -> NDArray[np.void]:

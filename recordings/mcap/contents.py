@@ -1,8 +1,8 @@
 """A message says whose it is, of which tick and time; its topic, sequence and log time say it too.
 
 Checksums tell that a file is as its writer left it, not that the writer was a run. So what both
-say must be the same, and a topic has one message at a time; a link alone may have done something to
-several samples at once.
+say must be the same, and a node has one message of a kind at a time; a link alone may have done
+something to several samples at once.
 """
 
 from collections.abc import Mapping
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import HEADER
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
 from nrs_cosim.recordings.mcap.container import DamageError
 
@@ -39,28 +39,29 @@ class Contents:
         """Know the topics by the numbers of their channels; those of no run are let pass."""
         self._topics, self._n = topics, n
         numbers = {topic: number for number, topic in topics.items()}
-        self._node = np.full(MANY, -1, np.int64)
+        self._first, self._last = np.full((2, MANY), -1, np.int64)
+        """Of each channel the nodes whose messages are on it."""
         self._is_event = np.zeros(MANY, bool)
+        names = Topics.among(numbers, n)
         for kind in _KINDS:
-            for node in range(n + 1):
-                if (number := numbers.get(topic_of(kind, node))) is not None:
-                    self._node[number] = node
+            for topic, nodes in names.each(kind, range(n + 1)):
+                if (number := numbers.get(topic)) is not None:
+                    self._first[number], self._last[number] = nodes[0], nodes[-1]
                     self._is_event[number] = kind == "link_event"
 
     def expect(self, messages: Columns) -> None:
         """Raise DamageError where messages, in total order, are not what their channels are for."""
-        ours = messages.only(self._node[messages.channel] >= 0)
+        ours = messages.only(self._first[messages.channel] >= 0)
         event = self._is_event[ours.channel]
         least = np.where(event, _SOURCE + 4, HEADER.size)
         self._expect(ours, ours.stop - ours.start >= least, "it is cut")
         said = rows_at(ours.data, ours.start, HEADER.size).view(_HEADER)
-        for name, expected in (
-            ("robot", self._node[ours.channel]),
-            ("k", ours.sequence),
-            ("time_ns", ours.time),
-        ):
+        robot = said["robot"]
+        of = np.clip(robot, self._first[ours.channel], self._last[ours.channel])
+        for name, expected in (("robot", of), ("k", ours.sequence), ("time_ns", ours.time)):
             self._expect(ours, said[name] == expected, name, said[name], expected)
-        again = (ours.channel[1:] == ours.channel[:-1]) & (ours.time[1:] == ours.time[:-1])
+        keys = ours.channel, ours.time, robot
+        again = np.logical_and.reduce([key[1:] == key[:-1] for key in keys])
         self._expect(ours, np.append(True, ~again)[: len(event)] | event, "it is there twice")
         events = ours.only(event)
         source = rows_at(events.data, events.start + _SOURCE, 4).view("<u4")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.columns import Columns, put_rows
 from nrs_cosim.recordings.mcap.container import Message
 
 Rank = NDArray[np.int32]
@@ -71,10 +71,23 @@ def order(messages: Columns, rank: Rank) -> NDArray[np.intp]:
     for key in keys:
         at = key[found]
         same &= at[1:] == at[:-1]
+    if same.any():
+        opening = _first_bytes(messages)
+        found = np.lexsort((opening, *keys[::-1]))
+        at = opening[found]
+        same &= at[1:] == at[:-1]
     for first, stop in _runs(same):
         tied = found[first:stop].tolist()
         found[first:stop] = sorted(tied, key=messages.payload)
     return found
+
+
+def _first_bytes(messages: Columns) -> NDArray[np.uint64]:
+    """Return the first bytes of each message as a number, which is less where they are before."""
+    sizes = np.minimum(messages.stop - messages.start, 8)
+    padded = np.zeros(8 * len(sizes), np.uint8)
+    put_rows(padded.data, np.arange(0, len(padded), 8), messages.data, messages.start, sizes)
+    return padded.view(">u8").astype(np.uint64)
 
 
 def _runs(same: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.keys import node_name, topic_of
+from nrs_cosim.bus.keys import node_name
 from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
 from nrs_cosim.recordings.mcap.columns import Columns
@@ -79,13 +80,15 @@ class _Conversion:
             on = self._add(*(f"/{node_name(i)}/{topic}" for i in numbers), of=JOINT_STATE)
             return _JointStates(made, numbers, on)
 
-        self.read = [topic_of("state", robot) for robot in robots]
+        of_run = Topics.among(there, run.robots)
+        self._robots = robots
+        self.read = of_run.all_of("state", robots)
         self._joints = joints("joint_states", robots, effort=True)
         self._references = joints("reference", robots, effort=False)
         self._target: _JointStates | None = None
         sent = self._types.codecs["sample"].shapes
         if all(sent.get(name) == (run.joints,) for name in ("position", "velocity")):
-            self.read.append(topic_of("sample", 0))
+            self.read.append(of_run.of("sample", 0))
             self._target = joints("joint_states", [0], effort=False)
         self._frames: list[tuple[int, cdr.Templates, MovingFrames]] = []
         self._once: list[tuple[int, cdr.Templates, dict[str, Any]]] = []
@@ -96,7 +99,7 @@ class _Conversion:
                 templates = cdr.Templates.of([cdr.transforms(moving.names)])
                 self._frames.append((on, templates, moving))
             self._describe(placed if self._target else placed[1:])
-        events = [topic for i in robots if (topic := topic_of("link_event", i)) in there]
+        events = [topic for topic in of_run.all_of("link_event", robots) if topic in there]
         self.read += events
         self._log = self._add("/rosout", of=LOG) if events else 0
 
@@ -119,8 +122,8 @@ class _Conversion:
     def put(self, messages: Columns, bag: Bag) -> None:
         """Put what messages of whole ticks become."""
         states, targets, events = (
-            rows_of(self._reader, self._types, table, messages)
-            for table in (STATES, SAMPLES, LINK_EVENTS)
+            rows_of(self._reader, self._types, table, messages, of)
+            for table, of in ((STATES, self._robots), (SAMPLES, [0]), (LINK_EVENTS, self._robots))
         )
         parts: list[Columns] = []
 

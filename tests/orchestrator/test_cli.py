@@ -15,12 +15,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from nrs_cosim.bus.keys import kind_of, node_of
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.orchestrator.cli import terminal_run
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
 from tests.guard import GUARD
 from tests.scenarios import PAPER_FILE, SCENARIOS, SHORT, tables, toml, write
+from tests.topics import node_of
 
 NRS = Path(sys.executable).with_name("nrs")
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.bus.keys import node_of
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.transport import Message
@@ -26,6 +25,7 @@ from tests.command import nrs
 from tests.guard import GUARD
 from tests.network.ports import free_port
 from tests.scenarios import PAPER, SCENARIOS, SHORT, example, paper
+from tests.topics import node_of
 
 
 def rewritten(path, into, change, **options):

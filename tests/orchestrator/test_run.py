@@ -5,7 +5,6 @@ import pytest
 
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, lines, measure
-from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.plant_fmu.errors import StepError
 from nrs_cosim.recordings.export.tables import samples, states
@@ -279,13 +278,3 @@ def test_robots_of_different_models_run_together(tmp_path):
     others = [0, 1, 3, 4, 5]
     assert states_a[:, others].tobytes() == states_b[:, others].tobytes()
     assert (states_a["position"][1:, 2] != states_b["position"][1:, 2]).all()
-
-
-def test_too_many_robots_for_a_recording_are_refused_before_they_are_opened(tmp_path):
-    many = paper({"network": {"generator": {"kind": "ring", "n": 32768, "pinned": [1]}}})
-    with pytest.raises(
-        ScenarioError,
-        match=r"32768 robots would need 65537 channels .*: of some 32767 such robots$",
-    ):
-        run(many, tmp_path / "run.mcap")
-    assert not (tmp_path / "run.mcap").exists()

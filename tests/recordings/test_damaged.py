@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import kind_of, node_of
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
 from nrs_cosim.orchestrator.engine.summary import describe, experiment_of, measure
 from nrs_cosim.recordings import Recording
@@ -31,6 +31,7 @@ from nrs_cosim.recordings.mcap.copy import recover
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cases import cases
 from tests.recordings.made_up_runs import recorded
+from tests.topics import node_of
 
 CASES = cases(1200, 480)
 EIGHT = (bytes(8), b"\xff" * 8, bytes(7) + b"\x7f", bytes(3) + b"\x40" + bytes(4))

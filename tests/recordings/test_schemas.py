@@ -14,7 +14,7 @@ from nrs_cosim.api.recording import Recording as Api
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
-from nrs_cosim.bus.keys import kind_of, node_of
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, MessageType
 from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.recordings import LINK_EVENTS, Recording
@@ -27,6 +27,7 @@ from nrs_cosim.recordings.recorder import channels
 from nrs_cosim.recordings.schemas import FIELDS, fields_record
 from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
+from tests.topics import node_of
 
 N, M, TICKS, FAULTY = 4, 2, 7, (2, 3)
 SIZES = Sizes(M, N, 3)

@@ -11,7 +11,7 @@ import pytest
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import kind_of, node_of
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, Codec
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.errors import UnreadableError
@@ -23,6 +23,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml
+from tests.topics import node_of
 
 N, M, TICKS, FAULTY = 11, 3, 40, (2, 10)
 KINDS = {"sample": SAMPLE, "state": STATE, "link_event": LINK_EVENT}
