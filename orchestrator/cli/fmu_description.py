@@ -52,6 +52,7 @@ def _lines(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         f"{' and '.join(description['kinds']) or 'for no use that is known here'}",
     )
     yield "sha256", description["sha256"]
+    yield "platforms", ", ".join(description["platforms"]) or "none: it has no library"
     if description["needs_execution_tool"]:
         yield "needs", f"{description['needs_execution_tool']}, on the machine where it runs"
     if description["cannot_run_here"]:

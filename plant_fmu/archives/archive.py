@@ -33,6 +33,8 @@ class Archive:
     description: ModelDescription
     obstacle: str = ""
     """Why it cannot run on this machine, as the rest of a sentence; empty where it can."""
+    platforms: tuple[str, ...] = ()
+    """For which it has libraries, as FMI calls them."""
     misnamed: tuple[str, ...] = ()
     """Its libraries for this machine that are not named as FMI has it."""
     has_sources: bool = False
@@ -49,7 +51,7 @@ class Archive:
 
     @property
     def fmi_version(self) -> str:
-        """2.0 or 3.0."""
+        """1.0, which is read and not run, 2.0 or 3.0."""
         return str(self.description.fmiVersion)
 
     @property
@@ -111,6 +113,7 @@ class Archive:
             "description": self.description.description or "",
             "fmi_version": self.fmi_version,
             "kinds": list(self.kinds),
+            "platforms": list(self.platforms),
             "cannot_run_here": self.obstacle,
             "needs_execution_tool": self.tool,
             "sha256": self.sha256,
@@ -141,6 +144,7 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
             _digest(file),
             description,
             obstacle(description, names),
+            tuple(sorted({path.parts[1] for path in shipped_libraries(names)})),
             tuple(misnamed_libraries(description, names).values()),
             has_c(names),
             read_joints(archive, label),
@@ -226,22 +230,29 @@ def obstacle(description: ModelDescription, names: Sequence[str]) -> str:
     """
     interfaces = (description.coSimulation, description.modelExchange)
     offers = [interface for interface in interfaces if interface is not None]
+    if description.fmiMajorVersion == 1:
+        return "is of FMI 1.0, which is read but not run; have its tool export it as FMI 2.0 or 3.0"
     if not offers:
         alone = ", but ScheduledExecution alone" if description.scheduledExecution else ""
         return f"offers neither CoSimulation nor ModelExchange{alone}"
     here, wanted = _here(description), _libraries(description)
     if not set(wanted).isdisjoint(names) or misnamed_libraries(description, names):
         return ""
-    paths = [PurePosixPath(name) for name in names]
-    libraries = [p for p in paths if p.parts[:1] == ("binaries",) and p.suffix in SUFFIXES]
-    libraries = [p for p in libraries if len(p.parts) == _DEPTH]
+    found = shipped_libraries(names)
     lacking = f"has no library {' or '.join(wanted)} for this platform"
-    if others := [str(p) for p in libraries if p.parts[1] == here]:
+    if others := [str(p) for p in found if p.parts[1] == here]:
         return f"{lacking}; it has {', '.join(others)}, none named as its modelIdentifier"
-    there = ", ".join(sorted({p.parts[1] for p in libraries}))
+    there = ", ".join(sorted({p.parts[1] for p in found}))
     has = f"libraries for {there}" if there else "no library at all"
     advice = ", but C sources: --compile, or `nrs fmu compile`, makes one of them" * has_c(names)
     return f"{lacking}; it has {has}{advice}"
+
+
+def shipped_libraries(names: Sequence[str]) -> list[PurePosixPath]:
+    """Return which of an archive's files are libraries for some platform."""
+    paths = [PurePosixPath(name) for name in names]
+    found = [p for p in paths if p.parts[:1] == ("binaries",) and p.suffix in SUFFIXES]
+    return [p for p in found if len(p.parts) == _DEPTH]
 
 
 def misnamed_libraries(description: ModelDescription, names: Sequence[str]) -> dict[str, str]:
@@ -266,7 +277,7 @@ def misnamed_libraries(description: ModelDescription, names: Sequence[str]) -> d
 
 
 def _here(description: ModelDescription) -> str:
-    return str(fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple)
+    return str(fmpy.platform_tuple if description.fmiMajorVersion == 3 else fmpy.platform)
 
 
 def _libraries(description: ModelDescription) -> list[str]:

@@ -53,6 +53,8 @@ def compiled(archive: Archive) -> Archive:
     """
     if not archive.obstacle:
         return archive
+    if archive.description.fmiMajorVersion == 1:
+        raise FmuError(f"{archive.label}: {archive.obstacle}")
     if not archive.has_sources:
         raise FmuError(f"{archive.label}: {archive.obstacle}: there is nothing to compile")
     decides = f"{' '.join(FLAGS)} {' '.join(compiler())} {fmpy.platform_tuple}"

@@ -20,8 +20,10 @@ from nrs_cosim.plant_fmu.errors import FmuError
 NAME = "modelDescription.xml"
 MOST_BYTES = 64 << 20
 MOST_REFERENCE = (1 << 32) - 1
+_SCALARS = ("1.0", "2.0")
+"""The versions in which a variable's type is an element in it."""
 _TYPES = {
-    "2": {"Real", "Integer", "Boolean", "String", "Enumeration"},
+    **{major: {"Real", "Integer", "Boolean", "String", "Enumeration"} for major in "12"},
     "3": {"Boolean", "String", "Binary", "Enumeration", "Clock", "Float32", "Float64"}
     | {f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
 }
@@ -62,12 +64,13 @@ def _faults(root: Any) -> Iterator[str]:
         yield "it has a document type declaration, which FMI does not know"
     if root.tag != "fmiModelDescription":
         yield f"it is a {root.tag}, expected fmiModelDescription"
-    if not re.fullmatch(r"2\.0|3\.\d+", version):
-        yield f"it is of FMI {version or 'without version'}; FMI 2.0 and 3.0 can be run"
+    if not re.fullmatch(r"[12]\.0|3\.\d+", version):
+        known = "FMI 2.0 and 3.0 can be run, and 1.0 be read"
+        yield f"it is of FMI {version or 'without version'}; {known}"
     types = _TYPES[version[0]]
     for variable in root.iterfind("ModelVariables/*"):
         here = f"line {variable.sourceline}: variable {quoted(variable.get('name'))}"
-        given = variable.iterchildren(etree.Element) if version == "2.0" else [variable]
+        given = variable.iterchildren(etree.Element) if version in _SCALARS else [variable]
         if not any(element.tag in types for element in given):
             yield f"{here} has no type of FMI {version}"
         reference = variable.get("valueReference", "")

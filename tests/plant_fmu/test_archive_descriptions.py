@@ -38,8 +38,8 @@ def test_a_description_that_is_too_large_is_refused(tmp_path, monkeypatch):
         (2, lambda _: "", "Document is empty, line 1"),
         (
             2,
-            lambda text: text.replace('fmiVersion="2.0"', 'fmiVersion="1.0"'),
-            "is of FMI 1.0; FMI",
+            lambda text: text.replace('fmiVersion="2.0"', 'fmiVersion="4.0"'),
+            "is of FMI 4.0; FMI 2.0 and 3.0 can be run, and 1.0 be read",
         ),
         (2, lambda text: text.replace('fmiVersion="2.0"', ""), "is of FMI without version"),
         (2, lambda text: text.replace("fmiModelDescription", "html"), "is a html, expected fmiMod"),
